@@ -1,0 +1,455 @@
+#include "analysis/modal_fit.hpp"
+
+#include "base/error.hpp"
+#include "base/field_reader.hpp"
+#include "base/text.hpp"
+
+#include <Eigen/QR>
+#include <ceres/ceres.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fmt/format.h>
+#include <limits>
+#include <memory>
+#include <numbers>
+
+namespace tribode {
+
+namespace {
+
+// Of the first searches, where modes are still missing and their peaks must not pull: 0.5 is 65 % or 29 deg.
+constexpr double search_scale = 0.5;
+// Least scale read from data, far above rounding and far below any measurement.
+constexpr double least_scale = 1e-7;
+// In standard deviations: 97 % of the efficiency of least squares on normal errors of two components.
+// component.
+constexpr double scale_per_deviation = 3;
+
+struct Point {
+    double omega; // [rad/s]
+    std::complex<double> value;
+};
+
+struct Fit {
+    std::vector<double> logarithms; // k0, then k, w, zeta of each mode
+    double cost = std::numeric_limits<double>::infinity();
+    int iterations = 0;
+    bool converged = false;
+};
+
+// ln(H/P) at one frequency: gain [neper] and phase [rad]. Written in real numbers, for the derivatives.
+struct LogRatio {
+    Point point;
+    int modes;
+
+    template <typename T>
+    bool operator()(T const* const* parameters, T* residual) const {
+        using std::atan2;
+        using std::exp;
+        using std::log;
+        const T* p = parameters[0];
+        const double square = point.omega * point.omega;
+        T real = -exp(p[0]) / square;
+        T imag = T(0);
+        for (int j = 1; j < 1 + 3 * modes; j += 3) {
+            const T own = exp(p[j + 1]);
+            const T stiff = own * own - square;
+            const T damp = 2.0 * point.omega * own * exp(p[j + 2]);
+            const T scale = exp(p[j]) / (stiff * stiff + damp * damp);
+            real += scale * stiff;
+            imag -= scale * damp;
+        }
+        residual[0] = 0.5 * log(std::norm(point.value) / (real * real + imag * imag));
+        residual[1] = atan2(point.value.imag() * real - point.value.real() * imag,
+                            point.value.real() * real + point.value.imag() * imag);
+        return true;
+    }
+};
+
+std::unique_ptr<ceres::LossFunction> make_loss(double scale) {
+    if (std::isinf(scale)) return std::make_unique<ceres::TrivialLoss>();
+    return std::make_unique<ceres::CauchyLoss>(scale);
+}
+
+int mode_count(const std::vector<double>& logarithms) { return static_cast<int>(logarithms.size() - 1) / 3; }
+
+ModalModel to_model(const std::vector<double>& logarithms) {
+    ModalModel model;
+    model.rigid_gain = std::exp(logarithms[0]);
+    for (std::size_t j = 1; j < logarithms.size(); j += 3)
+        model.modes.push_back({std::exp(logarithms[j]), std::exp(logarithms[j + 1]) / (2 * std::numbers::pi),
+                               std::exp(logarithms[j + 2])});
+    return model;
+}
+
+// Median of abs(H) w^2 over the highest tenth of the band: above all modes the sum of all gains.
+double total_gain(const std::vector<Point>& points) {
+    std::vector<double> gains;
+    for (std::size_t i = points.size() - std::max<std::size_t>(points.size() / 10, 1); i < points.size(); ++i)
+        gains.push_back(std::abs(points[i].value) * points[i].omega * points[i].omega);
+    const auto middle = gains.begin() + static_cast<std::ptrdiff_t>(gains.size() / 2);
+    std::ranges::nth_element(gains, middle);
+    return *middle;
+}
+
+// Where the logarithms may go. Wide, but a mode that the data do not ask for must stop somewhere.
+struct Bounds {
+    double gain[2], omega[2], zeta[2];
+
+    explicit Bounds(const std::vector<Point>& points)
+        : gain{std::log(1e-6 * total_gain(points)), std::log(1e3 * total_gain(points))},
+          omega{std::log(0.5 * points.front().omega), std::log(2 * points.back().omega)},
+          zeta{std::log(1e-6), std::log(5.0)} {}
+
+    const double* of(std::size_t parameter) const {
+        if (parameter % 3 == 0 && parameter > 0) return zeta;
+        return parameter % 3 == 2 ? omega : gain;
+    }
+};
+
+// The least-squares problem of the points with a model of that size; `loss` and `logarithms` outlive it.
+std::unique_ptr<ceres::Problem> make_problem(const std::vector<Point>& points, ceres::LossFunction& loss,
+                                             std::vector<double>& logarithms) {
+    ceres::Problem::Options ownership;
+    ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    auto problem = std::make_unique<ceres::Problem>(ownership);
+    for (const Point& point : points) {
+        auto* cost =
+            new ceres::DynamicAutoDiffCostFunction<LogRatio, 4>(new LogRatio{point, mode_count(logarithms)});
+        cost->AddParameterBlock(static_cast<int>(logarithms.size()));
+        cost->SetNumResiduals(2);
+        problem->AddResidualBlock(cost, &loss, logarithms.data());
+    }
+    const Bounds bounds(points);
+    for (std::size_t j = 0; j < logarithms.size(); ++j) {
+        const double* bound = bounds.of(j);
+        logarithms[j] = std::clamp(logarithms[j], bound[0], bound[1]);
+        problem->SetParameterLowerBound(logarithms.data(), static_cast<int>(j), bound[0]);
+        problem->SetParameterUpperBound(logarithms.data(), static_cast<int>(j), bound[1]);
+    }
+    return problem;
+}
+
+Fit refine(const std::vector<Point>& points, std::vector<double> start, double scale, int most_iterations) {
+    Fit fit;
+    fit.logarithms = std::move(start);
+    const auto loss = make_loss(scale);
+    const auto problem = make_problem(points, *loss, fit.logarithms);
+    ceres::Solver::Options options;
+    options.linear_solver_type = ceres::DENSE_QR;
+    options.max_num_iterations = most_iterations;
+    options.function_tolerance = 1e-12;
+    options.gradient_tolerance = 1e-14;
+    options.parameter_tolerance = 1e-12;
+    options.logging_type = ceres::SILENT;
+    ceres::Solver::Summary summary;
+    ceres::Solve(options, problem.get(), &summary);
+    fit.iterations = summary.num_successful_steps + summary.num_unsuccessful_steps;
+    fit.converged = summary.termination_type == ceres::CONVERGENCE;
+    if (summary.IsSolutionUsable()) fit.cost = summary.final_cost;
+    return fit;
+}
+
+// Response of a model at all points.
+std::vector<std::complex<double>> responses(const std::vector<Point>& points, const ModalModel& model) {
+    std::vector<std::complex<double>> values;
+    values.reserve(points.size());
+    for (const Point& point : points) values.push_back(model.response(point.omega / (2 * std::numbers::pi)));
+    return values;
+}
+
+double squared_log_ratio(std::complex<double> measured, std::complex<double> modelled) {
+    return std::norm(std::log(measured / modelled));
+}
+
+// Starts with one mode more than `fit`: the best of a grid over frequency, damping and share of the total
+// gain, which is taken from the other gains, and the next best ones at least 5 % away in frequency.
+std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& points, const Fit& fit) {
+    constexpr std::size_t most_frequencies = 150, most_starts = 3;
+    constexpr double dampings[] = {0.003, 0.015, 0.07, 0.3}, shares[] = {0.03, 0.12, 0.4};
+    const ModalModel base_model = to_model(fit.logarithms);
+    const std::vector<std::complex<double>> base = responses(points, base_model);
+    double gain = base_model.rigid_gain;
+    for (const ModalModel::Mode& mode : base_model.modes) gain += mode.gain;
+
+    struct Candidate {
+        double cost, omega, zeta, share;
+    };
+    std::vector<Candidate> candidates; // the best one of each frequency
+    const auto loss = make_loss(search_scale);
+    const std::size_t stride = (points.size() + most_frequencies - 1) / most_frequencies;
+    for (std::size_t i = 0; i < points.size(); i += stride) {
+        Candidate best{std::numeric_limits<double>::infinity(), points[i].omega, 0, 0};
+        for (const double zeta : dampings) {
+            const ModalModel added{0, {{gain, best.omega / (2 * std::numbers::pi), zeta}}};
+            const std::vector<std::complex<double>> extra = responses(points, added);
+            for (const double share : shares) {
+                double cost = 0, rho[3];
+                for (std::size_t k = 0; k < points.size(); ++k) {
+                    const std::complex<double> modelled = (1 - share) * base[k] + share * extra[k];
+                    loss->Evaluate(squared_log_ratio(points[k].value, modelled), rho);
+                    cost += rho[0];
+                }
+                if (cost < best.cost) best = {cost, best.omega, zeta, share};
+            }
+        }
+        candidates.push_back(best);
+    }
+
+    std::ranges::stable_sort(candidates, {}, &Candidate::cost);
+    std::vector<std::vector<double>> starts;
+    std::vector<double> taken;
+    for (const Candidate& candidate : candidates) {
+        const auto too_near = [&](double omega) {
+            return std::abs(std::log(omega / candidate.omega)) < 0.05;
+        };
+        if (starts.size() == most_starts || std::ranges::any_of(taken, too_near)) continue;
+        std::vector<double> start = fit.logarithms;
+        for (std::size_t j = 0; j < start.size(); j = j == 0 ? 1 : j + 3)
+            start[j] += std::log(1 - candidate.share);
+        start.insert(start.end(),
+                     {std::log(candidate.share * gain), std::log(candidate.omega), std::log(candidate.zeta)});
+        starts.push_back(std::move(start));
+        taken.push_back(candidate.omega);
+    }
+    for (std::size_t j = 1; j < fit.logarithms.size(); j += 3) {
+        const double apart = std::clamp(std::exp(fit.logarithms[j + 2]), 0.01, 0.3);
+        std::vector<double> start = fit.logarithms;
+        start[j] -= std::numbers::ln2;
+        start.insert(start.end(), {start[j], start[j + 1] + apart, start[j + 2]});
+        start[j + 1] -= apart;
+        starts.push_back(std::move(start));
+    }
+    return starts;
+}
+
+// Standard deviation of one component of ln(H/P), from the median of the magnitudes, which a few wild points
+// do not move. For normal errors the median is sigma sqrt(2 ln 2).
+double robust_deviation(const std::vector<Point>& points, const ModalModel& model) {
+    std::vector<double> squares;
+    const std::vector<std::complex<double>> modelled = responses(points, model);
+    for (std::size_t i = 0; i < points.size(); ++i)
+        squares.push_back(squared_log_ratio(points[i].value, modelled[i]));
+    const auto middle = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
+    std::ranges::nth_element(squares, middle);
+    return std::sqrt(*middle / (2 * std::numbers::ln2));
+}
+
+// Standard deviations of the logarithms; infinite where the Jacobian has no full rank and for those at a
+// bound.
+std::vector<double> logarithm_errors(const std::vector<Point>& points, std::vector<double> logarithms,
+                                     double scale) {
+    const auto loss = make_loss(scale);
+    const auto problem = make_problem(points, *loss, logarithms);
+    ceres::Problem::EvaluateOptions options;
+    options.apply_loss_function = false;
+    std::vector<double> residuals;
+    ceres::CRSMatrix sparse;
+    problem->Evaluate(options, nullptr, &residuals, nullptr, &sparse);
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    const Eigen::MatrixXd jacobian =
+        Eigen::Map<const RowMajor>(sparse.values.data(), sparse.num_rows, sparse.num_cols);
+
+    const Bounds bounds(points);
+    const std::size_t parameters = logarithms.size();
+    std::vector<double> errors(parameters, std::numeric_limits<double>::infinity());
+    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> factor;
+    factor.setThreshold(1e-8);
+    factor.compute(jacobian);
+    if (factor.rank() < jacobian.cols() || residuals.size() <= parameters) return errors;
+
+    // Influence psi(e) = rho' e of the residual pair e, and half the trace of its derivative.
+    double square = 0, slope = 0;
+    for (std::size_t i = 0; i < residuals.size(); i += 2) {
+        const double magnitude = residuals[i] * residuals[i] + residuals[i + 1] * residuals[i + 1];
+        double rho[3];
+        loss->Evaluate(magnitude, rho);
+        square += rho[1] * rho[1] * magnitude;
+        slope += rho[1] + rho[2] * magnitude;
+    }
+    const double variance = square / static_cast<double>(residuals.size() - parameters);
+    const double mean_slope = slope / static_cast<double>(points.size());
+    const auto triangle = factor.matrixQR().topRows(jacobian.cols()).triangularView<Eigen::Upper>();
+    const Eigen::MatrixXd inverse =
+        triangle.solve(Eigen::MatrixXd::Identity(jacobian.cols(), jacobian.cols()));
+    const Eigen::VectorXd lengths = factor.colsPermutation() * inverse.rowwise().norm();
+    for (std::size_t j = 0; j < parameters; ++j)
+        if (logarithms[j] > bounds.of(j)[0] && logarithms[j] < bounds.of(j)[1])
+            errors[j] = std::sqrt(variance) / mean_slope * lengths[static_cast<Eigen::Index>(j)];
+    return errors;
+}
+
+std::vector<Point> points_in_band(const FrequencyResponse& response, const ModalFitOptions& options) {
+    std::vector<Point> points;
+    for (std::size_t i = 0; i < response.size(); ++i) {
+        const double f = response.frequency_hz[i];
+        const std::complex<double> value = response.value[i];
+        if (!(f >= options.f_min_hz && f <= options.f_max_hz)) continue;
+        if (!std::isfinite(value.real()) || !std::isfinite(value.imag()) || value == 0.0)
+            throw InputError("modal fit: the response at " + to_text(f) + " Hz is " + to_text(value.real()) +
+                             " + j " + to_text(value.imag()) + ", must be finite and not zero");
+        points.push_back({2 * std::numbers::pi * f, value});
+    }
+    std::ranges::stable_sort(points, {}, &Point::omega);
+    const std::size_t least = 1 + 3 * static_cast<std::size_t>(options.modes);
+    if (points.size() < least)
+        throw InputError("modal fit: " + std::to_string(points.size()) + " frequencies between " +
+                         to_text(options.f_min_hz) + " and " + to_text(options.f_max_hz) +
+                         " Hz, must be at least " + std::to_string(least) + " for " +
+                         std::to_string(options.modes) + " modes");
+    return points;
+}
+
+void require_valid(const FrequencyResponse& response, const ModalFitOptions& options) {
+    if (response.frequency_hz.size() != response.value.size())
+        throw InputError("modal fit: " + std::to_string(response.frequency_hz.size()) + " frequencies and " +
+                         std::to_string(response.value.size()) + " values, must be the same number");
+    if (!(options.f_min_hz > 0 && options.f_min_hz < options.f_max_hz))
+        throw InputError("modal fit: the band is " + to_text(options.f_min_hz) + " to " +
+                         to_text(options.f_max_hz) + " Hz, must be positive and ascending");
+    if (options.modes < 0)
+        throw InputError("modal fit: modes = " + std::to_string(options.modes) + ", must not be negative");
+    if (!(options.robust_scale >= 0))
+        throw InputError("modal fit: robust_scale = " + to_text(options.robust_scale) +
+                         ", must not be negative");
+}
+
+// One complete search with the modes added one at a time.
+Fit search(const std::vector<Point>& points, int modes, int& iterations) {
+    Fit fit = refine(points, {std::log(total_gain(points))}, search_scale, 50);
+    iterations += fit.iterations;
+    for (int added = 0; added < modes; ++added) {
+        Fit best;
+        for (std::vector<double>& start : starts_with_one_more(points, fit)) {
+            Fit candidate = refine(points, std::move(start), search_scale, 50);
+            iterations += candidate.iterations;
+            if (best.logarithms.empty() || candidate.cost < best.cost) best = std::move(candidate);
+        }
+        fit = std::move(best);
+    }
+    return fit;
+}
+
+// The fit repeated with the scale read from its own residuals, until that stands still.
+Fit refine_with_scale(const std::vector<Point>& points, Fit fit, double& scale, int& iterations) {
+    constexpr int most_iterations = 200, most_rounds = 20;
+    const bool from_data = scale == 0;
+    for (int round = 0; round < most_rounds; ++round) {
+        if (from_data) {
+            const double deviation = robust_deviation(points, to_model(fit.logarithms));
+            const double read = std::max(scale_per_deviation * deviation, least_scale);
+            if (std::abs(read - scale) <= 1e-3 * scale) break;
+            scale = read;
+        }
+        fit = refine(points, std::move(fit.logarithms), scale, most_iterations);
+        iterations += fit.iterations;
+        if (!from_data) break;
+    }
+    return fit;
+}
+
+std::vector<double> by_ascending_frequency(const std::vector<double>& logarithms) {
+    std::vector<std::array<double, 3>> modes;
+    for (std::size_t j = 1; j < logarithms.size(); j += 3)
+        modes.push_back({logarithms[j], logarithms[j + 1], logarithms[j + 2]});
+    std::ranges::stable_sort(modes, {}, [](const std::array<double, 3>& mode) { return mode[1]; });
+    std::vector<double> ordered = {logarithms[0]};
+    for (const auto& mode : modes) ordered.insert(ordered.end(), mode.begin(), mode.end());
+    return ordered;
+}
+
+// d p = p d(ln p) for each parameter.
+ModalModel parameter_errors(const ModalModel& model, const std::vector<double>& errors) {
+    ModalModel scaled = model;
+    scaled.rigid_gain *= errors[0];
+    for (std::size_t j = 0; j < model.modes.size(); ++j) {
+        scaled.modes[j].gain *= errors[3 * j + 1];
+        scaled.modes[j].freq_hz *= errors[3 * j + 2];
+        scaled.modes[j].zeta *= errors[3 * j + 3];
+    }
+    return scaled;
+}
+
+double residual_rms(const std::vector<Point>& points, const ModalModel& model) {
+    const std::vector<std::complex<double>> modelled = responses(points, model);
+    double sum = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) sum += squared_log_ratio(points[i].value, modelled[i]);
+    return std::sqrt(sum / static_cast<double>(points.size()));
+}
+
+// What the user should know of the result; empty where all is well.
+std::string advice(const ModalFitResult& result, const std::vector<double>& errors,
+                   const ModalFitOptions& options) {
+    if (!result.converged)
+        return "modal fit: no minimum after " + std::to_string(result.iterations) +
+               " iterations; another number of modes or another band may help";
+    for (const double error : errors)
+        if (!std::isfinite(error))
+            return "modal fit: the data between " + to_text(options.f_min_hz) + " and " +
+                   to_text(options.f_max_hz) + " Hz do not determine all parameters of " +
+                   std::to_string(options.modes) + " modes; try fewer modes";
+    for (const ModalModel::Mode& mode : result.model.modes)
+        if (mode.freq_hz < options.f_min_hz || mode.freq_hz > options.f_max_hz)
+            return "modal fit: a mode was put at " + to_text(mode.freq_hz) + " Hz, outside the band of " +
+                   to_text(options.f_min_hz) + " to " + to_text(options.f_max_hz) +
+                   " Hz; try fewer modes or a wider band";
+    return {};
+}
+
+} // namespace
+
+ModalFitResult fit_modal_model(const FrequencyResponse& response, const ModalFitOptions& options) {
+    require_valid(response, options);
+    const std::vector<Point> points = points_in_band(response, options);
+
+    ModalFitResult result;
+    result.robust_scale = options.robust_scale;
+    Fit fit = search(points, options.modes, result.iterations);
+    fit = refine_with_scale(points, std::move(fit), result.robust_scale, result.iterations);
+    fit.logarithms = by_ascending_frequency(fit.logarithms);
+
+    const std::vector<double> errors = logarithm_errors(points, fit.logarithms, result.robust_scale);
+    result.model = to_model(fit.logarithms);
+    result.standard_errors = parameter_errors(result.model, errors);
+    result.residual_rms = residual_rms(points, result.model);
+    result.converged = fit.converged;
+    result.message = advice(result, errors, options);
+    return result;
+}
+
+Json to_json(const ModalModel& model) {
+    Json json;
+    json["k0"] = model.rigid_gain;
+    for (std::size_t j = 0; j < model.modes.size(); ++j) {
+        const std::string number = std::to_string(j + 1);
+        json["k" + number] = model.modes[j].gain;
+        json["f" + number + "_hz"] = model.modes[j].freq_hz;
+        json["zeta" + number] = model.modes[j].zeta;
+    }
+    return json;
+}
+
+ModalModel modal_model_from_json(const Json& json, const std::string& where) {
+    FieldReader fields(json, where, "model");
+    ModalModel model;
+    model.rigid_gain = fields.number("k0", "m/(N s^2)", Allowed::non_negative);
+    for (int j = 1; fields.has(fmt::format("k{}", j)); ++j) {
+        model.modes.push_back({fields.number(fmt::format("k{}", j), "m/(N s^2)", Allowed::positive),
+                               fields.number(fmt::format("f{}_hz", j), "Hz", Allowed::positive),
+                               fields.number(fmt::format("zeta{}", j), "", Allowed::non_negative)});
+    }
+    return model;
+}
+
+Json to_json(const ModalFitResult& result) {
+    Json json = to_json(result.model);
+    json["standard_errors"] = to_json(result.standard_errors);
+    json["residual_rms"] = result.residual_rms;
+    json["converged"] = result.converged;
+    json["message"] = result.message;
+    return json;
+}
+
+} // namespace tribode

@@ -1,0 +1,185 @@
+#include "analysis/sine_fit.hpp"
+
+#include "base/error.hpp"
+#include "base/text.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace tribode {
+
+namespace {
+
+// exp(j 2 pi f t), by rotation from sample to sample and anew every 64 samples, which keeps the error near 64
+// eps.
+class Rotation {
+  public:
+    Rotation(double frequency_hz, double first_instant, double sample_time)
+        : frequency_(frequency_hz),
+          first_instant_(first_instant),
+          sample_time_(sample_time),
+          step_(at_cycles(frequency_hz * sample_time)) {}
+
+    std::complex<double> at(Eigen::Index i) {
+        if (i % 64 == 0)
+            value_ = at_cycles(frequency_ * (first_instant_ + static_cast<double>(i) * sample_time_));
+        else
+            value_ *= step_;
+        return value_;
+    }
+
+  private:
+    // Whole turns are taken off before the multiplication by 2 pi, so that late instants lose no digits
+    // there.
+    static std::complex<double> at_cycles(double cycles) {
+        return std::polar(1.0, 2 * std::numbers::pi * (cycles - std::floor(cycles)));
+    }
+
+    double frequency_, first_instant_, sample_time_;
+    std::complex<double> step_, value_;
+};
+
+void require_sampling(double sample_time, double frequency_hz) {
+    if (!(sample_time > 0) || !std::isfinite(sample_time))
+        throw InputError("sine fit: sample time = " + to_text(sample_time) +
+                         " s, must be positive and finite");
+    if (!(frequency_hz > 0) || !std::isfinite(frequency_hz))
+        throw InputError("sine fit: frequency = " + to_text(frequency_hz) +
+                         " Hz, must be positive and finite");
+}
+
+// How many of the harmonics lie at least one resolution of the window below the Nyquist frequency.
+int harmonics_below_nyquist(std::size_t samples, double sample_time, double frequency_hz, int harmonics) {
+    const double count = static_cast<double>(samples);
+    const double highest_hz = (0.5 - 1 / count) / sample_time;
+    // The margin of 1e-9 keeps a harmonic that lies exactly on the limit, whichever way its product is
+    // rounded.
+    const double below = std::floor(highest_hz / frequency_hz * (1 + 1e-9));
+    return static_cast<int>(std::clamp(below, 0.0, static_cast<double>(harmonics)));
+}
+
+// One row per sample; columns: 1, time scaled to -1 .. 1 (with drift), then cos and -sin of each harmonic, so
+// that the coefficients of a pair are the real and imaginary part of its phasor.
+Eigen::MatrixXd regressors(Eigen::Index samples, double sample_time, double frequency_hz,
+                           double first_instant, int harmonics, bool drift) {
+    const Eigen::Index base = drift ? 2 : 1;
+    Eigen::MatrixXd columns(samples, base + 2 * harmonics);
+    columns.col(0).setOnes();
+    if (drift) columns.col(1).setLinSpaced(samples, -1, 1);
+    Rotation rotation(frequency_hz, first_instant, sample_time);
+    for (Eigen::Index i = 0; i < samples; ++i) {
+        const std::complex<double> turn = rotation.at(i);
+        std::complex<double> power = turn;
+        for (int n = 0; n < harmonics; ++n, power *= turn) {
+            columns(i, base + 2 * n) = power.real();
+            columns(i, base + 2 * n + 1) = -power.imag();
+        }
+    }
+    return columns;
+}
+
+} // namespace
+
+double SineFit::total_harmonic_distortion() const {
+    double sum = 0;
+    for (std::size_t n = 1; n < harmonics.size(); ++n) sum += std::norm(harmonics[n]);
+    return std::sqrt(sum) / std::abs(fundamental());
+}
+
+SineFit fit_sine(std::span<const double> samples, double sample_time, double frequency_hz,
+                 double first_instant, int harmonics, Drift drift) {
+    require_sampling(sample_time, frequency_hz);
+    if (harmonics < 1)
+        throw InputError("sine fit: " + std::to_string(harmonics) + " harmonics, must be at least 1");
+    const bool with_drift = drift == Drift::linear;
+    const int fitted = harmonics_below_nyquist(samples.size(), sample_time, frequency_hz, harmonics);
+    const std::size_t unknowns = 1 + (with_drift ? 1 : 0) + 2 * static_cast<std::size_t>(fitted);
+    if (samples.size() < unknowns || samples.size() < 3)
+        throw InputError("sine fit at " + to_text(frequency_hz) + " Hz: " + std::to_string(samples.size()) +
+                         " samples, must be at least " + std::to_string(std::max<std::size_t>(unknowns, 3)));
+    if (fitted == 0)
+        throw InputError("sine fit: frequency = " + to_text(frequency_hz) + " Hz, must be below " +
+                         to_text((0.5 - 1 / static_cast<double>(samples.size())) / sample_time) +
+                         " Hz with this sample time and window");
+
+    const Eigen::Map<const Eigen::VectorXd> measured(samples.data(),
+                                                     static_cast<Eigen::Index>(samples.size()));
+    const Eigen::MatrixXd columns =
+        regressors(measured.size(), sample_time, frequency_hz, first_instant, fitted, with_drift);
+    Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(columns.cols(), columns.cols());
+    gram.selfadjointView<Eigen::Lower>().rankUpdate(columns.transpose());
+    const Eigen::LLT<Eigen::MatrixXd> factor(gram);
+    if (factor.info() != Eigen::Success || factor.rcond() < 1e-10)
+        throw InputError("sine fit at " + to_text(frequency_hz) + " Hz: the window covers " +
+                         to_text(static_cast<double>(samples.size()) * sample_time * frequency_hz) +
+                         " periods, too few for the number of unknowns; one period or more is enough");
+    const Eigen::VectorXd found = factor.solve(columns.transpose() * measured);
+
+    SineFit fit;
+    fit.offset = found[0];
+    if (with_drift) fit.drift = found[1] / (0.5 * static_cast<double>(samples.size() - 1) * sample_time);
+    fit.harmonics.resize(static_cast<std::size_t>(harmonics));
+    const Eigen::Index base = with_drift ? 2 : 1;
+    for (int n = 0; n < fitted; ++n)
+        fit.harmonics[static_cast<std::size_t>(n)] = {found[base + 2 * n], found[base + 2 * n + 1]};
+    fit.residual_rms = (measured - columns * found).norm() / std::sqrt(static_cast<double>(samples.size()));
+    return fit;
+}
+
+Window whole_periods(std::size_t first, long periods, double sample_time, double frequency_hz) {
+    require_sampling(sample_time, frequency_hz);
+    const double count = std::round(static_cast<double>(periods) / (frequency_hz * sample_time));
+    return {first, static_cast<std::size_t>(count)};
+}
+
+long periods_within(std::size_t samples, double sample_time, double frequency_hz) {
+    require_sampling(sample_time, frequency_hz);
+    // One period more than the quotient may fit, because windows end at the nearest sample.
+    const long whole = static_cast<long>(static_cast<double>(samples) * frequency_hz * sample_time);
+    return whole_periods(0, whole + 1, sample_time, frequency_hz).count <= samples ? whole + 1 : whole;
+}
+
+double coherence(std::span<const double> input, std::span<const double> output, double sample_time,
+                 double frequency_hz, int harmonics) {
+    if (input.size() != output.size())
+        throw InputError("coherence: " + std::to_string(input.size()) + " input and " +
+                         std::to_string(output.size()) + " output samples, must be the same number");
+    const long available = periods_within(input.size(), sample_time, frequency_hz);
+    // Four samples per unknown, and a resolution that reaches from the frequency to the Nyquist frequency.
+    const double to_nyquist = std::max(0.5 - frequency_hz * sample_time, 1e-3);
+    const double wanted_samples = std::max(4.0 * (1 + 2 * harmonics), 1 / to_nyquist + 1);
+    const long per_window = static_cast<long>(std::ceil(wanted_samples * frequency_hz * sample_time));
+    const long windows = available / per_window;
+    if (windows < 2)
+        throw InputError("coherence at " + to_text(frequency_hz) + " Hz: the record holds " +
+                         std::to_string(available) + " periods, must be at least " +
+                         std::to_string(2 * per_window));
+
+    std::complex<double> cross = 0;
+    double input_power = 0, output_power = 0;
+    for (long p = 0; p < windows; ++p) {
+        const std::size_t begin = whole_periods(0, p * per_window, sample_time, frequency_hz).count;
+        const std::size_t end = whole_periods(0, (p + 1) * per_window, sample_time, frequency_hz).count;
+        const double instant = static_cast<double>(begin) * sample_time;
+        const auto phasor = [&](std::span<const double> signal) {
+            return fit_sine(signal.subspan(begin, end - begin), sample_time, frequency_hz, instant, harmonics)
+                .fundamental();
+        };
+        const std::complex<double> u = phasor(input), y = phasor(output);
+        cross += y * std::conj(u);
+        input_power += std::norm(u);
+        output_power += std::norm(y);
+    }
+    const double power = input_power * output_power;
+    return power == 0 ? 0.0 : std::min(std::norm(cross) / power, 1.0);
+}
+
+bool settled(std::complex<double> previous, std::complex<double> latest, double tolerance) {
+    return std::abs(latest - previous) <= tolerance * std::abs(latest);
+}
+
+} // namespace tribode

@@ -1,0 +1,13 @@
+#pragma once
+#include <cstdint>
+
+namespace tribode {
+
+// A standard normal number as a function of (seed, stream, index) alone: no state, so any sample of any run can be
+// drawn by itself, in any order, on any thread. SplitMix64 finaliser [Steele 2014] and the Box-Muller transform.
+double standard_normal(std::uint64_t seed, std::uint64_t stream, std::uint64_t index);
+
+// A number in (0, 1), as above.
+double uniform(std::uint64_t seed, std::uint64_t stream, std::uint64_t index);
+
+} // namespace tribode

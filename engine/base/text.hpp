@@ -1,0 +1,32 @@
+#pragma once
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace tribode {
+
+// Shortest text that reads back to the same double: 0.1, 5e-07, nan, inf.
+std::string to_text(double value);
+
+// Appends the same to a buffer without an allocation of its own.
+void append_text(std::string& buffer, double value);
+
+// The whole text as a number (leading and trailing blanks allowed), or nothing.
+std::optional<double> parse_number(std::string_view text);
+
+// The candidate with the least edit distance to `name`; empty where none is near (distance above half its length).
+std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates);
+
+// ` (did you mean "x"?)` or the list of what is allowed: the end of a sentence on an unknown name.
+std::string suggestion(std::string_view name, const std::vector<std::string>& candidates);
+
+std::string_view trim(std::string_view text);
+
+// SHA-256 of the bytes, 64 hexadecimal digits.
+std::string sha256(std::string_view bytes);
+
+// The version of the program, "0.1.0".
+std::string version();
+
+} // namespace tribode

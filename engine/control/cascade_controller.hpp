@@ -1,0 +1,44 @@
+#pragma once
+#include <algorithm>
+#include <cstddef>
+#include <limits>
+#include <vector>
+
+namespace tribode {
+
+// Position and velocity loop, both proportional, as drives have it:
+//
+//     qf[k] = (q[k] + q[k-1])/2,  dq[k] = (qf[k] - qf[k-1])/Ts
+//     u[k + delay_samples] = clip(kv (kp (r[k] - q[k]) - dq[k]), limit)
+//
+// Before the first sample the axis rests where it is: q[-1] = q[0]. The output is zero until the first u arrives.
+struct CascadeController {
+    double kp = 0;                                           // [1/s]
+    double kv = 0;                                           // [N s/m]
+    double limit = std::numeric_limits<double>::infinity(); // [N]
+    std::size_t delay_samples = 0;
+    double sample_time = 0; // Ts [s]
+
+    struct State {
+        bool started = false;
+        double previous_position = 0; // q[k-1] [m]
+        double previous_mean = 0;     // qf[k-1] [m]
+        std::vector<double> pending;  // outputs on their way, the oldest first [N]
+    };
+
+    double step(State& s, double reference, double position) const {
+        if (!s.started) {
+            s = {true, position, position, std::vector<double>(delay_samples, 0.0)};
+        }
+        const double mean = (position + s.previous_position) / 2;
+        const double velocity = (mean - s.previous_mean) / sample_time;
+        s.previous_position = position;
+        s.previous_mean = mean;
+        s.pending.push_back(std::clamp(kv * (kp * (reference - position) - velocity), -limit, limit));
+        const double output = s.pending.front();
+        s.pending.erase(s.pending.begin());
+        return output;
+    }
+};
+
+} // namespace tribode

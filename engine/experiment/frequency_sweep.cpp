@@ -1,0 +1,335 @@
+#include "experiment/frequency_sweep.hpp"
+#include "analysis/sine_fit.hpp"
+#include "base/error.hpp"
+#include "base/text.hpp"
+#include "control/discrete_transfer_function.hpp"
+#include "control/sampled_friction.hpp"
+#include "experiment/sweep_checkpoint.hpp"
+#include "solver/simulator.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <limits>
+#include <numbers>
+#include <optional>
+
+namespace tribode {
+
+namespace {
+
+using std::numbers::pi;
+
+// The loop's signals and what the sampled blocks make of them, sample by sample.
+class LoopSignals final : public Observer {
+  public:
+    LoopSignals(const MachineModel& machine, const SweepOptions& options)
+        : friction_model_(machine.elements, machine.viscous, machine.sample_time),
+          delay_model_(
+              DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time)) {}
+
+    void sampled(ClockId clock, long, const SystemState& state) override {
+        if (clock != ServoSystem::controller) return;
+        const auto& values = ServoSystem::values(state);
+        const double friction = friction_model_.step(values.detected);
+        const double delayed = delay_model_.step(values.thrust);
+        position.push_back(values.detected);
+        friction_estimate.push_back(friction);
+        delayed_thrust.push_back(delayed);
+        input[0].push_back(values.thrust);
+        input[1].push_back(values.thrust - friction);
+        input[2].push_back(delayed - friction);
+    }
+
+    std::vector<double> position, friction_estimate, delayed_thrust;
+    std::array<std::vector<double>, analysis_count> input; // of each analysis [N]
+
+  private:
+    SampledFriction friction_model_;
+    DiscreteTransferFunction delay_model_;
+};
+
+// One frequency: the run and its windows.
+class SinglePoint {
+  public:
+    SinglePoint(const MachineModel& machine, const SweepOptions& options, double frequency, std::uint64_t seed,
+                const RunControl& control)
+        : options_(options), frequency_(frequency), ts_(machine.sample_time),
+          system_(machine, ClosedLoop{[this](long k) { return LoopInput{0.0, excitation(k)}; }}, seed),
+          simulator_(system_, options.solver, control), signals_(machine, options) {
+        simulator_.observe(&signals_);
+    }
+
+    // Runs until both u and y repeat themselves. The outcome is not ok where the run failed.
+    RunOutcome settle() {
+        const double earliest = std::max(options_.settle_periods / frequency_, options_.settle_time);
+        // Windows of whole periods, long enough to tell a slow change from rounding of the encoder.
+        const long periods = std::max(1L, std::lround(std::ceil(0.05 * frequency_)));
+        const auto length = static_cast<double>(periods) / frequency_;
+        std::optional<std::array<std::complex<double>, 2>> previous;
+        for (double t = earliest - length;; t += length) {
+            const RunOutcome outcome = advance_to(t);
+            if (!outcome.ok()) return outcome;
+            const std::size_t end = signals_.position.size();
+            const Window window = whole_periods(0, periods, ts_, frequency_);
+            const std::array latest = {phasor(signals_.input[0], {end - window.count, window.count}),
+                                       phasor(signals_.position, {end - window.count, window.count})};
+            settled_ = previous && tribode::settled((*previous)[0], latest[0], options_.settle_tolerance) &&
+                       tribode::settled((*previous)[1], latest[1], options_.settle_tolerance);
+            if (settled_ || t > options_.settle_time_limit) return outcome;
+            previous = latest;
+        }
+    }
+
+    // Runs on over the window to be measured; signals() then end with it.
+    RunOutcome measure(long periods) {
+        window_ = whole_periods(signals_.position.size(), periods, ts_, frequency_);
+        return advance_to(static_cast<double>(window_.first + window_.count - 1) * ts_);
+    }
+
+    SweepPoint point() const {
+        SweepPoint point;
+        point.frequency_hz = frequency_;
+        const SineFit y = fit(signals_.position);
+        const SineFit u = fit(signals_.input[0]);
+        for (std::size_t a = 0; a < analysis_count; ++a) {
+            point.response[a] = y.fundamental() / fit(signals_.input[a]).fundamental();
+            point.coherence[a] = coherence(cut(signals_.input[a]), cut(signals_.position), ts_, frequency_);
+        }
+        point.thrust = u.fundamental();
+        point.position = y.fundamental();
+        point.thrust_distortion = u.total_harmonic_distortion();
+        point.position_distortion = y.total_harmonic_distortion();
+        point.settling_time = static_cast<double>(window_.first) * ts_;
+        point.settled = settled_;
+        return point;
+    }
+
+    RunStatistics statistics() const { return simulator_.statistics(); }
+
+  private:
+    double excitation(long k) const {
+        return options_.amplitude * std::sin(2 * pi * frequency_ * static_cast<double>(k) * ts_);
+    }
+    // To the sample instant at or before t.
+    RunOutcome advance_to(double t) { return simulator_.advance_to(std::floor(t / ts_ + 1e-6) * ts_); }
+
+    std::span<const double> cut(const std::vector<double>& signal) const {
+        return std::span(signal).subspan(window_.first, window_.count);
+    }
+    std::complex<double> phasor(const std::vector<double>& signal, Window window) const {
+        return fit_sine(std::span(signal).subspan(window.first, window.count), ts_, frequency_,
+                        static_cast<double>(window.first) * ts_)
+            .fundamental();
+    }
+    SineFit fit(const std::vector<double>& signal) const {
+        return fit_sine(cut(signal), ts_, frequency_, static_cast<double>(window_.first) * ts_, options_.harmonics);
+    }
+
+    const SweepOptions& options_;
+    double frequency_, ts_;
+    ServoSystem system_;
+    Simulator simulator_;
+    LoopSignals signals_;
+    Window window_;
+    bool settled_ = false;
+};
+
+long periods_to_measure(const SweepOptions& options, double frequency) {
+    return std::max(options.measure_periods, std::lround(std::ceil(options.measure_time * frequency - 1e-9)));
+}
+
+void check(const MachineModel& machine, const SweepOptions& options) {
+    const double nyquist = 0.5 / machine.sample_time;
+    double previous = 0;
+    for (const double f : options.frequency_hz) {
+        if (!(f > previous) || !(f < nyquist)) {
+            throw InputError(fmt::format("frequency {} Hz, must be ascending and between 0 and the Nyquist frequency "
+                                         "{} Hz",
+                                         to_text(f), to_text(nyquist)));
+        }
+        previous = f;
+    }
+    if (options.frequency_hz.empty()) throw InputError("a sweep needs at least one frequency");
+    if (!machine.has_controller()) {
+        throw InputError("a sweep runs in closed loop, and the machine has no controller");
+    }
+}
+
+SweepPoint run_point(const MachineModel& machine, const SweepOptions& options, std::size_t index,
+                     const RunControl& control) {
+    const double frequency = options.frequency_hz[index];
+    SinglePoint run(machine, options, frequency, options.seed + index, control);
+    RunOutcome outcome = run.settle();
+    if (outcome.ok()) outcome = run.measure(periods_to_measure(options, frequency));
+    SweepPoint point;
+    if (outcome.ok()) {
+        point = run.point();
+    } else {
+        point.frequency_hz = frequency;
+    }
+    point.outcome = outcome;
+    point.statistics = run.statistics();
+    return point;
+}
+
+} // namespace
+
+void SweepOptions::read(FieldReader& fields) {
+    frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, frequency_hz);
+    amplitude = fields.number("amplitude_N", "N", Allowed::positive, amplitude);
+    settle_periods = fields.number("settle_periods", "", Allowed::non_negative, settle_periods);
+    settle_time = fields.number("settle_time_s", "s", Allowed::non_negative, settle_time);
+    settle_tolerance = fields.number("settle_tolerance", "", Allowed::positive, settle_tolerance);
+    settle_time_limit = fields.number("settle_time_limit_s", "s", Allowed::positive, settle_time_limit);
+    measure_periods = fields.integer("measure_periods", 2, 1'000'000, measure_periods);
+    measure_time = fields.number("measure_time_s", "s", Allowed::non_negative, measure_time);
+    harmonics = static_cast<int>(fields.integer("harmonics", 1, 50, harmonics));
+    delay = fields.number("delay_s", "s", Allowed::non_negative, delay);
+    delay_order = static_cast<int>(fields.integer("delay_order", 1, 10, delay_order));
+    seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, static_cast<long>(seed)));
+    solver.read(fields);
+}
+
+SweepResult run_sweep(const MachineModel& machine, const SweepOptions& options, const RunControl& control,
+                      const std::filesystem::path& checkpoint) {
+    check(machine, options);
+    SweepCheckpoint kept(checkpoint, machine, options);
+    std::vector<std::optional<SweepPoint>> points = kept.load();
+    std::vector<std::size_t> missing;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        if (!points[i]) missing.push_back(i);
+    }
+
+    RunControl shown = control;
+    if (control.progress) {
+        shown.progress = [&](const std::string& what, std::size_t done, std::size_t) {
+            control.progress(what, points.size() - missing.size() + done, points.size());
+        };
+    }
+    for_each_index(missing.size(), shown, "frequencies", [&](std::size_t n) {
+        SweepPoint point = run_point(machine, options, missing[n], control);
+        if (point.outcome.end == RunEnd::interrupted) return;
+        kept.add(missing[n], point);
+        points[missing[n]] = std::move(point);
+    });
+
+    SweepResult result;
+    for (auto& point : points) {
+        if (point) result.points.push_back(std::move(*point));
+    }
+    result.complete = result.points.size() == points.size();
+    if (result.complete) {
+        kept.remove();
+    } else {
+        kept.save();
+    }
+    return result;
+}
+
+SweepSignals run_single_frequency(const MachineModel& machine, const SweepOptions& options, double frequency,
+                                  long periods_shown, const RunControl& control) {
+    SweepOptions one = options;
+    one.frequency_hz = {frequency};
+    check(machine, one);
+    // The excitation goes on from the settled state, so the run is repeated with a recorder of the true signals.
+    class Both final : public Observer {
+      public:
+        Both(const MachineModel& m, const SweepOptions& o, const ServoSystem& system)
+            : signals(m, o), recorder(system) {}
+        void left_limit(const SystemState& state) override { recorder.left_limit(state); }
+        void sampled(ClockId clock, long k, const SystemState& state) override {
+            signals.sampled(clock, k, state);
+            recorder.sampled(clock, k, state);
+        }
+        LoopSignals signals;
+        ServoRecorder recorder;
+    };
+    const double ts = machine.sample_time;
+    const ServoSystem system(machine, ClosedLoop{[&](long k) {
+                                 const double t = static_cast<double>(k) * ts;
+                                 return LoopInput{0.0, one.amplitude * std::sin(2 * pi * frequency * t)};
+                             }},
+                             options.seed);
+    Simulator simulator(system, options.solver, control);
+    Both seen(machine, one, system);
+    simulator.observe(&seen);
+    const double settle = std::max(std::ceil(std::max(one.settle_periods, one.settle_time * frequency)), 1.0);
+    const RunOutcome outcome =
+        simulator.advance_to(std::ceil((settle + static_cast<double>(periods_shown)) / frequency / ts) * ts);
+    if (outcome.end == RunEnd::interrupted) throw EndedEarly(outcome.message);
+    if (!outcome.ok()) throw Error(outcome.message);
+
+    const auto first = static_cast<std::ptrdiff_t>(std::ceil(settle / frequency / ts));
+    const auto tail = [&](const std::vector<double>& v) { return std::vector<double>(v.begin() + first, v.end()); };
+    const ServoTrace& all = seen.recorder.trace();
+    return {{tail(all.t), tail(all.r), tail(all.u), tail(all.y), tail(all.x), tail(all.v), tail(all.f)},
+            tail(seen.signals.delayed_thrust),
+            tail(seen.signals.friction_estimate),
+            tail(seen.signals.input[2])};
+}
+
+ModalModel modal_model_of(const MachineModel& machine) {
+    ModalModel model;
+    model.rigid_gain = machine.rigid_gain;
+    for (const auto& mode : machine.modes) model.modes.push_back({mode.gain, mode.freq_hz, mode.zeta});
+    return model;
+}
+
+FrequencyResponse SweepResult::response(std::size_t analysis) const {
+    FrequencyResponse response;
+    for (const auto& point : points) {
+        if (!point.outcome.ok()) continue;
+        response.frequency_hz.push_back(point.frequency_hz);
+        response.value.push_back(point.response[analysis]);
+    }
+    return response;
+}
+
+RunStatistics SweepResult::statistics() const {
+    RunStatistics all;
+    for (const auto& point : points) all += point.statistics;
+    return all;
+}
+
+std::vector<std::string> SweepResult::warnings() const {
+    std::vector<std::string> texts;
+    for (const auto& point : points) {
+        const std::string f = to_text(point.frequency_hz);
+        if (!point.outcome.ok()) {
+            texts.push_back(fmt::format("{} Hz: {}", f, point.outcome.message));
+        } else if (!point.settled) {
+            texts.push_back(fmt::format("{} Hz: not settled after {} s", f, to_text(point.settling_time)));
+        }
+    }
+    return texts;
+}
+
+Table SweepResult::table() const {
+    Table table;
+    const auto column = [&](const std::string& name, const std::string& unit, auto value) {
+        std::vector<double> values;
+        for (const auto& point : points) {
+            values.push_back(point.outcome.ok() ? value(point) : std::numeric_limits<double>::quiet_NaN());
+        }
+        table.add(name, unit, std::move(values));
+    };
+    std::vector<double> frequency;
+    for (const auto& point : points) frequency.push_back(point.frequency_hz);
+    table.add("frequency_hz", "Hz", std::move(frequency));
+    const std::array<std::string, analysis_count> prefix = {"fra1", "fra2", "proposed"};
+    for (std::size_t a = 0; a < analysis_count; ++a) {
+        column(prefix[a] + "_real_m_per_N", "m/N", [a](const SweepPoint& p) { return p.response[a].real(); });
+        column(prefix[a] + "_imag_m_per_N", "m/N", [a](const SweepPoint& p) { return p.response[a].imag(); });
+        column(prefix[a] + "_coherence", "", [a](const SweepPoint& p) { return p.coherence[a]; });
+    }
+    column("u_amplitude_N", "N", [](const SweepPoint& p) { return std::abs(p.thrust); });
+    column("y_amplitude_m", "m", [](const SweepPoint& p) { return std::abs(p.position); });
+    column("u_distortion", "", [](const SweepPoint& p) { return p.thrust_distortion; });
+    column("y_distortion", "", [](const SweepPoint& p) { return p.position_distortion; });
+    column("settling_time_s", "s", [](const SweepPoint& p) { return p.settling_time; });
+    column("settled", "", [](const SweepPoint& p) { return p.settled ? 1.0 : 0.0; });
+    return table;
+}
+
+} // namespace tribode

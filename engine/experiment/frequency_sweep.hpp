@@ -1,0 +1,102 @@
+#pragma once
+#include "analysis/frequency_response.hpp"
+#include "analysis/modal_model.hpp"
+#include "base/field_reader.hpp"
+#include "base/run_control.hpp"
+#include "experiment/servo_recorder.hpp"
+#include "machine/machine_model.hpp"
+#include "record/table.hpp"
+#include "solver/integrator.hpp"
+#include "solver/run_outcome.hpp"
+
+#include <array>
+#include <complex>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+// The three frequency-response analyses of the paper, in its order: what stands for the input of the plant, with
+// y the detected position, fh the friction model driven by y, C the delay model.
+//   FRA-1     u          eqs. (2), (3)
+//   FRA-2     u - fh     eqs. (4)-(7), observer form (Fig. 7)
+//   Proposed  C u - fh   eqs. (8)-(10)
+constexpr std::size_t analysis_count = 3;
+inline const std::array<std::string, analysis_count> analysis_names = {"FRA-1", "FRA-2", "Proposed"};
+
+struct SweepOptions {
+    std::vector<double> frequency_hz; // ascending, below the Nyquist frequency
+    double amplitude = 15;            // A of the excitation A sin(2 pi f t), added to the controller's output [N]
+    // Settling: after settle_periods and settle_time, whichever is later, the phasors of u and y over two windows in
+    // a row must agree within settle_tolerance; given up after settle_time_limit.
+    double settle_periods = 5;
+    double settle_time = 0.5;        // [s]
+    double settle_tolerance = 2e-3;  // relative
+    double settle_time_limit = 5;    // [s]
+    long measure_periods = 10;       // at least
+    double measure_time = 0.1;       // [s], at least; rounded up to whole periods
+    int harmonics = 5;               // fitted, for the distortion
+    double delay = 1.38e-3;          // L of the delay model C [s]
+    int delay_order = 4;             // of its Pade approximant, eq. (19)
+    // An encoder step is 1e-7 m; tighter tolerances do not show in the responses (docs/decisions/0005).
+    SolverOptions solver{.relative_tolerance = 1e-6, .absolute_tolerance = 1e-10};
+    std::uint64_t seed = 0; // of the noise; every frequency has noise of its own
+
+    // Fields frequency_hz (list), amplitude_N, settle_periods, settle_time_s, settle_tolerance, settle_time_limit_s,
+    // measure_periods, measure_time_s, harmonics, delay_s, delay_order, seed and those of SolverOptions; absent ones
+    // stay as they are.
+    void read(FieldReader& fields);
+};
+
+// One frequency of a sweep, measured over a whole number of periods.
+struct SweepPoint {
+    double frequency_hz = 0;
+    std::array<std::complex<double>, analysis_count> response{}; // y over each input [m/N]
+    std::array<double, analysis_count> coherence{};
+    std::complex<double> thrust;      // phasor of u [N]: what the loop made of the excitation
+    std::complex<double> position;    // phasor of y [m]
+    double thrust_distortion = 0;     // total harmonic distortion of u
+    double position_distortion = 0;   // of y
+    double settling_time = 0;         // from the start to the measured window [s]
+    bool settled = false;
+    RunOutcome outcome;
+    RunStatistics statistics;
+};
+
+struct SweepResult {
+    std::vector<SweepPoint> points; // of every frequency, in order; fewer where the sweep was interrupted
+    bool complete = false;
+
+    FrequencyResponse response(std::size_t analysis) const; // of the points that ended well
+    Table table() const;                                     // one row per point; units in the names
+    RunStatistics statistics() const;
+    std::vector<std::string> warnings() const; // points that failed or did not settle
+};
+
+// Sine sweep in closed loop, section II-C: at each frequency the axis starts from rest, r = 0. The friction model and
+// the delay model run at the controller's sample time; the friction model has the machine's elements and viscous
+// friction. Frequencies are independent and shared among control.workers; the result does not depend on how many.
+//
+// Where `checkpoint` is not empty, points that are done are kept there now and then and when the sweep is
+// interrupted; a later sweep of the same machine and options goes on from it. A sweep that is complete removes it.
+// Throws InputError where options or machine do not fit.
+SweepResult run_sweep(const MachineModel& machine, const SweepOptions& options, const RunControl& control = {},
+                      const std::filesystem::path& checkpoint = {});
+
+// The linear dynamics P_l of the machine, eq. (1): what an analysis should find.
+ModalModel modal_model_of(const MachineModel& machine);
+
+// The signals of one frequency over the last periods before the end (Fig. 11).
+struct SweepSignals {
+    ServoTrace trace;                         // t from the first sample shown [s]
+    std::vector<double> delayed_thrust;       // C u [N]
+    std::vector<double> friction_estimate;    // fh [N]
+    std::vector<double> effective_thrust;     // C u - fh [N]
+};
+
+SweepSignals run_single_frequency(const MachineModel& machine, const SweepOptions& options, double frequency_hz,
+                                  long periods_shown, const RunControl& control = {});
+
+} // namespace tribode

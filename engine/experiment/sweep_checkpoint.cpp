@@ -1,0 +1,133 @@
+#include "experiment/sweep_checkpoint.hpp"
+#include "base/error.hpp"
+#include "base/text.hpp"
+#include "record/json_file.hpp"
+
+#include <limits>
+
+namespace tribode {
+
+namespace {
+
+constexpr std::chrono::seconds saving_interval{5};
+
+Json to_json(std::complex<double> z) { return Json::array({z.real(), z.imag()}); }
+std::complex<double> complex_of(const Json& json) { return {json.at(0).get<double>(), json.at(1).get<double>()}; }
+
+// Numbers as JSON has them: infinite and undefined ones, which an undistorted or silent signal may give, are null.
+double number_of(const Json& json) {
+    return json.is_null() ? std::numeric_limits<double>::quiet_NaN() : json.get<double>();
+}
+
+Json to_json(const SweepPoint& p) {
+    Json json;
+    json["frequency_hz"] = p.frequency_hz;
+    for (std::size_t a = 0; a < analysis_count; ++a) {
+        json["response"].push_back(to_json(p.response[a]));
+        json["coherence"].push_back(p.coherence[a]);
+    }
+    json["thrust"] = to_json(p.thrust);
+    json["position"] = to_json(p.position);
+    json["distortion"] = {p.thrust_distortion, p.position_distortion};
+    json["settling_time"] = p.settling_time;
+    json["settled"] = p.settled;
+    json["outcome"] = {static_cast<int>(p.outcome.end), p.outcome.t, p.outcome.message};
+    const RunStatistics& s = p.statistics;
+    json["counts"] = {s.steps,       s.rejected_steps, s.derivative_evaluations, s.jacobian_evaluations, s.guard_evaluations,
+                      s.events,      s.samples,        s.restarts};
+    return json;
+}
+
+SweepPoint point_of(const Json& json) {
+    SweepPoint p;
+    p.frequency_hz = json.at("frequency_hz").get<double>();
+    for (std::size_t a = 0; a < analysis_count; ++a) {
+        p.response[a] = complex_of(json.at("response").at(a));
+        p.coherence[a] = number_of(json.at("coherence").at(a));
+    }
+    p.thrust = complex_of(json.at("thrust"));
+    p.position = complex_of(json.at("position"));
+    p.thrust_distortion = number_of(json.at("distortion").at(0));
+    p.position_distortion = number_of(json.at("distortion").at(1));
+    p.settling_time = json.at("settling_time").get<double>();
+    p.settled = json.at("settled").get<bool>();
+    p.outcome = {static_cast<RunEnd>(json.at("outcome").at(0).get<int>()), json.at("outcome").at(1).get<double>(),
+                 json.at("outcome").at(2).get<std::string>()};
+    long* const counts[] = {&p.statistics.steps,
+                            &p.statistics.rejected_steps,
+                            &p.statistics.derivative_evaluations,
+                            &p.statistics.jacobian_evaluations,
+                            &p.statistics.guard_evaluations,
+                            &p.statistics.events,
+                            &p.statistics.samples,
+                            &p.statistics.restarts};
+    for (std::size_t i = 0; i < std::size(counts); ++i) *counts[i] = json.at("counts").at(i).get<long>();
+    return p;
+}
+
+} // namespace
+
+SweepCheckpoint::SweepCheckpoint(std::filesystem::path path, const MachineModel& machine, const SweepOptions& o)
+    : path_(std::move(path)), count_(o.frequency_hz.size()) {
+    const Json options = {o.frequency_hz,
+                          o.amplitude,
+                          o.settle_periods,
+                          o.settle_time,
+                          o.settle_tolerance,
+                          o.settle_time_limit,
+                          o.measure_periods,
+                          o.measure_time,
+                          o.harmonics,
+                          o.delay,
+                          o.delay_order,
+                          name_of(o.solver.method),
+                          o.solver.relative_tolerance,
+                          o.solver.absolute_tolerance,
+                          o.solver.fixed_step,
+                          o.seed};
+    key_ = sha256(version() + machine.hash() + options.dump());
+}
+
+std::vector<std::optional<SweepPoint>> SweepCheckpoint::load() {
+    std::vector<std::optional<SweepPoint>> points(count_);
+    if (path_.empty() || !std::filesystem::exists(path_)) return points;
+    try {
+        const Json file = read_json(path_);
+        if (file.at("key") != key_) return points;
+        for (const auto& [index, point] : file.at("points").items()) {
+            points.at(std::stoul(index)) = point_of(point);
+            points_[index] = point;
+        }
+    } catch (const std::exception&) {
+        // Not readable: the points are computed again.
+        points.assign(count_, std::nullopt);
+        points_ = Json::object();
+    }
+    return points;
+}
+
+void SweepCheckpoint::add(std::size_t index, const SweepPoint& point) {
+    if (path_.empty()) return;
+    const std::lock_guard lock(mutex_);
+    points_[std::to_string(index)] = to_json(point);
+    if (std::chrono::steady_clock::now() - saved_ > saving_interval) save_locked();
+}
+
+void SweepCheckpoint::save() {
+    if (path_.empty()) return;
+    const std::lock_guard lock(mutex_);
+    save_locked();
+}
+
+void SweepCheckpoint::save_locked() {
+    write_json(path_, Json{{"key", key_}, {"points", points_}});
+    saved_ = std::chrono::steady_clock::now();
+}
+
+void SweepCheckpoint::remove() {
+    if (path_.empty()) return;
+    std::error_code ignored; // there may be none
+    std::filesystem::remove(path_, ignored);
+}
+
+} // namespace tribode

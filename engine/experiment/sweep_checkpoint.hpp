@@ -1,0 +1,36 @@
+#pragma once
+#include "experiment/frequency_sweep.hpp"
+
+#include <chrono>
+#include <filesystem>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+// The points of a sweep that are done, in a file that survives an interruption. The file belongs to one machine, one
+// set of options and one version of the program; one that belongs to another is left alone and written over.
+// An empty path keeps nothing. Safe to call from the sweep's workers.
+class SweepCheckpoint {
+  public:
+    SweepCheckpoint(std::filesystem::path path, const MachineModel& machine, const SweepOptions& options);
+
+    std::vector<std::optional<SweepPoint>> load(); // one place per frequency
+    void add(std::size_t index, const SweepPoint& point); // saves now and then
+    void save();
+    void remove();
+
+  private:
+    void save_locked();
+
+    std::filesystem::path path_;
+    std::string key_; // hash of what determines the points
+    std::size_t count_;
+    std::mutex mutex_;
+    Json points_ = Json::object(); // index -> point
+    std::chrono::steady_clock::time_point saved_ = std::chrono::steady_clock::now();
+};
+
+} // namespace tribode

@@ -1,0 +1,85 @@
+#pragma once
+#include "hybrid/system_state.hpp"
+
+#include <cstddef>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+using GuardId = std::size_t;
+using ClockId = std::size_t;
+
+struct StateVariable {
+    std::string name;
+    std::string unit;
+    double scale = 1; // its absolute tolerance is scale times the run's: 1 for a position, for which atol is in metres
+};
+
+// Sample instants are offset + k period with an integer k >= 0, never a running sum.
+struct SampleClock {
+    std::string name;
+    double period; // [s], > 0
+    double offset; // [s], >= 0
+
+    double instant(long k) const { return offset + static_cast<double>(k) * period; }
+};
+
+// One entry of the event log: at time t, `subject` (an element, a body) took on the state `kind`. What the numbers
+// mean is the system's: HybridSystem::subject_name and kind_name.
+struct Event {
+    double t; // [s]
+    int subject;
+    int kind;
+};
+
+using EventLog = std::vector<Event>;
+
+// What handling an event did to the right side.
+enum class EventEffect {
+    none,   // x and the derivative are as before: the integrator goes on
+    restart // x jumped, or the derivative or the guards changed: the integrator starts afresh
+};
+
+// A system of ordinary differential equations with events and sampled blocks:
+//
+//     dx/dt = f(t, x; d)         between events, d constant
+//     g(t, x; d) > 0             guards: each is positive while the present discrete state may last; where one
+//                                falls through zero, on_crossing changes d (and, where need be, x)
+//     (x, d) := h(k, x, d)       at the instants of the sample clocks, on_sample
+//
+// The system is constant and may be shared by threads; everything that changes is in SystemState. The order of things
+// at one instant is that of Simulator. A guard which does not matter in the present discrete state returns 1, and a
+// handler leaves no guard of its own below zero: then nothing fires twice, and no dead time is needed.
+class HybridSystem {
+  public:
+    virtual ~HybridSystem() = default;
+
+    virtual const std::vector<StateVariable>& states() const = 0;
+    virtual const std::vector<SampleClock>& clocks() const = 0; // at one instant they fire in this order
+    virtual std::size_t guard_count() const = 0;
+    virtual SystemState initial_state() const = 0; // t = 0
+
+    // f(t, x; d) into dxdt; both have states().size() entries.
+    virtual void derivative(double t, std::span<const double> x, const DiscreteState& d,
+                            std::span<double> dxdt) const = 0;
+
+    // df/dx into a column-major square matrix preset to zero; false: not available, differences will do.
+    virtual bool jacobian(double t, std::span<const double> x, const DiscreteState& d,
+                          std::span<double> matrix) const;
+
+    // g(t, x; d), guard_count() entries.
+    virtual void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const = 0;
+
+    // The guard fell. Discrete states change here and in on_sample, nowhere else. What changed goes to the log.
+    virtual EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const = 0;
+
+    // Sample instant k of the clock.
+    virtual EventEffect on_sample(ClockId clock, long k, SystemState& state) const = 0;
+
+    // For messages: what the guard watches at present ("element 3").
+    virtual std::string guard_name(GuardId guard, const SystemState& state) const = 0;
+};
+
+} // namespace tribode

@@ -1,0 +1,66 @@
+#pragma once
+#include "base/json.hpp"
+#include "friction/dry_friction.hpp"
+#include "friction/rolling_friction.hpp"
+#include "plant/servo_plant.hpp"
+
+#include <map>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+namespace tribode {
+
+// PID settings of a machine; the equations are those of PidController.
+struct PidSettings {
+    double kp = 0, ki = 0, kd = 0;              // [N/m], [N/(m s)], [N s/m]
+    std::optional<double> derivative_filter_hz; // none: no filter
+};
+
+// Cascade settings; the equations are those of CascadeController.
+struct CascadeSettings {
+    double kp = 0;               // [1/s]
+    double kv = 0;               // [N s/m]
+    std::optional<double> limit; // [N]
+    long delay_samples = 0;
+};
+
+using ControllerSettings = std::variant<std::monostate, PidSettings, CascadeSettings>;
+
+enum class InputKind { hold, band_limited }; // how u runs between its samples
+enum class InitialKind { rest, fitted };     // the state at the first sample
+
+// A servo machine as its user describes it: validated, SI units. The fields are those of the machine description
+// (docs/machine-description.md); what is absent there is zero or none here.
+struct MachineModel {
+    double sample_time = 5e-4;   // Ts [s]
+    double rigid_gain = 0;       // k0 [m/(N s^2)]
+    std::vector<VibrationMode> modes;
+    std::vector<MaxwellSlipElement> elements;
+    DryFriction dry;
+    double viscous = 0;             // D_v [N s/m]
+    double input_delay = 0;         // [s], sample instant to actuator, besides the hold
+    double output_delay = 0;        // [s], y[k] is the position at t_k - output_delay
+    double current_loop_hz = 0;     // 0: none
+    double encoder_resolution = 0;  // [m], 0: exact
+    double noise_rms = 0;           // [m], white, added before rounding
+    double process_noise_rms = 0;   // [N], force noise of which only the size is known
+    ControllerSettings controller;
+    bool closed_loop = false;
+    InputKind input = InputKind::hold;
+    InitialKind initial = InitialKind::rest;
+    std::map<std::string, double> tolerance; // relative standard deviations of what is not sure
+    Json description;                        // the fields as read, notes included
+
+    // Throws InputError with the field, what was found and what is allowed. `where`: the file it came from.
+    static MachineModel from_description(const Json& description, const std::string& where);
+
+    ServoPlant::Parameters plant_parameters() const;
+    bool has_controller() const { return !std::holds_alternative<std::monostate>(controller); }
+
+    // SHA-256 of the description: the same machine gives the same text.
+    std::string hash() const;
+};
+
+} // namespace tribode

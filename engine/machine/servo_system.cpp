@@ -1,0 +1,153 @@
+#include "machine/servo_system.hpp"
+#include "base/error.hpp"
+#include "base/random.hpp"
+#include "control/quantizer.hpp"
+
+#include <cmath>
+
+namespace tribode {
+
+namespace {
+
+enum NoiseStream : std::uint64_t { sensor_noise = 1, process_noise = 2 };
+
+// delay = whole * period + rest with 0 <= rest < period; a rest within rounding of a whole sample is none, so that
+// instants which should meet do.
+struct SplitDelay {
+    long whole;
+    double rest;
+};
+
+SplitDelay split(double delay, double period) {
+    constexpr double rounding = 1e-9; // of a sample
+    const double samples = delay / period;
+    const double nearest = std::round(samples);
+    if (std::abs(samples - nearest) < rounding) return {static_cast<long>(nearest), 0.0};
+    const double whole = std::floor(samples);
+    return {static_cast<long>(whole), delay - whole * period};
+}
+
+} // namespace
+
+ServoSystem::ServoSystem(const MachineModel& model, Drive drive, std::uint64_t seed, Start start)
+    : plant_(model.plant_parameters()), settings_(model.controller), drive_(std::move(drive)), seed_(seed),
+      start_(start), sample_time_(model.sample_time), output_delay_(model.output_delay),
+      encoder_resolution_(model.encoder_resolution), noise_rms_(model.noise_rms),
+      process_noise_rms_(model.process_noise_rms) {
+    if (std::holds_alternative<ClosedLoop>(drive_) && !model.has_controller()) {
+        throw InputError("the machine has no controller, so it cannot run in closed loop; give it one or drive it "
+                         "with u in open loop");
+    }
+    if (const auto* pid = std::get_if<PidSettings>(&settings_)) {
+        pid_ = {pid->kp, pid->ki, pid->kd, pid->derivative_filter_hz.value_or(0), sample_time_};
+    } else if (const auto* cascade = std::get_if<CascadeSettings>(&settings_)) {
+        cascade_.kp = cascade->kp;
+        cascade_.kv = cascade->kv;
+        if (cascade->limit) cascade_.limit = *cascade->limit;
+        cascade_.delay_samples = static_cast<std::size_t>(cascade->delay_samples);
+        cascade_.sample_time = sample_time_;
+    }
+    // Encoder instant k Ts - d = (k - lead) Ts + offset with 0 <= offset < Ts.
+    const auto [encoder_whole, encoder_rest] = split(output_delay_, sample_time_);
+    encoder_lead_ = encoder_whole + (encoder_rest > 0 ? 1 : 0);
+    const double encoder_offset = encoder_rest > 0 ? sample_time_ - encoder_rest : 0.0;
+    const auto [hold_whole, hold_rest] = split(model.input_delay, sample_time_);
+    hold_lag_ = hold_whole;
+    clocks_ = {{"encoder", sample_time_, encoder_offset},
+               {"controller", sample_time_, 0.0},
+               {"hold", sample_time_, hold_rest}};
+}
+
+SystemState ServoSystem::initial_state() const {
+    SystemState state;
+    state.x.resize(plant_.states().size());
+    auto values = std::make_unique<State>();
+    values->plant = plant_.start(start_.position, start_.velocity, state.x);
+    // Samples read before t = 0, while the axis came along at its initial velocity.
+    values->encoder_ring.resize(static_cast<std::size_t>(encoder_lead_) + 1);
+    for (long k = 0; k < encoder_lead_; ++k) {
+        const double t = static_cast<double>(k) * sample_time_ - output_delay_;
+        values->encoder_ring[static_cast<std::size_t>(k)] = detect(start_.position + start_.velocity * t, k);
+    }
+    values->hold_ring.resize(static_cast<std::size_t>(hold_lag_) + 1);
+    state.discrete = std::move(values);
+    return state;
+}
+
+double ServoSystem::detect(double position, long k) const {
+    if (noise_rms_ > 0) {
+        position += noise_rms_ * standard_normal(seed_, sensor_noise, static_cast<std::uint64_t>(k));
+    }
+    return quantize(position, encoder_resolution_);
+}
+
+void ServoSystem::derivative(double t, std::span<const double> x, const DiscreteState& d,
+                             std::span<double> dxdt) const {
+    plant_.derivative(t, x, static_cast<const State&>(d).plant, dxdt);
+}
+
+bool ServoSystem::jacobian(double, std::span<const double> x, const DiscreteState& d,
+                           std::span<double> matrix) const {
+    plant_.jacobian(x, static_cast<const State&>(d).plant, matrix);
+    return true;
+}
+
+void ServoSystem::guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const {
+    plant_.guards(t, x, static_cast<const State&>(d).plant, g);
+}
+
+EventEffect ServoSystem::on_crossing(GuardId guard, SystemState& state, EventLog& log) const {
+    return plant_.on_crossing(guard, state.t, state.x, static_cast<State&>(*state.discrete).plant, log);
+}
+
+std::string ServoSystem::guard_name(GuardId guard, const SystemState& state) const {
+    return plant_.guard_name(guard, values(state).plant);
+}
+
+EventEffect ServoSystem::on_sample(ClockId clock, long k, SystemState& state) const {
+    State& s = static_cast<State&>(*state.discrete);
+    switch (clock) {
+    case encoder: {
+        const long sample = k + encoder_lead_;
+        s.encoder_ring[static_cast<std::size_t>(sample) % s.encoder_ring.size()] =
+            detect(plant_.position(state.x), sample);
+        return EventEffect::none;
+    }
+    case controller: return control(k, s);
+    default: return k < hold_lag_ ? EventEffect::none : apply_hold(k - hold_lag_, state.t, s);
+    }
+}
+
+EventEffect ServoSystem::control(long k, State& s) const {
+    s.detected = s.encoder_ring[static_cast<std::size_t>(k) % s.encoder_ring.size()];
+    std::array<double, 4> coefficients{};
+    if (const auto* open = std::get_if<OpenLoop>(&drive_)) {
+        coefficients = open->thrust(k);
+        s.thrust = coefficients[0];
+    } else {
+        const LoopInput input = std::get<ClosedLoop>(drive_).input(k);
+        s.reference = input.reference;
+        s.thrust = controller_output(s) + input.excitation;
+        coefficients[0] = s.thrust;
+    }
+    s.hold_ring[static_cast<std::size_t>(k) % s.hold_ring.size()] = coefficients;
+    if (process_noise_rms_ == 0) return EventEffect::none;
+    s.plant.disturbance = process_noise_rms_ * standard_normal(seed_, process_noise, static_cast<std::uint64_t>(k));
+    return EventEffect::restart;
+}
+
+double ServoSystem::controller_output(State& s) const {
+    if (std::holds_alternative<PidSettings>(settings_)) return pid_.step(s.pid, s.reference - s.detected);
+    return cascade_.step(s.cascade, s.reference, s.detected);
+}
+
+EventEffect ServoSystem::apply_hold(long k, double t, State& s) const {
+    const auto& coefficients = s.hold_ring[static_cast<std::size_t>(k) % s.hold_ring.size()];
+    const bool constant = coefficients[1] == 0 && coefficients[2] == 0 && coefficients[3] == 0;
+    HeldInput& input = s.plant.input;
+    if (constant && input.rate == 0 && input.coefficient[0] == coefficients[0]) return EventEffect::none;
+    input = {coefficients, t, constant ? 0.0 : 1 / sample_time_};
+    return EventEffect::restart;
+}
+
+} // namespace tribode

@@ -1,0 +1,250 @@
+#include "base/error.hpp"
+#include "base/run_control.hpp"
+#include "base/text.hpp"
+#include "experiment/simulation.hpp"
+#include "machine/machine_model.hpp"
+#include "record/csv.hpp"
+#include "record/output_file.hpp"
+#include "script/machine_file.hpp"
+#include "script/script_run.hpp"
+
+#include <CLI/CLI.hpp>
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <fmt/format.h>
+#include <thread>
+#include <unistd.h>
+
+using namespace tribode;
+
+namespace {
+
+enum ExitCode { done = 0, anything_else = 1, wrong_input = 2, ended_early = 3 };
+
+std::atomic<bool> stop_requested{false};
+
+// The first Ctrl-C asks the work to end where it can go on later; the second ends the program at once.
+void on_interrupt(int signal) {
+    stop_requested = true;
+    std::signal(signal, SIG_DFL);
+}
+
+// A line on standard error: bar, count, time left. Where that is no terminal, a line every tenth of the way.
+class ProgressDisplay {
+  public:
+    void show(const std::string& what, std::size_t done, std::size_t of) {
+        const auto now = std::chrono::steady_clock::now();
+        if (what != what_ || done < done_) {
+            what_ = what;
+            start_ = now;
+            first_ = done;
+            tenth_ = 0;
+            shown_ = {};
+        }
+        done_ = done;
+        const bool last = done == of;
+        if (terminal_ ? !last && now - shown_ < std::chrono::milliseconds(100) : done * 10 < of * (tenth_ + 1)) return;
+        shown_ = now;
+        tenth_ = of ? done * 10 / of : 0;
+        const double elapsed = std::chrono::duration<double>(now - start_).count();
+        const double left = done > first_ ? elapsed * static_cast<double>(of - done) / static_cast<double>(done - first_)
+                                          : 0;
+        constexpr std::size_t width = 30;
+        const std::size_t filled = of ? width * done / of : width;
+        std::fprintf(stderr, "%s%s", terminal_ ? "\r" : "",
+                     fmt::format("{} [{:#<{}}{:.<{}}] {}/{}  {}{}", what, "", filled, "", width - filled, done, of,
+                                 last ? fmt::format("{:.1f} s    ", elapsed) : fmt::format("{:.0f} s left ", left),
+                                 terminal_ && !last ? "" : "\n")
+                         .c_str());
+        std::fflush(stderr);
+    }
+
+  private:
+    const bool terminal_ = isatty(STDERR_FILENO) != 0;
+    std::string what_;
+    std::chrono::steady_clock::time_point start_, shown_;
+    std::size_t first_ = 0, done_ = 0, tenth_ = 0;
+};
+
+struct Common {
+    bool quiet = false;
+    unsigned workers = std::max(1u, std::thread::hardware_concurrency());
+
+    RunControl control() const {
+        static ProgressDisplay display;
+        RunControl control;
+        control.stop = &stop_requested;
+        control.workers = workers;
+        if (!quiet) {
+            control.progress = [](const std::string& what, std::size_t now, std::size_t of) {
+                display.show(what, now, of);
+            };
+        }
+        return control;
+    }
+};
+
+// "t=t_s,u=u_V": pairs separated by commas.
+std::map<std::string, std::string> pairs_of(const std::string& text, const char* option) {
+    std::map<std::string, std::string> pairs;
+    for (std::size_t begin = 0; begin < text.size();) {
+        const std::size_t end = std::min(text.find(',', begin), text.size());
+        const std::string pair = text.substr(begin, end - begin);
+        const std::size_t equals = pair.find('=');
+        if (equals == 0 || equals == std::string::npos) {
+            throw InputError(fmt::format("{} {}: \"{}\" must be name=value", option, text, pair));
+        }
+        pairs[pair.substr(0, equals)] = pair.substr(equals + 1);
+        begin = end + 1;
+    }
+    return pairs;
+}
+
+struct SimulateCommand {
+    std::string machine, input, output, events, columns, scale;
+    std::string solver = name_of(SolverOptions{}.method);
+    SolverOptions options;
+    double step = 0; // 0: Ts/10
+    std::uint64_t seed = 0;
+
+    void add_to(CLI::App& app, Common& common) {
+        app.add_option("--machine", machine, "machine description, .lua or .json")->required();
+        app.add_option("--input", input, "CSV with t,u (open loop) or t,r,exc (closed loop)")->required();
+        app.add_option("-o,--out", output, "CSV to write: t,r,u,y,x,v,f")->required();
+        app.add_option("--events", events, "CSV to write: t,element,kind");
+        app.add_option("--solver", solver, "erk (default), adams, cvode, fixed");
+        app.add_option("--rtol", options.relative_tolerance, "relative tolerance (default 1e-8)");
+        app.add_option("--atol", options.absolute_tolerance, "absolute tolerance in metres (default 1e-12)");
+        app.add_option("--step", step, "step of the fixed solver in seconds (default Ts/10)");
+        app.add_option("--seed", seed, "seed of the noise (default 0)");
+        app.add_option("--columns", columns, "names in the input, e.g. t=t_s,u=u_V");
+        app.add_option("--scale", scale, "factors that bring input columns to SI, e.g. u=35.15");
+        app.add_flag("--quiet", common.quiet, "no progress display");
+    }
+
+    Table read_input() const {
+        const auto names = pairs_of(columns, "--columns");
+        CsvOptions wanted;
+        for (const auto& [ours, theirs] : names) wanted.columns.push_back(theirs);
+        Table table = read_csv(input, wanted);
+        for (const auto& [ours, theirs] : names) {
+            for (auto& column : table.columns) {
+                if (column.name == theirs) column.name = ours;
+            }
+        }
+        for (const auto& [name, text] : pairs_of(scale, "--scale")) {
+            const auto factor = parse_number(text);
+            if (!factor) throw InputError(fmt::format("--scale {}={}: must be a number", name, text));
+            table[name]; // a name that is not there is refused
+            for (auto& column : table.columns) {
+                if (column.name != name) continue;
+                for (double& value : column.values) value *= *factor;
+            }
+        }
+        return table;
+    }
+
+    int run(const Common& common) {
+        const MachineModel model = MachineModel::from_description(read_description(machine), machine);
+        options.method = method_named(solver);
+        options.fixed_step = step > 0 ? step : model.sample_time / 10;
+        for (const auto& [name, value] : {std::pair{"--rtol", options.relative_tolerance},
+                                          {"--atol", options.absolute_tolerance},
+                                          {"--step", options.fixed_step}}) {
+            if (!(value > 0) || !std::isfinite(value)) {
+                throw InputError(fmt::format("{} {}: must be positive and finite", name, to_text(value)));
+            }
+        }
+        const auto record = DriveRecord::from_table(read_input(), model, input);
+        const Simulation result = simulate(model, record, options, seed, common.control());
+        if (!result.outcome.ok()) {
+            // What was reached is kept, but not under the name of a whole result.
+            const std::string partial = output + ".partial.csv";
+            write_csv(partial, to_table(result.trace));
+            throw EndedEarly(fmt::format("{}; the {} samples reached are in {}", result.outcome.message,
+                                         result.trace.t.size(), partial));
+        }
+        write_csv(output, to_table(result.trace));
+        if (!events.empty()) write_file(events, to_csv(result.events));
+        return done;
+    }
+};
+
+struct RunCommand {
+    ScriptRequest request;
+    std::vector<std::string> defines;
+    std::string machine, data, input;
+    std::size_t memory_mib = ScriptLimits{}.memory_bytes >> 20;
+
+    void add_to(CLI::App& app, Common& common) {
+        app.add_option("script", request.script, "experiment script, .lua")->required();
+        app.add_option("-o,--out", request.folder, "folder of the results (default results/<script>)");
+        app.add_option("-D", defines, "name=value: sets an option of the script")->take_all()->allow_extra_args(false);
+        app.add_option("--machine", machine, "the script's option machine: a file");
+        app.add_option("--data", data, "the script's option data: a file");
+        app.add_option("--input", input, "the script's option input: a file");
+        app.add_option("-j,--workers", common.workers, "threads (default: all cores); the results do not depend on it")
+            ->check(CLI::Range(1u, 4096u));
+        app.add_flag("--quick", request.quick, "a small version of the work, to try a script");
+        app.add_flag("--allow-all", request.allow_all,
+                     "let the script open any file and use the whole standard library of Lua");
+        app.add_option("--max-instructions", request.limits.instructions, "limit of the script's Lua instructions");
+        app.add_option("--max-memory", memory_mib, "limit of the script's memory in MiB");
+        app.add_flag("--quiet", common.quiet, "no progress display");
+    }
+
+    int run(const Common& common) {
+        for (const auto& define : defines) {
+            const std::size_t equals = define.find('=');
+            if (equals == 0 || equals == std::string::npos) {
+                throw InputError(fmt::format("-D {}: must be name=value", define));
+            }
+            request.defines[define.substr(0, equals)] = define.substr(equals + 1);
+        }
+        for (const auto& [name, file] : {std::pair{"machine", machine}, {"data", data}, {"input", input}}) {
+            if (!file.empty()) request.defines[name] = file;
+        }
+        request.limits.memory_bytes = memory_mib << 20;
+        ScriptRun(request, common.control()).execute();
+        return done;
+    }
+};
+
+int report(const std::exception& problem, ExitCode code) {
+    std::fflush(stdout);
+    std::fprintf(stderr, "tribode: %s\n", problem.what());
+    return code;
+}
+
+} // namespace
+
+int main(int argc, char** argv) {
+    std::signal(SIGINT, on_interrupt);
+    std::signal(SIGTERM, on_interrupt);
+    CLI::App app("Tribode: simulation and frequency-response analysis of servo systems with friction", "tribode");
+    app.set_version_flag("--version", "tribode " + version());
+    app.require_subcommand(1);
+    Common common;
+    SimulateCommand simulate_command;
+    RunCommand run_command;
+    auto* simulate_app = app.add_subcommand("simulate", "one machine under a recorded input");
+    auto* run_app = app.add_subcommand("run", "an experiment script in Lua");
+    simulate_command.add_to(*simulate_app, common);
+    run_command.add_to(*run_app, common);
+    try {
+        app.parse(argc, argv);
+    } catch (const CLI::ParseError& problem) {
+        return app.exit(problem) == 0 ? done : wrong_input;
+    }
+    try {
+        return simulate_app->parsed() ? simulate_command.run(common) : run_command.run(common);
+    } catch (const InputError& problem) {
+        return report(problem, wrong_input);
+    } catch (const EndedEarly& problem) {
+        return report(problem, ended_early);
+    } catch (const std::exception& problem) {
+        return report(problem, anything_else);
+    }
+}

@@ -1,0 +1,204 @@
+#include "plant/servo_plant.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <fmt/format.h>
+#include <numbers>
+
+namespace tribode {
+
+namespace {
+constexpr double two_pi = 2 * std::numbers::pi;
+// Absolute tolerances of the other states where that of a position is one metre: a velocity of the order of
+// displacement times 100 rad/s, a force of the order of displacement times the stiffness of rolling friction.
+constexpr double velocity_scale = 100;
+constexpr double force_scale = 1e6;
+} // namespace
+
+// x = [x0, x0', q1, q1', ..., Fm]
+ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)) {
+    const auto add_body = [&](const std::string& name, double gain, double omega, double zeta) {
+        states_.push_back({name + " position", "m", 1.0});
+        states_.push_back({name + " velocity", "m/s", velocity_scale});
+        gain_.push_back(gain);
+        damping_.push_back(2 * zeta * omega);
+        stiffness_.push_back(omega * omega);
+        total_gain_ += gain;
+    };
+    add_body("rigid body", p_.rigid_gain, 0.0, 0.0);
+    for (std::size_t j = 0; j < p_.modes.size(); ++j) {
+        const auto& mode = p_.modes[j];
+        add_body(fmt::format("mode {}", j + 1), mode.gain, two_pi * mode.freq_hz, mode.zeta);
+    }
+    if (p_.current_loop_hz > 0) {
+        states_.push_back({"thrust", "N", force_scale});
+        corner_ = two_pi * p_.current_loop_hz;
+    }
+    assert(total_gain_ > 0);
+}
+
+ServoPlant::State ServoPlant::start(double y, double v, std::span<double> x) const {
+    std::fill(x.begin(), x.end(), 0.0);
+    const std::size_t moving = p_.rigid_gain > 0 ? 0 : 2; // the first body that can move
+    x[moving] = y;
+    x[moving + 1] = v;
+    State s;
+    s.rolling = p_.rolling.at_rest(y);
+    s.dry = v == 0 ? SlipState::stick : slip_towards(v);
+    return s;
+}
+
+double ServoPlant::position(std::span<const double> x) const {
+    double sum = 0;
+    for (std::size_t j = 0; j < bodies(); ++j) sum += x[2 * j];
+    return sum;
+}
+
+double ServoPlant::velocity(std::span<const double> x) const {
+    double sum = 0;
+    for (std::size_t j = 0; j < bodies(); ++j) sum += x[2 * j + 1];
+    return sum;
+}
+
+double ServoPlant::thrust(double t, std::span<const double> x, const State& s) const {
+    return corner_ > 0 ? x.back() : s.input(t);
+}
+
+double ServoPlant::restoring(std::span<const double> x) const {
+    double sum = 0;
+    for (std::size_t j = 1; j < bodies(); ++j) sum += damping_[j] * x[2 * j + 1] + stiffness_[j] * x[2 * j];
+    return sum / total_gain_;
+}
+
+double ServoPlant::smooth_friction(std::span<const double> x, const State& s) const {
+    const double v = velocity(x);
+    return p_.rolling.force(s.rolling, position(x), v) + p_.viscous * v;
+}
+
+double ServoPlant::holding_force(double t, std::span<const double> x, const State& s) const {
+    return thrust(t, x, s) + s.disturbance - smooth_friction(x, s) - restoring(x);
+}
+
+ServoPlant::Outputs ServoPlant::outputs(double t, std::span<const double> x, const State& s) const {
+    const double v = velocity(x);
+    double f = smooth_friction(x, s);
+    if (p_.dry.present()) {
+        f += s.dry == SlipState::stick ? holding_force(t, x, s) : sign(s.dry) * p_.dry.level(v);
+    }
+    return {position(x), v, f, thrust(t, x, s)};
+}
+
+void ServoPlant::derivative(double t, std::span<const double> x, const State& s, std::span<double> dxdt) const {
+    double y = 0, v = 0;
+    for (std::size_t j = 0; j < bodies(); ++j) {
+        y += x[2 * j];
+        v += x[2 * j + 1];
+    }
+    double effective = thrust(t, x, s) + s.disturbance - p_.rolling.force(s.rolling, y, v) - p_.viscous * v;
+    if (p_.dry.present()) {
+        if (s.dry == SlipState::stick) {
+            effective = restoring(x);
+        } else {
+            effective -= sign(s.dry) * p_.dry.level(v);
+        }
+    }
+    for (std::size_t j = 0; j < bodies(); ++j) {
+        dxdt[2 * j] = x[2 * j + 1];
+        dxdt[2 * j + 1] = gain_[j] * effective - damping_[j] * x[2 * j + 1] - stiffness_[j] * x[2 * j];
+    }
+    if (corner_ > 0) dxdt.back() = corner_ * (s.input(t) - x.back());
+}
+
+void ServoPlant::jacobian(std::span<const double> x, const State& s, std::span<double> matrix) const {
+    const std::size_t n = states_.size();
+    const auto entry = [&](std::size_t row, std::size_t column) -> double& { return matrix[column * n + row]; };
+    const bool stuck = p_.dry.present() && s.dry == SlipState::stick;
+    double damping = s.rolling.damping + p_.viscous;
+    if (p_.dry.present() && !stuck) damping += p_.dry.slope(velocity(x));
+    for (std::size_t row = 0; row < bodies(); ++row) {
+        entry(2 * row, 2 * row + 1) = 1;
+        for (std::size_t column = 0; column < bodies(); ++column) {
+            // d u_e / d(position, velocity) of the column's body
+            const double by_position = stuck ? stiffness_[column] / total_gain_ : -s.rolling.stiffness;
+            const double by_velocity = stuck ? damping_[column] / total_gain_ : -damping;
+            entry(2 * row + 1, 2 * column) = gain_[row] * by_position;
+            entry(2 * row + 1, 2 * column + 1) = gain_[row] * by_velocity;
+        }
+        entry(2 * row + 1, 2 * row) -= stiffness_[row];
+        entry(2 * row + 1, 2 * row + 1) -= damping_[row];
+        if (corner_ > 0 && !stuck) entry(2 * row + 1, n - 1) = gain_[row];
+    }
+    if (corner_ > 0) entry(n - 1, n - 1) = -corner_;
+}
+
+// The way in which whatever slips does so.
+SlipState ServoPlant::direction(const State& s) const {
+    return p_.dry.present() ? s.dry : s.rolling.direction;
+}
+
+void ServoPlant::guards(double t, std::span<const double> x, const State& s, std::span<double> g) const {
+    const double y = position(x);
+    const SlipState towards = direction(s);
+    const double room_forward = s.rolling.forward_limit - y, room_backward = y - s.rolling.backward_limit;
+    g[forward_limit] = std::isfinite(room_forward) ? room_forward : 1;
+    g[backward_limit] = std::isfinite(room_backward) ? room_backward : 1;
+    g[reversal] = towards == SlipState::stick ? 1 : sign(towards) * velocity(x);
+    if (!p_.dry.present()) return;
+    const bool stuck = s.dry == SlipState::stick;
+    const double holding = stuck ? holding_force(t, x, s) : 0;
+    g[release_forward] = stuck ? p_.dry.static_level - holding : 1;
+    g[release_backward] = stuck ? p_.dry.static_level + holding : 1;
+}
+
+// Takes the velocity of the driven point to exactly zero, by an impulse there.
+void ServoPlant::stop(std::span<double> x) const {
+    for (int pass = 0; pass < 2; ++pass) { // the second takes away what rounding left
+        const double impulse = velocity(x) / total_gain_;
+        for (std::size_t j = 0; j < bodies(); ++j) x[2 * j + 1] -= gain_[j] * impulse;
+    }
+    // What is still left by rounding goes to the body that sums to zero with the others.
+    const std::size_t last = p_.rigid_gain > 0 ? 0 : bodies() - 1;
+    x[2 * last + 1] -= velocity(x);
+}
+
+EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const {
+    const auto report = [&](std::size_t element, SlipState now) {
+        log.push_back({t, static_cast<int>(element) + 1, static_cast<int>(now)});
+    };
+    const auto set_dry = [&](SlipState now) {
+        log.push_back({t, coulomb_subject, static_cast<int>(now)});
+        s.dry = now;
+    };
+    switch (guard) {
+    case forward_limit: p_.rolling.slip(s.rolling, position(x), SlipState::slip_forward, report); break;
+    case backward_limit: p_.rolling.slip(s.rolling, position(x), SlipState::slip_backward, report); break;
+    case reversal:
+        if (p_.dry.present()) set_dry(SlipState::stick);
+        p_.rolling.stick(s.rolling, position(x), report);
+        if (p_.dry.present()) {
+            // Where the force is beyond the static level, the axis goes straight over into slip the other way.
+            stop(x);
+            const double holding = holding_force(t, x, s);
+            if (std::abs(holding) > p_.dry.static_level) set_dry(slip_towards(holding));
+        }
+        break;
+    case release_forward:
+    case release_backward:
+        stop(x);
+        set_dry(guard == release_forward ? SlipState::slip_forward : SlipState::slip_backward);
+        break;
+    }
+    return EventEffect::restart;
+}
+
+std::string ServoPlant::guard_name(GuardId guard, const State& s) const {
+    switch (guard) {
+    case forward_limit: return fmt::format("friction element {}", s.rolling.next_forward + 1);
+    case backward_limit: return fmt::format("friction element {}", s.rolling.next_backward + 1);
+    case reversal: return "the reversal of the velocity";
+    default: return "the Coulomb level";
+    }
+}
+
+} // namespace tribode

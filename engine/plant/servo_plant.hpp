@@ -1,0 +1,97 @@
+#pragma once
+#include "friction/dry_friction.hpp"
+#include "friction/rolling_friction.hpp"
+#include "hybrid/hybrid_system.hpp"
+#include "plant/held_input.hpp"
+
+#include <span>
+#include <vector>
+
+namespace tribode {
+
+// A vibration mode of eq. (1): q'' + 2 zeta w q' + w^2 q = gain u_e.
+struct VibrationMode {
+    double gain;    // k_j [m/(N s^2)]
+    double freq_hz; // w_j / 2 pi [Hz], > 0
+    double zeta;    // z_j, >= 0
+};
+
+// The continuous part of a servo axis, eqs. (1), (11)-(17):
+//
+//     y = x0 + sum q_j,  v = y'           the driven point; friction acts there
+//     x0'' = k0 u_e,  q_j'' = k_j u_e - 2 z_j w_j q_j' - w_j^2 q_j
+//     u_e = Fm + disturbance - f          effective thrust
+//     f = f_roll(y, v) + D_v v + f_dry    friction
+//     Fm' = w_c (u - Fm)                  current loop, or Fm = u
+//
+// f_dry is set-valued at v = 0: while the axis sticks it is the force that keeps v' = 0,
+//     f_dry = Fm + disturbance - f_roll - sum(2 z_j w_j q_j' + w_j^2 q_j) / sum k_j,
+// as long as its magnitude does not exceed the static level. With no mode, u_e = 0 there.
+class ServoPlant {
+  public:
+    struct Parameters {
+        double rigid_gain = 0; // k0 [m/(N s^2)]
+        std::vector<VibrationMode> modes;
+        RollingFriction rolling;
+        DryFriction dry;
+        double viscous = 0;         // D_v [N s/m]
+        double current_loop_hz = 0; // w_c / 2 pi [Hz]; 0: Fm = u
+    };
+
+    // Discrete values of the plant.
+    struct State {
+        RollingFriction::State rolling;
+        SlipState dry = SlipState::stick;
+        HeldInput input;        // u, after its delay [N]
+        double disturbance = 0; // force added to the motor's [N]
+    };
+
+    // What one sees of the plant at an instant.
+    struct Outputs {
+        double position; // y [m]
+        double velocity; // v [m/s]
+        double friction; // f [N]
+        double thrust;   // Fm [N]
+    };
+
+    // Subjects of the event log: 0 the Coulomb level, 1.. the elements; kinds: SlipState.
+    static constexpr int coulomb_subject = 0;
+
+    explicit ServoPlant(Parameters parameters); // gains must not all be zero
+
+    const Parameters& parameters() const { return p_; }
+    const std::vector<StateVariable>& states() const { return states_; }
+    std::size_t guard_count() const { return p_.dry.present() ? 5 : 3; }
+
+    // Elements relaxed, dry friction in stick where v = 0. x has states().size() entries.
+    State start(double position, double velocity, std::span<double> x) const;
+
+    void derivative(double t, std::span<const double> x, const State& s, std::span<double> dxdt) const;
+    void jacobian(std::span<const double> x, const State& s, std::span<double> matrix) const;
+    void guards(double t, std::span<const double> x, const State& s, std::span<double> g) const;
+    EventEffect on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const;
+    std::string guard_name(GuardId guard, const State& s) const;
+
+    Outputs outputs(double t, std::span<const double> x, const State& s) const;
+    double position(std::span<const double> x) const;
+    double velocity(std::span<const double> x) const;
+
+  private:
+    enum Guard : GuardId { forward_limit, backward_limit, reversal, release_forward, release_backward };
+
+    std::size_t bodies() const { return 1 + p_.modes.size(); }
+    double thrust(double t, std::span<const double> x, const State& s) const;
+    double restoring(std::span<const double> x) const; // sum(2 z w q' + w^2 q) / sum k [N]
+    double smooth_friction(std::span<const double> x, const State& s) const; // f - f_dry [N]
+    double holding_force(double t, std::span<const double> x, const State& s) const; // f_dry in stick [N]
+    void stop(std::span<double> x) const;
+    SlipState direction(const State& s) const;
+
+    Parameters p_;
+    std::vector<StateVariable> states_;
+    std::vector<double> gain_, damping_, stiffness_; // per body: k_j, 2 z_j w_j, w_j^2; body 0 is rigid
+    double total_gain_ = 0;
+    double corner_ = 0; // w_c [rad/s]
+};
+
+} // namespace tribode

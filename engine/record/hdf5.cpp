@@ -1,0 +1,279 @@
+#include "record/hdf5.hpp"
+#include "base/error.hpp"
+#include "record/output_file.hpp"
+
+#include <algorithm>
+#include <fmt/format.h>
+#include <hdf5.h>
+#include <mutex>
+#include <optional>
+#include <utility>
+
+namespace tribode {
+
+namespace {
+
+// What the library refused, e.g. "H5Dcreate2". Becomes an InputError or OutputError with the file's name.
+struct Refused {
+    const char* function;
+};
+
+// Owns an HDF5 identifier of any kind.
+class Handle {
+  public:
+    Handle(hid_t id, const char* function) : id_(id) {
+        if (id < 0) throw Refused{function};
+    }
+    Handle(Handle&& other) noexcept : id_(std::exchange(other.id_, -1)) {}
+    Handle& operator=(Handle&&) = delete;
+    ~Handle() {
+        if (id_ >= 0) H5Idec_ref(id_);
+    }
+    operator hid_t() const { return id_; }
+
+  private:
+    hid_t id_;
+};
+
+void check(herr_t status, const char* function) {
+    if (status < 0) throw Refused{function};
+}
+
+// The library is not thread-safe in every build, and prints its errors unless told otherwise.
+std::unique_lock<std::mutex> enter_library() {
+    static std::mutex mutex;
+    std::unique_lock lock(mutex);
+    H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
+    return lock;
+}
+
+// A file that lives in memory alone. `growth`: bytes by which it grows.
+Handle memory_access(std::size_t growth) {
+    Handle access(H5Pcreate(H5P_FILE_ACCESS), "H5Pcreate");
+    check(H5Pset_fapl_core(access, growth, false), "H5Pset_fapl_core");
+    return access;
+}
+
+// Links keep the order in which they were made.
+Handle ordered(hid_t kind) {
+    Handle creation(H5Pcreate(kind), "H5Pcreate");
+    check(H5Pset_link_creation_order(creation, H5P_CRT_ORDER_TRACKED | H5P_CRT_ORDER_INDEXED),
+          "H5Pset_link_creation_order");
+    // A time stamp would make the bytes differ from run to run.
+    check(H5Pset_obj_track_times(creation, false), "H5Pset_obj_track_times");
+    return creation;
+}
+
+void write_text_attribute(hid_t object, const std::string& name, const std::string& text) {
+    const Handle type(H5Tcopy(H5T_C_S1), "H5Tcopy");
+    check(H5Tset_size(type, text.size() + 1), "H5Tset_size"); // with the zero at its end
+    check(H5Tset_cset(type, H5T_CSET_UTF8), "H5Tset_cset");
+    const Handle space(H5Screate(H5S_SCALAR), "H5Screate");
+    const Handle attribute(H5Acreate2(object, name.c_str(), type, space, H5P_DEFAULT, H5P_DEFAULT), "H5Acreate2");
+    check(H5Awrite(attribute, type, text.c_str()), "H5Awrite");
+}
+
+template <class Number>
+void write_number_attribute(hid_t object, const std::string& name, hid_t stored_as, hid_t type, Number number) {
+    const Handle space(H5Screate(H5S_SCALAR), "H5Screate");
+    const Handle attribute(H5Acreate2(object, name.c_str(), stored_as, space, H5P_DEFAULT, H5P_DEFAULT),
+                           "H5Acreate2");
+    check(H5Awrite(attribute, type, &number), "H5Awrite");
+}
+
+void write_attribute(hid_t object, const std::string& name, const Json& value) {
+    if (value.is_number_integer()) {
+        write_number_attribute(object, name, H5T_STD_I64LE, H5T_NATIVE_INT64, value.get<std::int64_t>());
+    } else if (value.is_number()) {
+        write_number_attribute(object, name, H5T_IEEE_F64LE, H5T_NATIVE_DOUBLE, value.get<double>());
+    } else {
+        write_text_attribute(object, name, value.is_string() ? value.get<std::string>() : value.dump());
+    }
+}
+
+void write_column(hid_t group, const Column& column) {
+    const hsize_t length = column.values.size();
+    const Handle space(H5Screate_simple(1, &length, nullptr), "H5Screate_simple");
+    const Handle creation(H5Pcreate(H5P_DATASET_CREATE), "H5Pcreate");
+    check(H5Pset_obj_track_times(creation, false), "H5Pset_obj_track_times");
+    const Handle dataset(
+        H5Dcreate2(group, column.name.c_str(), H5T_IEEE_F64LE, space, H5P_DEFAULT, creation, H5P_DEFAULT),
+        "H5Dcreate2");
+    check(H5Dwrite(dataset, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, column.values.data()), "H5Dwrite");
+    write_text_attribute(dataset, "unit", column.unit);
+}
+
+void require_link_name(const std::string& name, std::vector<std::string>& taken) {
+    if (name.empty() || name == "." || name.find('/') != std::string::npos) {
+        throw InputError(fmt::format("\"{}\" is not a name that HDF5 can hold: empty, . and / are not allowed", name));
+    }
+    if (std::find(taken.begin(), taken.end(), name) != taken.end()) {
+        throw InputError(fmt::format("the name {} stands twice in one HDF5 group, must stand once", name));
+    }
+    taken.push_back(name);
+}
+
+void require_link_names(const std::vector<NamedTable>& tables) {
+    std::vector<std::string> at_root;
+    for (const auto& [name, table] : tables) {
+        if (!name.empty()) require_link_name(name, at_root);
+        std::vector<std::string> in_group;
+        for (const Column& column : table.columns) require_link_name(column.name, name.empty() ? at_root : in_group);
+    }
+}
+
+std::size_t bytes_of(const std::vector<NamedTable>& tables) {
+    std::size_t bytes = 65536;
+    for (const NamedTable& entry : tables) bytes += sizeof(double) * entry.table.rows() * entry.table.columns.size();
+    return bytes;
+}
+
+std::string file_image(const std::vector<NamedTable>& tables, const Json& attributes) {
+    const Handle access = memory_access(bytes_of(tables));
+    const Handle creation = ordered(H5P_FILE_CREATE);
+    const Handle group_creation = ordered(H5P_GROUP_CREATE);
+    const Handle file(H5Fcreate("tribode", H5F_ACC_TRUNC, creation, access), "H5Fcreate");
+    for (const auto& [name, value] : attributes.items()) write_attribute(file, name, value);
+    for (const auto& [name, table] : tables) {
+        const Handle group(name.empty()
+                               ? H5Gopen2(file, "/", H5P_DEFAULT)
+                               : H5Gcreate2(file, name.c_str(), H5P_DEFAULT, group_creation, H5P_DEFAULT),
+                           "H5Gcreate2");
+        for (const Column& column : table.columns) write_column(group, column);
+    }
+    check(H5Fflush(file, H5F_SCOPE_GLOBAL), "H5Fflush");
+    const ssize_t size = H5Fget_file_image(file, nullptr, 0);
+    if (size < 0) throw Refused{"H5Fget_file_image"};
+    std::string bytes(static_cast<std::size_t>(size), '\0');
+    if (H5Fget_file_image(file, bytes.data(), bytes.size()) != size) throw Refused{"H5Fget_file_image"};
+    return bytes;
+}
+
+// The names in a group and whether each is a group itself, in the order of creation where the file has kept it.
+struct Link {
+    std::string name;
+    H5O_type_t type;
+};
+
+std::vector<Link> links_of(hid_t group) {
+    const Handle creation(H5Gget_create_plist(group), "H5Gget_create_plist");
+    unsigned order = 0;
+    check(H5Pget_link_creation_order(creation, &order), "H5Pget_link_creation_order");
+    const H5_index_t index = (order & H5P_CRT_ORDER_TRACKED) ? H5_INDEX_CRT_ORDER : H5_INDEX_NAME;
+
+    std::vector<Link> links;
+    const auto add = [](hid_t parent, const char* name, const H5L_info_t*, void* list) -> herr_t {
+        H5O_info_t about;
+        // A link that leads nowhere is passed over like everything that is not a vector of numbers.
+        if (H5Oget_info_by_name2(parent, name, &about, H5O_INFO_BASIC, H5P_DEFAULT) >= 0) {
+            static_cast<std::vector<Link>*>(list)->push_back({name, about.type});
+        }
+        return 0;
+    };
+    check(H5Literate(group, index, H5_ITER_INC, nullptr, add, &links), "H5Literate");
+    return links;
+}
+
+std::string read_unit(hid_t dataset) {
+    if (H5Aexists(dataset, "unit") <= 0) return "";
+    const Handle attribute(H5Aopen(dataset, "unit", H5P_DEFAULT), "H5Aopen");
+    const Handle type(H5Aget_type(attribute), "H5Aget_type");
+    const Handle space(H5Aget_space(attribute), "H5Aget_space");
+    if (H5Tget_class(type) != H5T_STRING || H5Sget_simple_extent_npoints(space) != 1) return "";
+    if (H5Tis_variable_str(type) > 0) {
+        char* text = nullptr;
+        check(H5Aread(attribute, type, &text), "H5Aread");
+        const std::string unit = text ? text : "";
+        check(H5Dvlen_reclaim(type, space, H5P_DEFAULT, &text), "H5Dvlen_reclaim");
+        return unit;
+    }
+    std::string text(H5Tget_size(type) + 1, '\0');
+    check(H5Aread(attribute, type, text.data()), "H5Aread");
+    return text.c_str(); // up to the first zero
+}
+
+// The column, or nothing where the dataset is not a vector of numbers.
+std::optional<Column> read_column(hid_t group, const std::string& name) {
+    const Handle dataset(H5Dopen2(group, name.c_str(), H5P_DEFAULT), "H5Dopen2");
+    const Handle type(H5Dget_type(dataset), "H5Dget_type");
+    const Handle space(H5Dget_space(dataset), "H5Dget_space");
+    const H5T_class_t kind = H5Tget_class(type);
+    const int rank = H5Sget_simple_extent_ndims(space);
+    if ((kind != H5T_FLOAT && kind != H5T_INTEGER) || rank < 1) return std::nullopt;
+
+    std::vector<hsize_t> shape(static_cast<std::size_t>(rank));
+    H5Sget_simple_extent_dims(space, shape.data(), nullptr);
+    if (std::count_if(shape.begin(), shape.end(), [](hsize_t n) { return n != 1; }) > 1) return std::nullopt;
+
+    Column column{name, read_unit(dataset), {}};
+    column.values.resize(static_cast<std::size_t>(H5Sget_simple_extent_npoints(space)));
+    check(H5Dread(dataset, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, column.values.data()), "H5Dread");
+    return column;
+}
+
+Table read_table(hid_t group, const std::string& source) {
+    std::vector<Column> columns;
+    for (const Link& link : links_of(group)) {
+        if (link.type != H5O_TYPE_DATASET) continue;
+        if (auto column = read_column(group, link.name)) columns.push_back(std::move(*column));
+    }
+    const bool has_vectors =
+        std::any_of(columns.begin(), columns.end(), [](const Column& c) { return c.values.size() > 1; });
+
+    Table table;
+    table.source = source;
+    for (Column& column : columns) {
+        if (has_vectors && column.values.size() == 1) continue;
+        table.add(std::move(column.name), std::move(column.unit), std::move(column.values));
+    }
+    return table;
+}
+
+std::vector<NamedTable> read_image(const std::string& bytes, const std::string& source) {
+    const Handle access = memory_access(65536);
+    check(H5Pset_file_image(access, const_cast<char*>(bytes.data()), bytes.size()), "H5Pset_file_image");
+    const Handle file(H5Fopen("tribode", H5F_ACC_RDONLY, access), "H5Fopen");
+    const Handle root(H5Gopen2(file, "/", H5P_DEFAULT), "H5Gopen2");
+
+    std::vector<NamedTable> tables;
+    const auto keep = [&](const std::string& name, Table table) {
+        if (!table.columns.empty()) tables.push_back({name, std::move(table)});
+    };
+    keep("", read_table(root, source));
+    for (const Link& link : links_of(root)) {
+        if (link.type != H5O_TYPE_GROUP) continue;
+        const Handle group(H5Gopen2(root, link.name.c_str(), H5P_DEFAULT), "H5Gopen2");
+        keep(link.name, read_table(group, source));
+    }
+    return tables;
+}
+
+} // namespace
+
+std::string to_hdf5(const std::vector<NamedTable>& tables, const Json& attributes) {
+    require_link_names(tables);
+    const auto lock = enter_library();
+    try {
+        return file_image(tables, attributes);
+    } catch (const Refused& refused) {
+        throw OutputError(fmt::format("HDF5: the data cannot be put into a file ({} failed)", refused.function));
+    }
+}
+
+void write_hdf5(const std::filesystem::path& path, const std::vector<NamedTable>& tables, const Json& attributes) {
+    write_file(path, to_hdf5(tables, attributes));
+}
+
+std::vector<NamedTable> read_hdf5(const std::filesystem::path& path) {
+    const std::string bytes = read_file(path);
+    const auto lock = enter_library();
+    try {
+        return read_image(bytes, path.string());
+    } catch (const Refused& refused) {
+        throw InputError(fmt::format("{}: is not a readable HDF5 file ({} failed)", path.string(), refused.function));
+    } catch (const InputError& problem) {
+        throw InputError(fmt::format("{}: {}", path.string(), problem.what()));
+    }
+}
+
+} // namespace tribode

@@ -1,0 +1,334 @@
+#include "script/bindings.hpp"
+#include "analysis/modal_fit.hpp"
+#include "base/error.hpp"
+#include "base/field_reader.hpp"
+#include "base/text.hpp"
+#include "experiment/frequency_sweep.hpp"
+#include "experiment/simulation.hpp"
+#include "machine/machine_model.hpp"
+#include "record/csv.hpp"
+#include "record/hdf5.hpp"
+#include "record/plot.hpp"
+
+#include <cmath>
+#include <fmt/format.h>
+
+namespace tribode {
+
+namespace {
+
+// ---- tables in and out -------------------------------------------------------------------------------------------
+
+MachineModel machine_of(FieldReader& fields) {
+    const Json& description = fields.value("machine");
+    if (description.is_null()) fields.fail("machine", "is missing (a machine description, see tb.machine)");
+    return MachineModel::from_description(description, fields.name_of("machine"));
+}
+
+FrequencyResponse response_of(FieldReader& fields) {
+    FieldReader table = fields.table("response", true);
+    FrequencyResponse response;
+    response.frequency_hz = table.numbers("frequency_hz", "Hz", Allowed::positive, {});
+    const auto real = table.numbers("real", "", Allowed::finite, {});
+    const auto imag = table.numbers("imag", "", Allowed::finite, {});
+    for (const char* shown : {"gain_db", "phase_deg"}) table.numbers(shown, "", Allowed::finite, {});
+    table.finish();
+    if (real.size() != response.size() || imag.size() != response.size()) {
+        fields.fail("response", fmt::format("has {} frequencies, {} real and {} imaginary parts, must have as many of "
+                                            "each",
+                                            response.size(), real.size(), imag.size()));
+    }
+    for (std::size_t i = 0; i < real.size(); ++i) response.value.emplace_back(real[i], imag[i]);
+    return response;
+}
+
+Json to_json(const FrequencyResponse& response) {
+    std::vector<double> real, imag;
+    for (const auto& value : response.value) {
+        real.push_back(value.real());
+        imag.push_back(value.imag());
+    }
+    return {{"frequency_hz", response.frequency_hz},
+            {"real", real},
+            {"imag", imag},
+            {"gain_db", response.gain_db()},
+            {"phase_deg", response.size() ? response.phase_deg() : std::vector<double>{}}};
+}
+
+Json to_json(const RunStatistics& s) {
+    return {{"steps", s.steps},
+            {"rejected_steps", s.rejected_steps},
+            {"derivative_evaluations", s.derivative_evaluations},
+            {"jacobian_evaluations", s.jacobian_evaluations},
+            {"guard_evaluations", s.guard_evaluations},
+            {"events", s.events},
+            {"samples", s.samples},
+            {"restarts", s.restarts},
+            {"seconds_integrating", s.seconds_integrating},
+            {"seconds_events", s.seconds_events}};
+}
+
+Json to_json(const ServoTrace& trace) {
+    Json table;
+    for (const auto& column : to_table(trace).columns) table[column.name] = column.values;
+    return table;
+}
+
+// A list of {name=, unit=, values=}.
+Table table_of(FieldReader& fields, const char* key) {
+    Table table;
+    fields.each(key, [&](FieldReader& column) {
+        std::vector<double> values;
+        for (const auto& entry : column.value("values")) {
+            if (!entry.is_number()) column.fail("values", "must be a list of numbers");
+            values.push_back(entry.get<double>());
+        }
+        table.add(column.text("name"), column.text("unit", ""), std::move(values));
+    });
+    return table;
+}
+
+// Positional arguments come as a list; the rest of a function's name is for messages.
+double argument(const Json& arguments, std::size_t index, const char* what) {
+    if (!arguments.is_array() || index >= arguments.size() || !arguments[index].is_number()) {
+        throw InputError(fmt::format("{}: argument {} must be a number", what, index + 1));
+    }
+    return arguments[index].get<double>();
+}
+
+// ---- machines and runs -------------------------------------------------------------------------------------------
+
+Json load_machine(ScriptRun& run, const Json& arguments) {
+    if (arguments.is_array() && arguments.size() == 1 && arguments[0].is_string()) {
+        return run.machine(arguments[0].get<std::string>(), nullptr);
+    }
+    FieldReader fields(arguments, "tb.machine");
+    const std::string file = fields.text("file");
+    const Json& argument = fields.value("argument");
+    fields.finish();
+    return run.machine(file, argument);
+}
+
+Json simulate_machine(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.simulate");
+    const MachineModel machine = machine_of(fields);
+    Table table;
+    for (const char* name : {"u", "r", "exc", "y"}) {
+        const auto values = fields.numbers(name, "", Allowed::finite, {});
+        if (!values.empty()) table.add(name, "", values);
+    }
+    std::vector<double> t(table.rows());
+    for (std::size_t k = 0; k < t.size(); ++k) t[k] = static_cast<double>(k) * machine.sample_time;
+    table.add("t", "s", std::move(t));
+    SolverOptions solver;
+    solver.read(fields);
+    const auto seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, 0));
+    fields.finish();
+    const auto record = DriveRecord::from_table(table, machine, "tb.simulate");
+    const Simulation result = simulate(machine, record, solver, seed, run.control());
+    if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
+    run.note_work({{"function", "simulate"}, {"machine", machine.hash()}, {"solver", name_of(solver.method)},
+                   {"seed", seed}, {"outcome", result.outcome.message}, {"statistics", to_json(result.statistics)}});
+    Json json = to_json(result.trace);
+    json["ok"] = result.outcome.ok();
+    json["message"] = result.outcome.message;
+    json["statistics"] = to_json(result.statistics);
+    json["events"] = Json::array();
+    for (const auto& event : result.events) {
+        json["events"].push_back({{"t", event.t},
+                                  {"element", event.subject},
+                                  {"kind", std::string(name_of(static_cast<SlipState>(event.kind)))}});
+    }
+    return json;
+}
+
+// ---- frequency response ------------------------------------------------------------------------------------------
+
+Json sweep(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.sweep");
+    const MachineModel machine = machine_of(fields);
+    SweepOptions options;
+    options.read(fields);
+    const std::string checkpoint = fields.text("checkpoint", "sweep.resume.json");
+    fields.finish();
+    const SweepResult result = run_sweep(machine, options, run.control(), run.folder().path(checkpoint));
+    run.note_work({{"function", "sweep"}, {"machine", machine.hash()}, {"solver", name_of(options.solver.method)},
+                   {"relative_tolerance", options.solver.relative_tolerance},
+                   {"absolute_tolerance_m", options.solver.absolute_tolerance}, {"amplitude_N", options.amplitude},
+                   {"delay_s", options.delay}, {"seed", options.seed}, {"frequencies", options.frequency_hz.size()},
+                   {"warnings", result.warnings()}, {"statistics", to_json(result.statistics())}});
+    if (!result.complete) {
+        throw EndedEarly(fmt::format("interrupted after {} of {} frequencies; they are kept, and the same command goes "
+                                     "on from there",
+                                     result.points.size(), options.frequency_hz.size()));
+    }
+    Json json;
+    json["columns"] = Json::array();
+    for (const auto& column : result.table().columns) {
+        json["columns"].push_back({{"name", column.name}, {"unit", column.unit}, {"values", column.values}});
+    }
+    for (std::size_t a = 0; a < analysis_count; ++a) json["responses"][analysis_names[a]] = to_json(result.response(a));
+    json["warnings"] = result.warnings();
+    json["statistics"] = to_json(result.statistics());
+    return json;
+}
+
+Json single_frequency(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.single_frequency");
+    const MachineModel machine = machine_of(fields);
+    const double frequency = fields.number("excitation_hz", "Hz", Allowed::positive);
+    const long periods = fields.integer("periods", 1, 1'000'000, 3);
+    SweepOptions options;
+    options.read(fields);
+    fields.finish();
+    const SweepSignals signals = run_single_frequency(machine, options, frequency, periods, run.control());
+    Json json = to_json(signals.trace);
+    json["delayed_thrust"] = signals.delayed_thrust;
+    json["friction_estimate"] = signals.friction_estimate;
+    json["effective_thrust"] = signals.effective_thrust;
+    return json;
+}
+
+Json plant_response(const Json& arguments) {
+    FieldReader fields(arguments, "tb.plant_response");
+    const MachineModel machine = machine_of(fields);
+    FrequencyResponse response;
+    response.frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, {});
+    fields.finish();
+    const ModalModel model = modal_model_of(machine);
+    for (const double f : response.frequency_hz) response.value.push_back(model.response(f));
+    return to_json(response);
+}
+
+Json plant_parameters(const Json& arguments) {
+    FieldReader fields(arguments, "tb.plant_parameters");
+    const MachineModel machine = machine_of(fields);
+    fields.finish();
+    return to_json(modal_model_of(machine));
+}
+
+Json model_response(const Json& arguments) {
+    FieldReader fields(arguments, "tb.model_response");
+    const auto frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, {});
+    const ModalModel model = modal_model_from_json(fields.value("model"), "tb.model_response");
+    fields.finish();
+    FrequencyResponse response;
+    for (const double f : frequency_hz) {
+        response.frequency_hz.push_back(f);
+        response.value.push_back(model.response(f));
+    }
+    return to_json(response);
+}
+
+Json fit_modal(const Json& arguments) {
+    FieldReader fields(arguments, "tb.fit_modal");
+    const FrequencyResponse response = response_of(fields);
+    ModalFitOptions options;
+    options.f_min_hz = fields.number("f_min_hz", "Hz", Allowed::positive, options.f_min_hz);
+    options.f_max_hz = fields.number("f_max_hz", "Hz", Allowed::positive, options.f_max_hz);
+    options.modes = static_cast<int>(fields.integer("modes", 0, 20, options.modes));
+    options.robust_scale = fields.number("robust_scale", "", Allowed::non_negative, options.robust_scale);
+    fields.finish();
+    return to_json(fit_modal_model(response, options));
+}
+
+Json read_phase_delay(const Json& arguments) {
+    FieldReader fields(arguments, "tb.phase_delay");
+    const FrequencyResponse response = response_of(fields);
+    const double frequency = fields.number("at_hz", "Hz", Allowed::positive);
+    fields.finish();
+    return phase_delay(response, frequency);
+}
+
+Json remove_delay(const Json& arguments) {
+    FieldReader fields(arguments, "tb.remove_delay");
+    const FrequencyResponse response = response_of(fields);
+    const double delay = fields.number("delay_s", "s", Allowed::finite);
+    fields.finish();
+    return to_json(response.remove_delay(delay));
+}
+
+// ---- results -----------------------------------------------------------------------------------------------------
+
+Json write_csv_file(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.write_csv");
+    const std::string file = fields.text("file");
+    const Table table = table_of(fields, "columns");
+    fields.finish();
+    run.folder().write(file, to_csv(table));
+    return nullptr;
+}
+
+Json write_hdf5_file(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.write_hdf5");
+    const std::string file = fields.text("file");
+    std::vector<NamedTable> tables;
+    fields.each("tables", [&](FieldReader& entry) {
+        tables.push_back({entry.text("name"), table_of(entry, "columns")});
+    });
+    const Json& attributes = fields.value("attributes");
+    fields.finish();
+    run.folder().write(file, to_hdf5(tables, attributes.is_null() ? Json::object() : attributes));
+    return nullptr;
+}
+
+Json write_json_file(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.write_json");
+    const std::string file = fields.text("file");
+    const Json& value = fields.value("value");
+    fields.finish();
+    run.folder().write_json(file, value);
+    return nullptr;
+}
+
+Json plot(ScriptRun& run, const Json& arguments) {
+    Json figure = arguments;
+    if (!figure.is_object() || !figure.contains("file")) throw InputError("tb.plot: file is missing (a text)");
+    const std::string file = figure["file"].get<std::string>();
+    figure.erase("file");
+    draw_plot(run.folder().path(file), plot_from_json(figure, "tb.plot"));
+    run.folder().add(file + ".png");
+    run.folder().add(file + ".svg");
+    return nullptr;
+}
+
+Json spaced(const Json& arguments, const char* what, bool logarithmic) {
+    const double from = argument(arguments, 0, what), to = argument(arguments, 1, what);
+    const double count = argument(arguments, 2, what);
+    if (!(count >= 2 && count <= 1e7 && count == std::floor(count))) {
+        throw InputError(fmt::format("{}: argument 3 = {}, must be a whole number from 2 to 1e7", what, to_text(count)));
+    }
+    if (logarithmic && !(from > 0 && to > 0)) throw InputError(fmt::format("{}: both ends must be positive", what));
+    Json list = Json::array();
+    for (double i = 0; i < count; ++i) {
+        const double part = i / (count - 1);
+        list.push_back(logarithmic ? from * std::pow(to / from, part) : from + (to - from) * part);
+    }
+    return list;
+}
+
+} // namespace
+
+void add_bindings(LuaState& lua, ScriptRun& run) {
+    lua.add_value("version", version());
+    lua.add_value("quick", run.quick());
+    lua.add_function("options", [&run](const Json& a) { return run.options(a); });
+    lua.add_function("machine", [&run](const Json& a) { return load_machine(run, a); });
+    lua.add_function("simulate", [&run](const Json& a) { return simulate_machine(run, a); });
+    lua.add_function("sweep", [&run](const Json& a) { return sweep(run, a); });
+    lua.add_function("single_frequency", [&run](const Json& a) { return single_frequency(run, a); });
+    lua.add_function("plant_response", plant_response);
+    lua.add_function("plant_parameters", plant_parameters);
+    lua.add_function("model_response", model_response);
+    lua.add_function("fit_modal", fit_modal);
+    lua.add_function("phase_delay", read_phase_delay);
+    lua.add_function("remove_delay", remove_delay);
+    lua.add_function("write_csv", [&run](const Json& a) { return write_csv_file(run, a); });
+    lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });
+    lua.add_function("write_json", [&run](const Json& a) { return write_json_file(run, a); });
+    lua.add_function("plot", [&run](const Json& a) { return plot(run, a); });
+    lua.add_function("linspace", [](const Json& a) { return spaced(a, "tb.linspace", false); });
+    lua.add_function("logspace", [](const Json& a) { return spaced(a, "tb.logspace", true); });
+}
+
+} // namespace tribode

@@ -1,0 +1,123 @@
+#include "script/lua_state.hpp"
+#include "base/error.hpp"
+#include "script/sandbox.hpp"
+#include "script/trampoline.hpp"
+#include "script/value.hpp"
+
+#include <cstdlib>
+#include <fmt/format.h>
+#include <lua.hpp>
+
+namespace tribode {
+
+namespace {
+
+// Lua's allocator: counts, and refuses above the limit; Lua then collects garbage and asks once more.
+void* allocate(void* user, void* block, std::size_t old_size, std::size_t new_size) {
+    ScriptHost& host = *static_cast<ScriptHost*>(user);
+    if (!block) old_size = 0; // Lua then passes the kind of object instead
+    if (new_size == 0) {
+        std::free(block);
+        host.memory_used -= old_size;
+        return nullptr;
+    }
+    const std::size_t others = host.memory_used - old_size;
+    const bool grows = new_size > old_size;
+    if (grows && (new_size > host.limits.memory_bytes || others > host.limits.memory_bytes - new_size))
+        return nullptr;
+    void* moved = std::realloc(block, new_size);
+    if (moved) host.memory_used = others + new_size;
+    return moved;
+}
+
+// The arguments of the running function: one table as it is, anything else as a list.
+Json read_arguments(lua_State* lua, const std::string& name) {
+    const int count = lua_gettop(lua);
+    if (count == 1 && lua_istable(lua, 1)) return to_json(lua, 1, name + ": options");
+    Json list = Json::array();
+    for (int i = 1; i <= count; ++i) list.push_back(to_json(lua, i, fmt::format("{}: argument {}", name, i)));
+    return list;
+}
+
+} // namespace
+
+LuaState::LuaState(const ScriptLimits& limits, ScriptAccess access, const RunControl& control)
+    : host_(std::make_unique<ScriptHost>()) {
+    host_->limits = limits;
+    host_->access = std::move(access);
+    host_->control = control;
+    lua_.reset(lua_newstate(allocate, host_.get()));
+    if (!lua_) {
+        throw InputError(
+            fmt::format("a memory limit of {} bytes is too small for any script", limits.memory_bytes));
+    }
+    set_host(lua_.get(), *host_);
+    protected_call(lua_.get(), [](lua_State* lua) {
+        open_libraries(lua);
+        return 0;
+    });
+    watch_instructions(lua_.get());
+}
+
+LuaState::~LuaState() = default;
+
+void LuaState::Closer::operator()(lua_State* lua) const { lua_close(lua); }
+
+void LuaState::add_stack_function(const std::string& name, StackFunction function) {
+    protected_call(lua_.get(), [&](lua_State* lua) {
+        push_module(lua);
+        lua_pushnil(lua);
+        push_function(lua, std::move(function));
+        lua_setfield(lua, -2, name.c_str());
+        return 0;
+    });
+}
+
+void LuaState::add_function(const std::string& name, Function function) {
+    add_stack_function(name, [label = "tribode." + name, function = std::move(function)](lua_State* lua) {
+        const Json result = function(read_arguments(lua, label));
+        lua_settop(lua, 0); // the arguments may be garbage now
+        push(lua, result);
+        return 1;
+    });
+}
+
+void LuaState::add_value(const std::string& name, const Json& value) {
+    protected_call(lua_.get(), [&](lua_State* lua) {
+        push_module(lua);
+        push(lua, value);
+        lua_setfield(lua, -2, name.c_str());
+        return 0;
+    });
+}
+
+Json LuaState::run(const std::string& name, const Json& argument,
+                   const std::function<void(lua_State*)>& load) {
+    Json result;
+    protected_call(lua_.get(), [&](lua_State* lua) {
+        load(lua);
+        const int arguments = argument.is_null() ? 0 : 1;
+        if (arguments) push(lua, argument);
+        lua_call(lua, arguments, 1);
+        result = to_json(lua, -1, name + ": the returned value");
+        return 0;
+    });
+    return result;
+}
+
+Json LuaState::run_file(const std::filesystem::path& path, const Json& argument) {
+    return run(path.string(), argument, [&](lua_State* lua) {
+        set_script_folder(lua, path.parent_path());
+        load_file(lua, path);
+    });
+}
+
+Json LuaState::run_text(std::string_view text, const std::string& chunk_name, const Json& argument) {
+    return run(chunk_name, argument, [&](lua_State* lua) { load_text(lua, text, chunk_name); });
+}
+
+const std::string& LuaState::traceback() const { return host_->traceback; }
+
+const ScriptAccess& LuaState::access() const { return host_->access; }
+
+} // namespace tribode

@@ -1,0 +1,12 @@
+#pragma once
+#include "script/lua_state.hpp"
+
+namespace tribode {
+
+// The table in a description file, unread: a machine as .lua or .json. A Lua file runs in a state of its own
+// that may read its own folder only; it gets `argument` as `...` and must return a table with named fields.
+// Throws InputError, whose text begins with the file and, where there is one, the line.
+Json read_description(const std::filesystem::path& path, const ScriptLimits& limits = {},
+                      const Json& argument = nullptr);
+
+} // namespace tribode

@@ -1,0 +1,63 @@
+#include "script/script_access.hpp"
+#include "base/error.hpp"
+
+#include <algorithm>
+#include <fmt/format.h>
+
+namespace tribode {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// Symbolic links and `..` resolved as the system does; empty where that is impossible.
+fs::path resolved(const fs::path& name) {
+    if (name.empty()) return {};
+    std::error_code problem;
+    fs::path path = fs::weakly_canonical(fs::absolute(name), problem);
+    if (problem) return {};
+    if (!path.has_filename()) path = path.parent_path();
+    // A link without a target is left as it is, and writing through it would create the target.
+    return fs::is_symlink(fs::symlink_status(path, problem)) ? fs::path() : path;
+}
+
+bool lies_in(const fs::path& path, const fs::path& folder) {
+    if (path.empty() || folder.empty()) return false;
+    const fs::path root = resolved(folder);
+    return !root.empty() &&
+           std::mismatch(root.begin(), root.end(), path.begin(), path.end()).first == root.end();
+}
+
+void refuse_zero_byte(const fs::path& name) {
+    // The system would read the name up to this byte only.
+    if (name.native().find('\0') != std::string::npos) {
+        throw InputError(fmt::format("the file name \"{}\" contains a zero byte", name.c_str()));
+    }
+}
+
+} // namespace
+
+void ScriptAccess::check_read(const fs::path& name) const {
+    refuse_zero_byte(name);
+    if (allow_all) return;
+    const fs::path path = resolved(name);
+    const auto holds_it = [&](const fs::path& folder) { return lies_in(path, folder); };
+    const auto is_it = [&](const fs::path& file) { return !path.empty() && resolved(file) == path; };
+    if (holds_it(run_folder) || std::any_of(read_folders.begin(), read_folders.end(), holds_it)) return;
+    if (std::any_of(read_files.begin(), read_files.end(), is_it)) return;
+    throw InputError(
+        fmt::format("\"{}\" is outside the run folder; name it with -D, --machine, --data or --input, "
+                    "or use --allow-all",
+                    name.string()));
+}
+
+void ScriptAccess::check_write(const fs::path& name) const {
+    refuse_zero_byte(name);
+    if (allow_all || lies_in(resolved(name), run_folder)) return;
+    throw InputError(
+        fmt::format("\"{}\" is outside the run folder{}{}, and a script writes only there; choose the "
+                    "folder with -o, or use --allow-all",
+                    name.string(), run_folder.empty() ? "" : " ", run_folder.string()));
+}
+
+} // namespace tribode

@@ -1,0 +1,151 @@
+#include "script/script_run.hpp"
+#include "base/error.hpp"
+#include "base/field_reader.hpp"
+#include "base/text.hpp"
+#include "machine/machine_model.hpp"
+#include "record/output_file.hpp"
+#include "script/bindings.hpp"
+#include "script/machine_file.hpp"
+
+#include <chrono>
+#include <fmt/format.h>
+
+namespace tribode {
+
+namespace {
+
+// Where models/ and scripts/ lie: the source tree the program was built from, else where it was installed.
+std::filesystem::path home() {
+    const std::filesystem::path source = TRIBODE_SOURCE_DIR;
+    return std::filesystem::exists(source / "models") ? source : std::filesystem::path(TRIBODE_DATA_DIR);
+}
+
+std::filesystem::path folder_of(const ScriptRequest& request) {
+    return request.folder.empty() ? std::filesystem::path("results") / request.script.stem() : request.folder;
+}
+
+// The text of -D as a value of the default's type.
+Json parse_define(const std::string& name, const std::string& text, const Json& fallback) {
+    const auto wrong = [&](const char* wanted) {
+        return InputError(fmt::format("-D {}={}: must be {}", name, text, wanted));
+    };
+    const auto number = [&](std::string_view part) {
+        const auto value = parse_number(part);
+        if (!value) throw wrong(fallback.is_array() ? "a list of numbers, such as 10,15,20" : "a number");
+        return *value;
+    };
+    if (fallback.is_string()) return text;
+    if (fallback.is_boolean()) {
+        if (text != "true" && text != "false") throw wrong("true or false");
+        return text == "true";
+    }
+    if (fallback.is_number()) {
+        const double value = number(text);
+        if (fallback.is_number_integer() && value == static_cast<double>(static_cast<long>(value))) {
+            return static_cast<long>(value);
+        }
+        return value;
+    }
+    Json list = Json::array();
+    for (std::size_t begin = 0; begin <= text.size();) {
+        const std::size_t end = std::min(text.find(',', begin), text.size());
+        list.push_back(number(std::string_view(text).substr(begin, end - begin)));
+        begin = end + 1;
+    }
+    return list;
+}
+
+} // namespace
+
+ScriptRun::ScriptRun(const ScriptRequest& request, const RunControl& control)
+    : request_(request), control_(control), folder_(folder_of(request)), lua_(request.limits, access(), control) {
+    read_file(request_.script); // a missing script is said before anything else
+    add_bindings(lua_, *this);
+}
+
+ScriptAccess ScriptRun::access() const {
+    ScriptAccess access;
+    access.allow_all = request_.allow_all;
+    access.run_folder = folder_.folder();
+    access.read_folders = {home() / "models", home() / "scripts"};
+    for (const auto& [name, value] : request_.defines) access.read_files.emplace_back(value);
+    return access;
+}
+
+std::filesystem::path ScriptRun::find_file(const std::string& name) const {
+    const std::filesystem::path path = name;
+    if (path.is_relative() && !std::filesystem::exists(path) && std::filesystem::exists(home() / path)) {
+        return home() / path;
+    }
+    return path;
+}
+
+Json ScriptRun::machine(const std::string& file, const Json& argument) {
+    const auto path = find_file(file);
+    lua_.access().check_read(path);
+    Json description = read_description(path, request_.limits, argument);
+    machines_[file] = MachineModel::from_description(description, file).hash();
+    return description;
+}
+
+Json ScriptRun::options(const Json& defaults) {
+    options_asked_ = true;
+    std::vector<std::string> names;
+    Json values = Json::object();
+    for (const auto& [name, entry] : defaults.items()) {
+        names.push_back(name);
+        Json fallback = entry;
+        std::vector<std::string> choices;
+        if (entry.is_object()) {
+            FieldReader fields(entry, "tb.options", name);
+            fallback = fields.value("default");
+            choices = fields.texts("choices", {});
+            fields.text("unit", "");
+            fields.text("help", "");
+            fields.finish();
+        }
+        const auto define = request_.defines.find(name);
+        values[name] = define == request_.defines.end() ? fallback : parse_define(name, define->second, fallback);
+        if (choices.empty()) continue;
+        FieldReader(values, "-D").choice(name, choices, "");
+    }
+    for (const auto& [name, value] : request_.defines) {
+        if (values.contains(name)) continue;
+        throw InputError(fmt::format("-D {}={}: the script has no option \"{}\"{}", name, value, name,
+                                     suggestion(name, names)));
+    }
+    options_ = values;
+    return values;
+}
+
+void ScriptRun::execute() {
+    try {
+        lua_.run_file(request_.script);
+        if (!options_asked_ && !request_.defines.empty()) {
+            throw InputError(fmt::format("-D {}: the script takes no options (it does not call tb.options)",
+                                         request_.defines.begin()->first));
+        }
+    } catch (const Error& problem) {
+        // What ended the run is the news; a folder that cannot take the manifest either would only hide it.
+        try {
+            write_manifest(problem.what());
+        } catch (const OutputError&) {
+        }
+        throw;
+    }
+    write_manifest("done");
+}
+
+void ScriptRun::write_manifest(const std::string& outcome) {
+    Json manifest;
+    manifest["program"] = "tribode";
+    manifest["script"] = {{"file", request_.script.string()}, {"sha256", sha256(read_file(request_.script))}};
+    manifest["options"] = options_;
+    manifest["quick"] = request_.quick;
+    manifest["machines"] = machines_;
+    manifest["outcome"] = outcome;
+    manifest["work"] = work_;
+    folder_.write_manifest(manifest);
+}
+
+} // namespace tribode

@@ -1,0 +1,28 @@
+#pragma once
+#include "solver/sundials_integrator.hpp"
+
+namespace tribode {
+
+// CVODE's multistep methods. Every restart begins again at order one with a short step, of which the size is kept.
+class CvodeIntegrator final : public SundialsIntegrator {
+  public:
+    // options.method: adams or bdf.
+    CvodeIntegrator(const HybridSystem& system, const SolverOptions& options);
+    ~CvodeIntegrator() override;
+    void interpolate(double t, std::span<double> x) const override;
+
+  private:
+    void native_restart(double t, double h) override;
+    Native native_step(double t_stop, double& t) override;
+    void native_roots(int* found) const override;
+    long native_rejected_steps() const override;
+    bool counters_restart() const override { return true; }
+    double kept_step(bool first, bool cut) const override;
+
+    void* memory_ = nullptr;
+    Owned<SUNMatrix> matrix_;
+    Owned<SUNLinearSolver> linear_solver_;
+    Owned<SUNNonlinearSolver> nonlinear_solver_;
+};
+
+} // namespace tribode

@@ -1,0 +1,43 @@
+#include "solver/integrator.hpp"
+#include "base/error.hpp"
+#include "solver/cvode_integrator.hpp"
+#include "solver/erk_integrator.hpp"
+#include "solver/rk4_integrator.hpp"
+
+#include <algorithm>
+#include <fmt/format.h>
+
+namespace tribode {
+
+const std::vector<std::string>& SolverOptions::method_names() {
+    static const std::vector<std::string> names = {"erk", "adams", "cvode", "fixed"};
+    return names;
+}
+
+void SolverOptions::read(FieldReader& fields) {
+    method = method_named(fields.choice("solver", method_names(), name_of(method)));
+    relative_tolerance = fields.number("relative_tolerance", "", Allowed::positive, relative_tolerance);
+    absolute_tolerance = fields.number("absolute_tolerance_m", "m", Allowed::positive, absolute_tolerance);
+    fixed_step = fields.number("fixed_step_s", "s", Allowed::positive, fixed_step);
+}
+
+std::string name_of(Method method) { return SolverOptions::method_names()[static_cast<std::size_t>(method)]; }
+
+Method method_named(const std::string& name) {
+    const auto& names = SolverOptions::method_names();
+    const auto it = std::find(names.begin(), names.end(), name);
+    if (it != names.end()) return static_cast<Method>(it - names.begin());
+    throw InputError(fmt::format("solver \"{}\" is not known, must be one of {}", name, fmt::join(names, ", ")));
+}
+
+std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const SolverOptions& options) {
+    switch (options.method) {
+    case Method::erk: return std::make_unique<ErkIntegrator>(system, options);
+    case Method::adams:
+    case Method::bdf: return std::make_unique<CvodeIntegrator>(system, options);
+    case Method::fixed: break;
+    }
+    return std::make_unique<Rk4Integrator>(system, options.fixed_step);
+}
+
+} // namespace tribode

@@ -1,0 +1,72 @@
+#pragma once
+#include "base/field_reader.hpp"
+#include "hybrid/hybrid_system.hpp"
+#include "solver/run_outcome.hpp"
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+// Integrates dx/dt = f(t, x; d) of one system over intervals on which d is constant.
+//
+// The state is the caller's: the integrator reads t and x at restart(), writes them in step(), and looks at the
+// discrete values when it evaluates. One integrator serves one run on one thread.
+class Integrator {
+  public:
+    virtual ~Integrator() = default;
+
+    // x jumped, or the derivative or the guards changed, at state.t. What is known of a good step size survives.
+    virtual void restart(SystemState& state) = 0;
+
+    enum class Progress { stepped, stopped, guard_fell, failed };
+
+    // One step, to t_stop at most:
+    //   stepped     state.t < t_stop
+    //   stopped     state.t == t_stop exactly
+    //   guard_fell  state is at the first fall of a guard, as exactly as the method locates it; fallen() tells which
+    //   failed      failure() tells why; state is the last good one
+    virtual Progress step(double t_stop) = 0;
+
+    // x at a time within the last step, from the method's own interpolation. t in [before the step, state.t].
+    virtual void interpolate(double t, std::span<double> x) const = 0;
+
+    const std::vector<GuardId>& fallen() const { return fallen_; }
+    const RunOutcome& failure() const { return failure_; }
+    // Steps, evaluations; the counts of events and samples are the simulator's.
+    virtual RunStatistics statistics() const = 0;
+
+  protected:
+    std::vector<GuardId> fallen_;
+    RunOutcome failure_;
+};
+
+// The ways to integrate. Names as the user writes them.
+enum class Method {
+    erk,   // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE: the default
+    adams, // Adams-Moulton with functional iteration, CVODE
+    bdf,   // backward differentiation formulas with Newton iteration, CVODE; the user writes cvode
+    fixed  // classical Runge-Kutta of order 4 with a fixed step; guards are looked at after each step only
+};
+
+// Which method, and how exactly.
+struct SolverOptions {
+    Method method = Method::erk;
+    double relative_tolerance = 1e-8;
+    double absolute_tolerance = 1e-12; // [m] for positions; other states: times their scale
+    double fixed_step = 5e-5;          // [s] of fixed
+
+    static const std::vector<std::string>& method_names(); // erk, adams, cvode, fixed
+
+    // Fields solver, relative_tolerance, absolute_tolerance_m, fixed_step_s; absent ones stay as they are.
+    void read(FieldReader& fields);
+};
+
+std::string name_of(Method method);
+Method method_named(const std::string& name); // throws InputError
+
+std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const SolverOptions& options);
+
+} // namespace tribode

@@ -1,0 +1,33 @@
+#pragma once
+#include <string>
+
+namespace tribode {
+
+enum class RunEnd { reached, interrupted, chattering, step_too_small, too_much_work, non_finite };
+
+// How a run ended: a value, for what a run may legitimately meet. An empty message means success.
+struct RunOutcome {
+    RunEnd end = RunEnd::reached;
+    double t = 0;        // time reached [s]
+    std::string message; // one sentence with advice
+
+    bool ok() const { return end == RunEnd::reached; }
+};
+
+// Counts and times of one run.
+struct RunStatistics {
+    long steps = 0;                 // accepted internal steps
+    long rejected_steps = 0;        // steps tried and given up
+    long derivative_evaluations = 0;
+    long jacobian_evaluations = 0;
+    long guard_evaluations = 0;
+    long events = 0;                // guards that fell
+    long samples = 0;               // clock instants handled
+    long restarts = 0;              // of the integrator, by events and samples
+    double seconds_integrating = 0; // wall time inside the integrator
+    double seconds_events = 0;      // wall time in guards that fell, sampled blocks and observers
+
+    RunStatistics& operator+=(const RunStatistics& other);
+};
+
+} // namespace tribode

@@ -1,0 +1,194 @@
+#include "solver/simulator.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <fmt/format.h>
+#include <limits>
+
+namespace tribode {
+
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start) {
+    return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+// Times nearer than rounding are one instant.
+bool same_instant(double a, double b) {
+    constexpr double ulps = 4 * std::numeric_limits<double>::epsilon();
+    return std::abs(a - b) <= ulps * std::max(std::abs(a), std::abs(b));
+}
+
+} // namespace
+
+Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, const RunControl& control)
+    : Simulator(system, options, system.initial_state(), control) {}
+
+Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, SystemState start,
+                     const RunControl& control)
+    : system_(system), control_(control), state_(std::move(start)), integrator_(make_integrator(system, options)),
+      guard_values_(system.guard_count()), output_state_(state_), chatter_start_(state_.t) {
+    for (const auto& clock : system.clocks()) {
+        long k = static_cast<long>(std::ceil((state_.t - clock.offset) / clock.period));
+        k = std::max(k - 1, 0L);
+        while (clock.instant(k) < state_.t && !same_instant(clock.instant(k), state_.t)) ++k;
+        next_k_.push_back(k);
+    }
+}
+
+void Simulator::set_output_grid(std::vector<double> instants) {
+    output_grid_ = std::move(instants);
+    next_output_ = static_cast<std::size_t>(
+        std::lower_bound(output_grid_.begin(), output_grid_.end(), state_.t) - output_grid_.begin());
+}
+
+RunStatistics Simulator::statistics() const {
+    RunStatistics all = statistics_;
+    all += integrator_->statistics();
+    return all;
+}
+
+void Simulator::fail(RunEnd end, std::string message) {
+    outcome_ = RunOutcome{end, state_.t, std::move(message)};
+}
+
+RunOutcome Simulator::advance_to(double t_end) {
+    if (!outcome_.ok()) return outcome_;
+    if (!started_) {
+        started_ = true;
+        if (!output_grid_.empty()) emit_outputs(state_.t);
+        handle_instant(false);
+    }
+    long steps_to_poll = 0;
+    while (outcome_.ok() && state_.t < t_end) {
+        if (steps_to_poll-- == 0) {
+            if (control_.stop_requested()) {
+                fail(RunEnd::interrupted, fmt::format("interrupted at t = {:.6g} s", state_.t));
+                break;
+            }
+            steps_to_poll = 200;
+        }
+        const double t_sample = next_sample_instant();
+        const double t_stop = std::min(t_sample, t_end);
+
+        // A guard fell within rounding of the next instant: there is nothing to integrate, and the integrator would
+        // refuse so short a step.
+        auto progress = Integrator::Progress::stopped;
+        if (same_instant(state_.t, t_stop)) {
+            state_.t = t_stop;
+            restart_needed_ = true;
+        } else {
+            const auto start = Clock::now();
+            if (restart_needed_) {
+                integrator_->restart(state_);
+                ++statistics_.restarts;
+                restart_needed_ = false;
+            }
+            progress = integrator_->step(t_stop);
+            statistics_.seconds_integrating += seconds_since(start);
+        }
+        if (progress == Integrator::Progress::failed) {
+            const RunOutcome& failure = integrator_->failure();
+            fail(failure.end, failure.message);
+            break;
+        }
+        if (next_output_ < output_grid_.size()) emit_outputs(state_.t);
+        const bool sample_due = progress == Integrator::Progress::stopped && t_stop == t_sample;
+        const bool guard_fell = progress == Integrator::Progress::guard_fell;
+        if (sample_due || guard_fell) handle_instant(guard_fell);
+    }
+    if (outcome_.ok()) outcome_.t = state_.t;
+    return outcome_;
+}
+
+// Steps 1 to 5 of the class comment.
+void Simulator::handle_instant(bool guards_fell) {
+    const auto start = Clock::now();
+    collect_due_clocks();
+    if (observer_ && !due_.empty()) observer_->left_limit(state_);
+
+    bool ok = settle_guards(guards_fell ? &integrator_->fallen() : nullptr);
+    for (const auto& [id, k] : due_) {
+        if (system_.on_sample(id, k, state_) == EventEffect::restart) restart_needed_ = true;
+        ++statistics_.samples;
+        if (observer_) observer_->sampled(id, k, state_);
+    }
+    if (ok && !due_.empty() && restart_needed_) settle_guards(nullptr);
+    statistics_.seconds_events += seconds_since(start);
+}
+
+// Handles the guards reported by the integrator, if any, then all that are below zero, until none is.
+bool Simulator::settle_guards(const std::vector<GuardId>* first_round) {
+    if (first_round) {
+        for (const GuardId guard : *first_round) {
+            if (!handle_guard(guard)) return false;
+        }
+    }
+    const std::size_t most_rounds = 10 + 2 * system_.guard_count();
+    for (std::size_t round = 0; round < most_rounds; ++round) {
+        system_.guards(state_.t, state_.x, *state_.discrete, guard_values_);
+        ++statistics_.guard_evaluations;
+        bool calm = true;
+        for (GuardId guard = 0; guard < guard_values_.size(); ++guard) {
+            if (guard_values_[guard] >= 0) continue;
+            calm = false;
+            if (!handle_guard(guard)) return false;
+            system_.guards(state_.t, state_.x, *state_.discrete, guard_values_);
+            ++statistics_.guard_evaluations;
+        }
+        if (calm) return true;
+    }
+    const auto worst = std::min_element(guard_values_.begin(), guard_values_.end()) - guard_values_.begin();
+    fail(RunEnd::chattering,
+         fmt::format("{} does not come to rest at t = {:.9g} s: its guard is below zero after {} rounds",
+                     system_.guard_name(static_cast<GuardId>(worst), state_), state_.t, most_rounds));
+    return false;
+}
+
+bool Simulator::handle_guard(GuardId guard) {
+    ++statistics_.events;
+    if (state_.t - chatter_start_ > chatter_window) {
+        chatter_start_ = state_.t;
+        chatter_count_ = 0;
+    }
+    if (++chatter_count_ > chatter_limit) {
+        fail(RunEnd::chattering,
+             fmt::format("{} is chattering: {} events within {:g} s at t = {:.9g} s; check its stiffness and level",
+                         system_.guard_name(guard, state_), chatter_limit, chatter_window, state_.t));
+        return false;
+    }
+    if (system_.on_crossing(guard, state_, events_) == EventEffect::restart) restart_needed_ = true;
+    return true;
+}
+
+double Simulator::next_sample_instant() const {
+    double earliest = std::numeric_limits<double>::infinity();
+    for (ClockId id = 0; id < next_k_.size(); ++id) {
+        earliest = std::min(earliest, system_.clocks()[id].instant(next_k_[id]));
+    }
+    return earliest;
+}
+
+void Simulator::collect_due_clocks() {
+    due_.clear();
+    for (ClockId id = 0; id < next_k_.size(); ++id) {
+        const double instant = system_.clocks()[id].instant(next_k_[id]);
+        if (instant <= state_.t || same_instant(instant, state_.t)) due_.push_back({id, next_k_[id]++});
+    }
+}
+
+void Simulator::emit_outputs(double up_to) {
+    while (next_output_ < output_grid_.size() && output_grid_[next_output_] <= up_to) {
+        const double t = output_grid_[next_output_++];
+        if (!observer_) continue;
+        output_state_ = state_;
+        output_state_.t = t;
+        if (t < state_.t) integrator_->interpolate(t, output_state_.x);
+        observer_->output(output_state_);
+    }
+}
+
+} // namespace tribode

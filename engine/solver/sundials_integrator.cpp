@@ -1,0 +1,121 @@
+#include "solver/sundials_integrator.hpp"
+#include "base/error.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <sunmatrix/sunmatrix_dense.h>
+
+namespace tribode {
+
+void SundialsIntegrator::check(int flag, const char* function) {
+    if (flag < 0) throw Error(fmt::format("{} failed with flag {}", function, flag));
+}
+
+SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverOptions& options)
+    : system_(system), size_(system.states().size()), found_(system.guard_count()) {
+    check(SUNContext_Create(nullptr, &context_), "SUNContext_Create");
+    const auto length = static_cast<sunindextype>(size_);
+    vector_.reset(N_VNew_Serial(length, context_));
+    tolerance_.reset(N_VNew_Serial(length, context_));
+    dense_.reset(N_VNew_Serial(length, context_));
+    N_VConst(0.0, vector_.get());
+    for (std::size_t i = 0; i < size_; ++i) {
+        N_VGetArrayPointer(tolerance_.get())[i] = options.absolute_tolerance * system.states()[i].scale;
+    }
+    // Whether there is an analytic Jacobian does not depend on the state.
+    const SystemState start = system.initial_state();
+    std::vector<double> matrix(size_ * size_);
+    has_jacobian_ = system.jacobian(0.0, start.x, *start.discrete, matrix);
+}
+
+SundialsIntegrator::~SundialsIntegrator() {
+    vector_.reset();
+    tolerance_.reset();
+    dense_.reset();
+    SUNContext_Free(&context_);
+}
+
+int SundialsIntegrator::derivative_callback(double t, N_Vector x, N_Vector dxdt, void* self) {
+    auto& me = *static_cast<SundialsIntegrator*>(self);
+    ++me.counts_.derivative_evaluations;
+    const std::span<double> slope(N_VGetArrayPointer(dxdt), me.size_);
+    me.system_.derivative(t, me.values(x), *me.state_->discrete, slope);
+    if (std::all_of(slope.begin(), slope.end(), [](double s) { return std::isfinite(s); })) return 0;
+    me.met_non_finite_ = true;
+    return 1; // recoverable: a shorter step may do
+}
+
+int SundialsIntegrator::guard_callback(double t, N_Vector x, double* g, void* self) {
+    auto& me = *static_cast<SundialsIntegrator*>(self);
+    ++me.counts_.guard_evaluations;
+    me.system_.guards(t, me.values(x), *me.state_->discrete, {g, me.found_.size()});
+    return 0;
+}
+
+int SundialsIntegrator::jacobian_callback(double t, N_Vector x, N_Vector, SUNMatrix matrix, void* self, N_Vector,
+                                          N_Vector, N_Vector) {
+    auto& me = *static_cast<SundialsIntegrator*>(self);
+    ++me.counts_.jacobian_evaluations;
+    SUNMatZero(matrix);
+    me.system_.jacobian(t, me.values(x), *me.state_->discrete, {SM_DATA_D(matrix), me.size_ * me.size_});
+    return 0;
+}
+
+void SundialsIntegrator::message_callback(int code, const char*, const char*, char* text, void* self) {
+    // Warnings have positive codes; what matters of them is seen in the outcome.
+    if (code < 0) static_cast<SundialsIntegrator*>(self)->last_message_ = text;
+}
+
+void SundialsIntegrator::restart(SystemState& state) {
+    state_ = &state;
+    std::copy(state.x.begin(), state.x.end(), N_VGetArrayPointer(vector_.get()));
+    if (counters_restart()) rejected_before_ += native_rejected_steps();
+    native_restart(state.t, kept_step_);
+    first_step_ = true;
+}
+
+Integrator::Progress SundialsIntegrator::step(double t_stop) {
+    double t = state_->t;
+    met_non_finite_ = false;
+    const Native result = native_step(t_stop, t);
+    if (result == Native::failed) {
+        record_failure(t);
+        return Progress::failed;
+    }
+    ++counts_.steps;
+    kept_step_ = kept_step(first_step_, result == Native::stopped);
+    first_step_ = false;
+    state_->t = t;
+    const auto x = values(vector_.get());
+    std::copy(x.begin(), x.end(), state_->x.begin());
+    if (result == Native::root) {
+        native_roots(found_.data());
+        fallen_.clear();
+        for (GuardId guard = 0; guard < found_.size(); ++guard) {
+            if (found_[guard] != 0) fallen_.push_back(guard);
+        }
+        return Progress::guard_fell;
+    }
+    return result == Native::stopped ? Progress::stopped : Progress::stepped;
+}
+
+void SundialsIntegrator::record_failure(double t) {
+    if (met_non_finite_) {
+        failure_ = {RunEnd::non_finite, t,
+                    fmt::format("the derivative is not finite near t = {:.9g} s: the loop may be unstable", t)};
+    } else {
+        failure_ = {RunEnd::step_too_small, t,
+                    fmt::format("the integrator cannot go on at t = {:.9g} s ({}); loosen the tolerances or choose "
+                                "another solver",
+                                t, last_message_)};
+    }
+}
+
+RunStatistics SundialsIntegrator::statistics() const {
+    RunStatistics all = counts_;
+    all.rejected_steps = rejected_before_ + native_rejected_steps();
+    return all;
+}
+
+} // namespace tribode
