@@ -1,0 +1,113 @@
+#include "house/tree.hpp"
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <regex>
+#include <sstream>
+
+namespace tribode::house {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::vector<fs::path> files_of_the_project(const std::set<std::string>& extensions) {
+    std::vector<fs::path> all;
+    for (const auto* folder : {"engine", "tests", "benchmarks", "models", "scripts", "docs"}) {
+        const auto more = files_below(folder, extensions);
+        all.insert(all.end(), more.begin(), more.end());
+    }
+    return all;
+}
+
+bool has_pragma_once(const std::string& text) { return text.starts_with("#pragma once\n"); }
+
+// Targets of [text](target) outside of code, without those that lead to the network or within the page.
+std::vector<std::string> relative_links(const std::string& page) {
+    static const std::regex link(R"(\]\(([^)\s]+)[^)]*\))"), code(R"(`[^`]*`)");
+    std::vector<std::string> targets;
+    std::istringstream lines(page);
+    bool in_code = false;
+    for (std::string line; std::getline(lines, line);) {
+        if (line.starts_with("```")) in_code = !in_code;
+        if (in_code || line.starts_with("    ")) continue;
+        line = std::regex_replace(line, code, "");
+        for (std::sregex_iterator it(line.begin(), line.end(), link), end; it != end; ++it) {
+            const std::string target = (*it)[1];
+            if (target.find("://") == std::string::npos && !target.starts_with("#") &&
+                !target.starts_with("mailto:")) {
+                targets.push_back(target.substr(0, target.find('#')));
+            }
+        }
+    }
+    return targets;
+}
+
+// Lines that speak of work to come. The words are put together here, so that this file has none.
+std::vector<std::size_t> lines_with_open_ends(const std::string& text) {
+    static const std::regex words("\\b(TO"
+                                  "DO|FIX"
+                                  "ME|X"
+                                  "XX|TB"
+                                  "D|HA"
+                                  "CK|place"
+                                  "holder|not yet impl"
+                                  "emented)\\b");
+    std::vector<std::size_t> found;
+    std::istringstream lines(text);
+    std::size_t number = 0;
+    for (std::string line; std::getline(lines, line);) {
+        ++number;
+        if (std::regex_search(line, words)) found.push_back(number);
+    }
+    return found;
+}
+
+// The numbers of `NNNN-title.md`; a name of another form counts as 0.
+std::vector<int> record_numbers(const std::vector<fs::path>& files) {
+    static const std::regex form(R"((\d{4})-[a-z0-9-]+\.md)");
+    std::vector<int> numbers;
+    for (const auto& file : files) {
+        const std::string name = file.filename().string();
+        std::smatch match;
+        numbers.push_back(std::regex_match(name, match, form) ? std::stoi(match[1]) : 0);
+    }
+    return numbers;
+}
+
+TEST(Files, EveryHeaderBeginsWithPragmaOnce) {
+    EXPECT_FALSE(has_pragma_once("#include <vector>\n"));
+    const auto headers = files_of_the_project({".hpp"});
+    ASSERT_FALSE(headers.empty());
+    for (const auto& file : headers) EXPECT_TRUE(has_pragma_once(read(file))) << file;
+}
+
+TEST(Files, DecisionsAreNumberedWithoutGaps) {
+    EXPECT_EQ(record_numbers({"0001-a-b.md", "7-c.md"}), (std::vector{1, 0}));
+    const auto numbers = record_numbers(files_below("docs/decisions", {".md"}));
+    ASSERT_FALSE(numbers.empty());
+    for (std::size_t i = 0; i < numbers.size(); ++i) EXPECT_EQ(numbers[i], static_cast<int>(i) + 1);
+}
+
+TEST(Files, EveryRelativeLinkOfAPageLeadsToAFile) {
+    EXPECT_EQ(
+        relative_links("[a](b.md#c) `[d](e.md)` [f](https://g.h) [i](#j)\n```\n[k](l.md)\n```\n[m](n.md)\n"),
+        (std::vector<std::string>{"b.md", "n.md"}));
+    for (const auto& page : pages()) {
+        for (const auto& target : relative_links(read(page))) {
+            EXPECT_TRUE(fs::exists(page.parent_path() / target)) << page << " links to " << target;
+        }
+    }
+}
+
+TEST(Files, NothingIsLeftOpen) {
+    EXPECT_EQ(lines_with_open_ends("a\n// TO"
+                                   "DO: b\n"),
+              std::vector<std::size_t>{2});
+    EXPECT_TRUE(lines_with_open_ends("the mastodon's tbd\n").empty());
+    for (const auto& file : files_of_the_project({".cpp", ".hpp", ".lua", ".md", ".txt", ".sh"})) {
+        for (const std::size_t line : lines_with_open_ends(read(file))) ADD_FAILURE() << file << ":" << line;
+    }
+}
+
+} // namespace
+} // namespace tribode::house
