@@ -31,7 +31,8 @@ void on_interrupt(int signal) {
     std::signal(signal, SIG_DFL);
 }
 
-// A line on standard error: bar, count, time left. Where that is no terminal, a line every tenth of the way.
+// A line on standard error: bar, count, time left. Where that is no terminal, a line every tenth of the way, and none
+// for work of a second or two.
 class ProgressDisplay {
   public:
     void show(const std::string& what, std::size_t done, std::size_t of) {
@@ -45,10 +46,13 @@ class ProgressDisplay {
         }
         done_ = done;
         const bool last = done == of;
-        if (terminal_ ? !last && now - shown_ < std::chrono::milliseconds(100) : done * 10 < of * (tenth_ + 1)) return;
+        const double elapsed = std::chrono::duration<double>(now - start_).count();
+        if (terminal_ ? !last && now - shown_ < std::chrono::milliseconds(100)
+                      : elapsed < 2 || done * 10 < of * (tenth_ + 1)) {
+            return;
+        }
         shown_ = now;
         tenth_ = of ? done * 10 / of : 0;
-        const double elapsed = std::chrono::duration<double>(now - start_).count();
         const double left = done > first_ ? elapsed * static_cast<double>(of - done) / static_cast<double>(done - first_)
                                           : 0;
         constexpr std::size_t width = 30;

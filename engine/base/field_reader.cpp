@@ -33,6 +33,10 @@ const char* text_of(Allowed allowed) {
     return "";
 }
 
+std::string refusal(double x, std::string_view unit, Allowed allowed) {
+    return fmt::format("= {}{}{}, {}", to_text(x), unit.empty() ? "" : " ", unit, text_of(allowed));
+}
+
 // A value as it stands in a message: short, never a whole table.
 std::string shown(const Json& value) {
     if (value.is_object()) return "a table";
@@ -41,6 +45,7 @@ std::string shown(const Json& value) {
     return value.dump();
 }
 
+// Also an empty list: Lua writes both as {}.
 bool is_empty_table(const Json& value) { return (value.is_array() || value.is_object()) && value.empty(); }
 
 } // namespace
@@ -78,9 +83,7 @@ std::optional<double> FieldReader::optional_number(std::string_view key, std::st
     if (!value) return std::nullopt;
     if (!value->is_number()) fail(key, fmt::format("= {}, must be a number", shown(*value)));
     const double x = value->get<double>();
-    if (!holds(allowed, x)) {
-        fail(key, fmt::format("= {}{}{}, {}", to_text(x), unit.empty() ? "" : " ", unit, text_of(allowed)));
-    }
+    if (!holds(allowed, x)) fail(key, refusal(x, unit, allowed));
     return x;
 }
 
@@ -136,13 +139,14 @@ std::vector<double> FieldReader::numbers(std::string_view key, std::string_view 
                                          std::vector<double> fallback) {
     const Json* value = find(key);
     if (!value) return fallback;
+    if (is_empty_table(*value)) return {};
     if (!value->is_array()) fail(key, fmt::format("= {}, must be a list of numbers", shown(*value)));
     std::vector<double> list;
     for (const auto& entry : *value) {
         const std::string name = fmt::format("{}[{}]", key, list.size() + 1);
         if (!entry.is_number()) fail(name, fmt::format("= {}, must be a number", shown(entry)));
         const double x = entry.get<double>();
-        if (!holds(allowed, x)) fail(name, fmt::format("= {} {}, {}", to_text(x), unit, text_of(allowed)));
+        if (!holds(allowed, x)) fail(name, refusal(x, unit, allowed));
         list.push_back(x);
     }
     return list;
@@ -151,6 +155,7 @@ std::vector<double> FieldReader::numbers(std::string_view key, std::string_view 
 std::vector<std::string> FieldReader::texts(std::string_view key, std::vector<std::string> fallback) {
     const Json* value = find(key);
     if (!value) return fallback;
+    if (is_empty_table(*value)) return {};
     if (!value->is_array()) fail(key, fmt::format("= {}, must be a list of texts", shown(*value)));
     std::vector<std::string> list;
     for (const auto& entry : *value) {

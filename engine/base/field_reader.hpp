@@ -23,7 +23,7 @@ enum class Allowed { finite, positive, non_negative, fraction }; // fraction: 0 
 // A field that is null is absent. Notes (comment, units, conventions, records, equations) are allowed anywhere.
 class FieldReader {
   public:
-    // `where`: the file or function, `path`: the field path so far ("" at the top).
+    // `where`: the file or function, `path`: the field path so far ("" at the top). `fields` is not copied.
     FieldReader(const Json& fields, std::string where, std::string path = "");
 
     bool has(std::string_view key) const;

@@ -17,8 +17,8 @@ static std::uint64_t random_bits(std::uint64_t seed, std::uint64_t stream, std::
 }
 
 double uniform(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {
-    // The upper 53 bits, in the middle of their cell: never 0 nor 1.
-    return (static_cast<double>(random_bits(seed, stream, index) >> 11) + 0.5) * 0x1p-53;
+    // The upper 52 bits, in the middle of their cell: with one bit more the last middle would round to 1.
+    return (static_cast<double>(random_bits(seed, stream, index) >> 12) + 0.5) * 0x1p-52;
 }
 
 double standard_normal(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {

@@ -22,15 +22,15 @@ std::size_t for_each_index(std::size_t count, const RunControl& control, const s
             if (i >= count) return;
             try {
                 run(i);
+                const std::lock_guard lock(mutex);
+                ++done;
+                if (control.progress) control.progress(what, done, count);
             } catch (...) {
                 const std::lock_guard lock(mutex);
                 if (!problem) problem = std::current_exception();
                 failed = true;
                 return;
             }
-            const std::lock_guard lock(mutex);
-            ++done;
-            if (control.progress) control.progress(what, done, count);
         }
     };
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <charconv>
 #include <fmt/format.h>
+#include <limits>
 #include <memory>
 #include <numeric>
 #include <openssl/evp.h>
@@ -32,7 +33,7 @@ std::string_view trim(std::string_view text) {
 
 std::optional<double> parse_number(std::string_view text) {
     text = trim(text);
-    if (text.starts_with('+')) text.remove_prefix(1);
+    if (text.starts_with('+') && !text.starts_with("+-")) text.remove_prefix(1);
     double value = 0;
     const auto [end, problem] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (text.empty() || problem != std::errc{} || end != text.data() + text.size()) return std::nullopt;
@@ -56,10 +57,11 @@ static std::size_t edit_distance(std::string_view a, std::string_view b) {
 
 std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates) {
     std::string best;
-    std::size_t least = name.size() / 2 + 1;
+    std::size_t least = std::numeric_limits<std::size_t>::max();
     for (const auto& candidate : candidates) {
         const std::size_t distance = edit_distance(name, candidate);
-        if (distance < least || candidate.starts_with(name)) {
+        const bool begun = !name.empty() && candidate.starts_with(name);
+        if ((begun || distance <= name.size() / 2) && distance < least) {
             least = distance;
             best = candidate;
         }

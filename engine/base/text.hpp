@@ -15,7 +15,8 @@ void append_text(std::string& buffer, double value);
 // The whole text as a number (leading and trailing blanks allowed), or nothing.
 std::optional<double> parse_number(std::string_view text);
 
-// The candidate with the least edit distance to `name`; empty where none is near (distance above half its length).
+// The candidate with the least edit distance to `name` among those that begin with it or are near (a distance of at
+// most half the length of `name`); empty where there is none.
 std::string nearest_name(std::string_view name, const std::vector<std::string>& candidates);
 
 // ` (did you mean "x"?)` or the list of what is allowed: the end of a sentence on an unknown name.

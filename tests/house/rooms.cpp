@@ -93,13 +93,15 @@ std::vector<std::string> violations(const Rooms& rooms, const std::filesystem::p
         const auto where =
             fmt::format("engine/{}:{} includes {}", file.generic_string(), include.line, include.path);
         const std::string target = std::filesystem::path(include.path).begin()->string();
-        if (include.quoted && !rooms.may_use.contains(target)) {
+        if (rooms.may_use.contains(target)) {
+            if (!allowed.contains(target)) {
+                found.push_back(fmt::format("{}, but {} may not use {}", where, room, target));
+            }
+        } else if (include.quoted) {
             found.push_back(fmt::format("{}, which is in no room of docs/rooms.md", where));
-        } else if (include.quoted && !allowed.contains(target)) {
-            found.push_back(fmt::format("{}, but {} may not use {}", where, room, target));
         }
         for (const auto& [beginning, only] : rooms.only_in) {
-            if (include.path.starts_with(beginning) && !include.quoted && room != only) {
+            if (include.path.starts_with(beginning) && room != only) {
                 found.push_back(fmt::format("{}, which belongs in {} alone", where, only));
             }
         }
@@ -108,9 +110,10 @@ std::vector<std::string> violations(const Rooms& rooms, const std::filesystem::p
 }
 
 std::map<std::string, std::set<std::string>> link_lines(std::string_view cmake) {
-    static const std::regex call(R"(\n\s*tribode_room\(([a-z_]+)([^)]*)\))"), library(R"(tribode_([a-z_]+))");
+    static const std::regex call(R"((?:^|\n)\s*tribode_room\(([a-z_]+)([^)]*)\))"),
+        library(R"(tribode_([a-z_]+))");
     std::map<std::string, std::set<std::string>> lines;
-    const std::string text = "\n" + std::string(cmake);
+    const std::string text(cmake);
     for (std::sregex_iterator it(text.begin(), text.end(), call), end; it != end; ++it) {
         auto& used = lines[(*it)[1]];
         const std::string arguments = (*it)[2];
