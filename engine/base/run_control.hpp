@@ -18,7 +18,8 @@ struct RunControl {
 
 // Calls run(i) for i = 0 .. count-1 on control.workers threads, each index once; which thread runs which index is
 // left open, so results must depend on the index alone. Ends early, between indices, when a stop is requested.
-// The first exception of `run` or of the progress display is thrown again here, after all have ended. Returns the number of indices run.
+// The first exception of `run` or of the progress display is thrown again here, after all have ended. Returns the
+// number of indices run.
 std::size_t for_each_index(std::size_t count, const RunControl& control, const std::string& what,
                            const std::function<void(std::size_t)>& run);
 

@@ -141,8 +141,12 @@ void ServoPlant::guards(double t, std::span<const double> x, const State& s, std
     const double y = position(x);
     const SlipState towards = direction(s);
     const double room_forward = s.rolling.forward_limit - y, room_backward = y - s.rolling.backward_limit;
-    g[forward_limit] = std::isfinite(room_forward) ? room_forward : 1;
-    g[backward_limit] = std::isfinite(room_backward) ? room_backward : 1;
+    // With dry friction the way of the motion is known, and an axis that sticks has none: an element which stopped on
+    // its limit must not slip because the modes' motion sums to zero within rounding only.
+    const bool may_advance = !p_.dry.present() || s.dry == SlipState::slip_forward;
+    const bool may_retreat = !p_.dry.present() || s.dry == SlipState::slip_backward;
+    g[forward_limit] = may_advance && std::isfinite(room_forward) ? room_forward : 1;
+    g[backward_limit] = may_retreat && std::isfinite(room_backward) ? room_backward : 1;
     g[reversal] = towards == SlipState::stick ? 1 : sign(towards) * velocity(x);
     if (!p_.dry.present()) return;
     const bool stuck = s.dry == SlipState::stick;
@@ -153,13 +157,13 @@ void ServoPlant::guards(double t, std::span<const double> x, const State& s, std
 
 // Takes the velocity of the driven point to exactly zero, by an impulse there.
 void ServoPlant::stop(std::span<double> x) const {
-    for (int pass = 0; pass < 2; ++pass) { // the second takes away what rounding left
-        const double impulse = velocity(x) / total_gain_;
-        for (std::size_t j = 0; j < bodies(); ++j) x[2 * j + 1] -= gain_[j] * impulse;
-    }
-    // What is still left by rounding goes to the body that sums to zero with the others.
-    const std::size_t last = p_.rigid_gain > 0 ? 0 : bodies() - 1;
-    x[2 * last + 1] -= velocity(x);
+    const double impulse = velocity(x) / total_gain_;
+    for (std::size_t j = 0; j < bodies(); ++j) x[2 * j + 1] -= gain_[j] * impulse;
+    // What rounding left goes to the last body, which always has a gain: its velocity is the last term of the sum, so
+    // that taking it as minus the others' sum leaves no rounding at all.
+    double& last = x[2 * bodies() - 1];
+    last = 0;
+    last = -velocity(x);
 }
 
 EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const {

@@ -24,25 +24,22 @@ struct ScriptLimits {
 // One Lua program with the engine's functions in the module `tribode`, shut in by default:
 //
 //  - libraries: base, string, table, math, utf8, coroutine; of os only clock, date, difftime, time; of io
-//  only close,
-//    lines, open, stderr, stdout, type, write; of debug only traceback. Program text only, no compiled Lua,
-//    no C modules, no finalizers (__gc), because Lua runs these where no limit reaches.
+//    only close, lines, open, stderr, stdout, type, write; of debug only traceback. Program text only, no
+//    compiled Lua, no C modules, no finalizers (__gc), because Lua runs these where no limit reaches.
 //  - files: as ScriptAccess says, also for dofile, loadfile and `require`, which searches the script's own
-//  folder
-//    and the read folders for name.lua and name/init.lua (a dot in the name is a folder).
+//    folder and the read folders for name.lua and name/init.lua (a dot in the name is a folder).
 //  - math.random begins with the same seed in every run.
 //
-// With allow_all the whole standard library is open. The limits hold in both cases; time inside functions of
-// the engine is not counted, nor is time inside one call of a library function, such as a slow string
-// pattern. A limit that was reached, or a stop request, ends the script even if it catches the error.
+// With allow_all the whole standard library is open, and a script can get round its limits. Time inside
+// functions of the engine is not counted, nor is time inside one call of a library function, such as a slow
+// string pattern. A limit that was reached, or a stop request, ends the script even if it catches the error.
 //
 // Not for use from several threads at one time. A script's functions are values of its own state only.
 class LuaState {
   public:
     // Arguments: the one options table, or a list of the plain arguments. The result is what the script gets.
     using Function = std::function<Json(const Json& arguments)>;
-    // Reads its arguments from the Lua stack, pushes its results and returns their number, as a
-    // lua_CFunction.
+    // Reads its arguments from the Lua stack, pushes its results and returns their number: a lua_CFunction.
     using StackFunction = std::function<int(lua_State*)>;
 
     LuaState(const ScriptLimits& limits, ScriptAccess access, const RunControl& control);

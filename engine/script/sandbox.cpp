@@ -35,8 +35,7 @@ std::string text_argument(lua_State* lua, int index, std::string_view name) {
     throw InputError(text);
 }
 
-// ---- base
-// ----------------------------------------------------------------------------------------------------
+// ---- base --------------------------------------------------------------------------------
 
 int safe_load(lua_State* lua) {
     // A missing environment and one that is nil differ, so the number of arguments stays.
@@ -94,13 +93,53 @@ int safe_setmetatable(lua_State* lua) {
 
 // Each coroutine begins a count of its own, so that many short ones would stay below the hook.
 int counted_coroutine(lua_State* lua) {
-    if (!lua_isfunction(lua, 1)) throw InputError("coroutine: argument 1 must be a function");
+    if (!lua_isfunction(lua, 1)) throw InputError("coroutine.create: argument 1 must be a function");
     charge_instructions(lua, coroutine_charge);
     return call_replaced(lua);
 }
 
-// ---- files
-// ---------------------------------------------------------------------------------------------------
+// Lua runs error handlers, finalizers, and the __close of a coroutine that failed with the hook switched off
+// when the error came from the hook itself. After the end no code of the script may run there.
+constexpr std::string_view protected_calls = R"(
+    local has_ended = ...
+    local type, error, xpcall = type, error, xpcall
+    local create, resume, status, close = coroutine.create, coroutine.resume, coroutine.status, coroutine.close
+
+    _G.xpcall = function(f, handler, ...)
+        if type(handler) ~= "function" then error("xpcall: argument 2 must be a function", 2) end
+        local function handle(...)
+            if has_ended() then return ... end
+            return handler(...)
+        end
+        return xpcall(f, handle, ...)
+    end
+
+    local function finish(co, ok, ...)
+        if ok then return ... end
+        if status(co) == "dead" then close(co) end
+        error((...), 0)
+    end
+
+    coroutine.wrap = function(f)
+        local co = create(f)
+        return function(...) return finish(co, resume(co, ...)) end
+    end
+)";
+
+int has_ended(lua_State* lua) {
+    lua_pushboolean(lua, host_of(lua).ended.has_value());
+    return 1;
+}
+
+void replace_protected_calls(lua_State* lua) {
+    if (luaL_loadbufferx(lua, protected_calls.data(), protected_calls.size(), own_chunk, "t") != LUA_OK) {
+        fail_to_load(lua, own_chunk);
+    }
+    lua_pushcfunction(lua, has_ended);
+    lua_call(lua, 1, 0);
+}
+
+// ---- files -------------------------------------------------------------------------------
 
 int safe_open(lua_State* lua) {
     const std::string name = text_argument(lua, 1, "io.open");
@@ -157,8 +196,7 @@ int safe_require(lua_State* lua) {
     return 1;
 }
 
-// ---- libraries
-// -----------------------------------------------------------------------------------------------
+// ---- libraries ---------------------------------------------------------------------------
 
 // Field `name` of the table on top becomes `function`, with the old value for call_replaced. [-0, +0]
 void replace(lua_State* lua, const char* name, LuaState::StackFunction function) {
@@ -202,8 +240,9 @@ void open_text_and_numbers(lua_State* lua) {
 void open_coroutine(lua_State* lua) {
     luaL_requiref(lua, "coroutine", luaopen_coroutine, 1);
     replace(lua, "create", counted_coroutine);
-    replace(lua, "wrap", counted_coroutine);
+    replace(lua, "close", call_replaced); // refuses after the end, as all our functions do
     lua_pop(lua, 1);
+    replace_protected_calls(lua);
 }
 
 void open_system(lua_State* lua) {
@@ -213,6 +252,11 @@ void open_system(lua_State* lua) {
     keep_only(lua, {"close", "lines", "open", "stderr", "stdout", "type", "write"});
     replace(lua, "open", safe_open);
     replace(lua, "lines", safe_lines);
+    // The finalizer of files stands in their metatable, out of reach.
+    luaL_getmetatable(lua, LUA_FILEHANDLE);
+    lua_pushboolean(lua, false);
+    lua_setfield(lua, -2, "__metatable");
+    lua_pop(lua, 1);
     luaL_requiref(lua, "debug", luaopen_debug, 1);
     keep_only(lua, {"traceback"});
     lua_pop(lua, 3);

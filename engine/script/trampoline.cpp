@@ -106,7 +106,8 @@ std::string where(lua_State* lua) {
     lua_Debug call;
     for (int level = 0; lua_getstack(lua, level, &call); ++level) {
         lua_getinfo(lua, "Sl", &call);
-        if (call.currentline > 0) return fmt::format("{}:{}: ", call.short_src, call.currentline);
+        if (call.currentline > 0 && std::string_view(call.source) != own_chunk)
+            return fmt::format("{}:{}: ", call.short_src, call.currentline);
     }
     return {};
 }

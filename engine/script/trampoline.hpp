@@ -25,7 +25,10 @@ void watch_instructions(lua_State* lua);
 // Adds to the count what the hook does not see. Raises as the hook does.
 void charge_instructions(lua_State* lua, std::uint64_t count);
 
-// `script.lua:7: ` for the innermost line of Lua that is running; empty where none is. [-0, +0]
+// The chunk name of Lua code that is our own; messages do not point there.
+inline constexpr const char* own_chunk = "=tribode";
+
+// `script.lua:7: ` for the innermost line of the script that is running; empty where none is. [-0, +0]
 std::string where(lua_State* lua);
 
 } // namespace tribode

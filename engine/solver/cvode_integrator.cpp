@@ -17,7 +17,7 @@ CvodeIntegrator::CvodeIntegrator(const HybridSystem& system, const SolverOptions
     check(CVodeSetUserData(memory_, this), "CVodeSetUserData");
     check(CVodeSVtolerances(memory_, options.relative_tolerance, tolerance_.get()), "CVodeSVtolerances");
     if (options.method == Method::bdf) {
-        const auto n = static_cast<sunindextype>(size_);
+        const sunindextype n = N_VGetLength(vector_.get());
         matrix_.reset(SUNDenseMatrix(n, n, context_));
         linear_solver_.reset(SUNLinSol_Dense(vector_.get(), matrix_.get(), context_));
         check(CVodeSetLinearSolver(memory_, linear_solver_.get(), matrix_.get()), "CVodeSetLinearSolver");

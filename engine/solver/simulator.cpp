@@ -31,11 +31,12 @@ Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, S
                      const RunControl& control)
     : system_(system), control_(control), state_(std::move(start)), integrator_(make_integrator(system, options)),
       guard_values_(system.guard_count()), output_state_(state_), chatter_start_(state_.t) {
+    if (!state_.next_sample.empty()) return; // a snapshot of another run
     for (const auto& clock : system.clocks()) {
         long k = static_cast<long>(std::ceil((state_.t - clock.offset) / clock.period));
         k = std::max(k - 1, 0L);
         while (clock.instant(k) < state_.t && !same_instant(clock.instant(k), state_.t)) ++k;
-        next_k_.push_back(k);
+        state_.next_sample.push_back(k);
     }
 }
 
@@ -71,8 +72,7 @@ RunOutcome Simulator::advance_to(double t_end) {
             }
             steps_to_poll = 200;
         }
-        const double t_sample = next_sample_instant();
-        const double t_stop = std::min(t_sample, t_end);
+        const double t_stop = std::min(next_sample_instant(), t_end);
 
         // A guard fell within rounding of the next instant: there is nothing to integrate, and the integrator would
         // refuse so short a step.
@@ -96,9 +96,9 @@ RunOutcome Simulator::advance_to(double t_end) {
             break;
         }
         if (next_output_ < output_grid_.size()) emit_outputs(state_.t);
-        const bool sample_due = progress == Integrator::Progress::stopped && t_stop == t_sample;
-        const bool guard_fell = progress == Integrator::Progress::guard_fell;
-        if (sample_due || guard_fell) handle_instant(guard_fell);
+        if (progress != Integrator::Progress::stepped) {
+            handle_instant(progress == Integrator::Progress::guard_fell);
+        }
     }
     if (outcome_.ok()) outcome_.t = state_.t;
     return outcome_;
@@ -166,17 +166,17 @@ bool Simulator::handle_guard(GuardId guard) {
 
 double Simulator::next_sample_instant() const {
     double earliest = std::numeric_limits<double>::infinity();
-    for (ClockId id = 0; id < next_k_.size(); ++id) {
-        earliest = std::min(earliest, system_.clocks()[id].instant(next_k_[id]));
+    for (ClockId id = 0; id < state_.next_sample.size(); ++id) {
+        earliest = std::min(earliest, system_.clocks()[id].instant(state_.next_sample[id]));
     }
     return earliest;
 }
 
 void Simulator::collect_due_clocks() {
     due_.clear();
-    for (ClockId id = 0; id < next_k_.size(); ++id) {
-        const double instant = system_.clocks()[id].instant(next_k_[id]);
-        if (instant <= state_.t || same_instant(instant, state_.t)) due_.push_back({id, next_k_[id]++});
+    for (ClockId id = 0; id < state_.next_sample.size(); ++id) {
+        const double instant = system_.clocks()[id].instant(state_.next_sample[id]);
+        if (instant <= state_.t || same_instant(instant, state_.t)) due_.push_back({id, state_.next_sample[id]++});
     }
 }
 

@@ -69,7 +69,6 @@ class Simulator {
     EventLog events_;
     RunStatistics statistics_;
     RunOutcome outcome_;
-    std::vector<long> next_k_;  // per clock: its next sample index
     std::vector<DueClock> due_;
     std::vector<double> guard_values_;
     std::vector<double> output_grid_;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <limits>
 #include <sunmatrix/sunmatrix_dense.h>
 
 namespace tribode {
@@ -13,13 +14,16 @@ void SundialsIntegrator::check(int flag, const char* function) {
 }
 
 SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverOptions& options)
-    : system_(system), size_(system.states().size()), found_(system.guard_count()) {
+    : system_(system), size_(system.states().size()), found_(system.guard_count()), guard_values_(system.guard_count()),
+      x_between_(size_) {
     check(SUNContext_Create(nullptr, &context_), "SUNContext_Create");
-    const auto length = static_cast<sunindextype>(size_);
+    // A system of clocks alone has no states, which the library does not allow: it gets one that rests.
+    const auto length = static_cast<sunindextype>(std::max<std::size_t>(size_, 1));
     vector_.reset(N_VNew_Serial(length, context_));
     tolerance_.reset(N_VNew_Serial(length, context_));
     dense_.reset(N_VNew_Serial(length, context_));
     N_VConst(0.0, vector_.get());
+    N_VConst(1.0, tolerance_.get());
     for (std::size_t i = 0; i < size_; ++i) {
         N_VGetArrayPointer(tolerance_.get())[i] = options.absolute_tolerance * system.states()[i].scale;
     }
@@ -40,6 +44,7 @@ int SundialsIntegrator::derivative_callback(double t, N_Vector x, N_Vector dxdt,
     auto& me = *static_cast<SundialsIntegrator*>(self);
     ++me.counts_.derivative_evaluations;
     const std::span<double> slope(N_VGetArrayPointer(dxdt), me.size_);
+    if (me.size_ == 0) N_VConst(0.0, dxdt);
     me.system_.derivative(t, me.values(x), *me.state_->discrete, slope);
     if (std::all_of(slope.begin(), slope.end(), [](double s) { return std::isfinite(s); })) return 0;
     me.met_non_finite_ = true;
@@ -76,10 +81,13 @@ void SundialsIntegrator::restart(SystemState& state) {
 }
 
 Integrator::Progress SundialsIntegrator::step(double t_stop) {
-    double t = state_->t;
+    constexpr int most_steps_without_progress = 100;
+    const double t_before = state_->t;
+    double t = t_before;
     met_non_finite_ = false;
     const Native result = native_step(t_stop, t);
-    if (result == Native::failed) {
+    steps_without_progress_ = t > t_before ? 0 : steps_without_progress_ + 1;
+    if (result == Native::failed || steps_without_progress_ > most_steps_without_progress) {
         record_failure(t);
         return Progress::failed;
     }
@@ -97,7 +105,39 @@ Integrator::Progress SundialsIntegrator::step(double t_stop) {
         }
         return Progress::guard_fell;
     }
+    if (look_for_missed_fall(t_before)) return Progress::guard_fell;
     return result == Native::stopped ? Progress::stopped : Progress::stepped;
+}
+
+bool SundialsIntegrator::some_guard_below_zero(double t, std::span<const double> x) {
+    ++counts_.guard_evaluations;
+    system_.guards(t, x, *state_->discrete, guard_values_);
+    return std::any_of(guard_values_.begin(), guard_values_.end(), [](double g) { return g < 0; });
+}
+
+// The library takes a guard that is zero at a restart as it finds it a tenth of the first step later: one that leaves
+// zero downwards, or is back below it by then, is not reported. Such a fall is looked for by bisection in the step.
+bool SundialsIntegrator::look_for_missed_fall(double t_before) {
+    if (!some_guard_below_zero(state_->t, state_->x)) return false;
+    const double resolution = 100 * std::numeric_limits<double>::epsilon() * std::abs(state_->t); // as the library's
+    double calm = t_before, fallen = state_->t;
+    while (fallen - calm > resolution) {
+        const double middle = calm + (fallen - calm) / 2;
+        interpolate(middle, x_between_);
+        if (some_guard_below_zero(middle, x_between_)) {
+            fallen = middle;
+            state_->x = x_between_;
+        } else {
+            calm = middle;
+        }
+    }
+    state_->t = fallen;
+    some_guard_below_zero(fallen, state_->x);
+    fallen_.clear();
+    for (GuardId guard = 0; guard < guard_values_.size(); ++guard) {
+        if (guard_values_[guard] < 0) fallen_.push_back(guard);
+    }
+    return true;
 }
 
 void SundialsIntegrator::record_failure(double t) {

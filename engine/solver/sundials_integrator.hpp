@@ -62,9 +62,13 @@ class SundialsIntegrator : public Integrator {
   private:
     std::span<const double> values(N_Vector v) const { return {N_VGetArrayPointer(v), size_}; }
     void record_failure(double t);
+    bool look_for_missed_fall(double t_before);
+    bool some_guard_below_zero(double t, std::span<const double> x);
 
     SystemState* state_ = nullptr;
     std::vector<int> found_;
+    std::vector<double> guard_values_, x_between_;
+    int steps_without_progress_ = 0;
     std::string last_message_;
     bool met_non_finite_ = false;
     bool first_step_ = true;

@@ -74,6 +74,15 @@ std::vector<int> record_numbers(const std::vector<fs::path>& files) {
     return numbers;
 }
 
+// Sources cited as [Author Year]; the year may be followed by a place, as in [Author 1999, section 2].
+std::set<std::string> citations(const std::string& text) {
+    static const std::regex citation(R"(\[([A-Z][^\]\[ \n]+ (?:19|20)\d\d|FRA paper)[\],])");
+    std::set<std::string> found;
+    for (std::sregex_iterator it(text.begin(), text.end(), citation), end; it != end; ++it)
+        found.insert((*it)[1]);
+    return found;
+}
+
 TEST(Files, EveryHeaderBeginsWithPragmaOnce) {
     EXPECT_FALSE(has_pragma_once("#include <vector>\n"));
     const auto headers = files_of_the_project({".hpp"});
@@ -95,6 +104,19 @@ TEST(Files, EveryRelativeLinkOfAPageLeadsToAFile) {
     for (const auto& page : pages()) {
         for (const auto& target : relative_links(read(page))) {
             EXPECT_TRUE(fs::exists(page.parent_path() / target)) << page << " links to " << target;
+        }
+    }
+}
+
+TEST(Files, EveryCitedSourceIsInTheReferences) {
+    EXPECT_EQ(citations("a [Miller 1999] b [Smith 2001, section 3], c[i 2000] [see 1999]"),
+              (std::set<std::string>{"Miller 1999", "Smith 2001"}));
+    const auto listed = citations(read(project() / "docs/references.md"));
+    ASSERT_FALSE(listed.empty());
+    for (const auto& file : files_of_the_project({".cpp", ".hpp", ".lua", ".md"})) {
+        if (file.filename() == "files_test.cpp") continue; // the made-up sources above
+        for (const auto& source : citations(read(file))) {
+            EXPECT_TRUE(listed.contains(source)) << file << " cites [" << source << "]";
         }
     }
 }

@@ -13,7 +13,9 @@ using Log = std::vector<std::string>;
 class LoggingObserver final : public Observer {
   public:
     explicit LoggingObserver(Log& log) : log_(log) {}
-    void left_limit(const SystemState& s) override { log_.push_back(fmt::format("left limit, x = {:.6g}", s.x[0])); }
+    void left_limit(const SystemState& s) override {
+        log_.push_back(fmt::format("left limit, x = {:.6g}", s.x[0]));
+    }
     void sampled(ClockId clock, long k, const SystemState& s) override {
         log_.push_back(fmt::format("seen {} {}, x = {:.6g}", clock, k, s.x[0]));
     }
@@ -22,13 +24,13 @@ class LoggingObserver final : public Observer {
     Log& log_;
 };
 
-class VariableStep : public testing::TestWithParam<Method> {};
-INSTANTIATE_TEST_SUITE_P(Methods, VariableStep, testing::Values(Method::erk, Method::adams, Method::bdf),
-                         [](const auto& info) { return name_of(info.param); });
+class Events : public testing::TestWithParam<Method> {};
+INSTANTIATE_TEST_SUITE_P(Methods, Events, testing::Values(Method::erk, Method::adams, Method::bdf),
+                         method_of);
 
-// x' = 1 from 0. At t = 1 guard 0 falls (its zero is exactly there), clocks 0 and 1 are due, and the sample of
-// clock 1 makes guard 1 fall.
-TEST_P(VariableStep, an_instant_is_left_limit_guards_clocks_in_declared_order_and_guards_again) {
+// x' = 1 from 0. At t = 1 guard 0 falls (its zero is exactly there), clocks 0 and 1 are due, and the sample
+// of clock 1 makes guard 1 fall.
+TEST_P(Events, an_instant_is_left_limit_guards_clocks_in_declared_order_and_guards_again) {
     Log log;
     FunctionSystem system;
     system.start = {0.0};
@@ -53,16 +55,16 @@ TEST_P(VariableStep, an_instant_is_left_limit_guards_clocks_in_declared_order_an
     Simulator run(system, tight(GetParam()));
     run.observe(&observer);
     ASSERT_TRUE(run.advance_to(1.0).ok());
-    EXPECT_EQ(log, (Log{"left limit, x = 0", "sample 0 0 at 0", "seen 0 0, x = 100",     //
-                        "left limit, x = 101", "guard 0 at 1",                           //
-                        "sample 0 1 at 1", "seen 0 1, x = 211",                          //
-                        "sample 1 0 at 1", "seen 1 0, x = 311",                          //
+    EXPECT_EQ(log, (Log{"left limit, x = 0", "sample 0 0 at 0", "seen 0 0, x = 100", //
+                        "left limit, x = 101", "guard 0 at 1",                       //
+                        "sample 0 1 at 1", "seen 0 1, x = 211",                      //
+                        "sample 1 0 at 1", "seen 1 0, x = 311",                      //
                         "guard 1 at 1"}));
     EXPECT_EQ(run.state().t, 1.0);
 }
 
 // A jump of x at a sample is seen by the integrator although nothing fell.
-TEST_P(VariableStep, the_motion_goes_on_from_the_right_limit) {
+TEST_P(Events, the_motion_goes_on_from_the_right_limit) {
     FunctionSystem system = decay();
     system.sample_clocks = {{"doubler", 0.5, 0.5}};
     system.sample = [](ClockId, long, double, auto& x, auto&) {
@@ -75,13 +77,14 @@ TEST_P(VariableStep, the_motion_goes_on_from_the_right_limit) {
     EXPECT_NEAR(run.state().x[0], 4 * std::exp(-1.25), 1e-8);
 }
 
-TEST_P(VariableStep, two_guards_that_fall_at_one_time_are_handled_once_each_in_declared_order) {
+TEST_P(Events, two_guards_that_fall_at_one_time_are_handled_once_each_in_declared_order) {
     FunctionSystem system;
     system.start = {1.0};
     system.start_memory = {0, 0};
     system.slope = [](double, auto, auto&, auto dxdt) { dxdt[0] = -1; };
     for (const std::size_t i : {0u, 1u}) {
-        system.guard.push_back([i](double, auto x, auto& d) { return d[i] > 0 ? 1.0 : (x[0] - 0.5) * (1.0 + i); });
+        system.guard.push_back(
+            [i](double, auto x, auto& d) { return d[i] > 0 ? 1.0 : (x[0] - 0.5) * (1.0 + i); });
     }
     system.crossing = [](GuardId id, double, auto&, auto& d) {
         d[id] = 1;
@@ -97,7 +100,7 @@ TEST_P(VariableStep, two_guards_that_fall_at_one_time_are_handled_once_each_in_d
 }
 
 // The handler leaves the guard at exactly zero; it must not fire again before it was positive.
-TEST_P(VariableStep, a_guard_that_is_zero_at_a_restart_does_not_fire_there) {
+TEST_P(Events, a_guard_that_is_zero_at_a_restart_does_not_fire_there) {
     const FunctionSystem ball = bouncing_ball(1.0, 9.81, 1.0);
     Simulator run(ball, tight(GetParam()));
     const double fall = std::sqrt(2 / 9.81);
@@ -109,11 +112,11 @@ TEST_P(VariableStep, a_guard_that_is_zero_at_a_restart_does_not_fire_there) {
     }
 }
 
-TEST_P(VariableStep, impacts_of_a_bouncing_ball_come_at_the_times_of_the_closed_form) {
+TEST_P(Events, impacts_of_a_bouncing_ball_come_at_the_times_of_the_closed_form) {
     const double e = 0.8;
     const FunctionSystem ball = bouncing_ball(1.0, 9.81, e);
     Simulator run(ball, tight(GetParam()));
-    ASSERT_TRUE(run.advance_to(3.0).ok());
+    ASSERT_TRUE(run.advance_to(3.5).ok());
     const double fall = std::sqrt(2 / 9.81);
     double expected = fall, flight = 2 * fall * e;
     ASSERT_GE(run.events().size(), 8u);
@@ -123,14 +126,14 @@ TEST_P(VariableStep, impacts_of_a_bouncing_ball_come_at_the_times_of_the_closed_
 }
 
 // Two falls of one guard, one of them in the midst of two sample instants that do not restart anything.
-TEST_P(VariableStep, each_fall_is_found_once_however_the_clocks_cut_the_time) {
+TEST_P(Events, each_fall_is_found_once_however_the_clocks_cut_the_time) {
     for (const double period : {0.1, 0.25, 1.0 / 3, 0.5, 10.0}) {
         FunctionSystem system = oscillator();
         system.sample_clocks = {{"idle", period, 0.0}};
         system.guard = {[](double, auto x, auto&) { return x[0]; }};
         system.crossing = [](GuardId, double, auto&, auto&) { return EventEffect::none; };
-        // cos t falls at pi/2 + 2 pi n. A guard may be left below zero only if its handler says nothing changed, so
-        // the sign is turned at each fall.
+        // cos t falls at pi/2 + 2 pi n. A guard may be left below zero only if its handler says nothing
+        // changed, so the sign is turned at each fall.
         system.start_memory = {1};
         system.guard = {[](double, auto x, auto& d) { return d[0] * x[0]; }};
         system.crossing = [](GuardId, double, auto&, auto& d) {
@@ -146,9 +149,11 @@ TEST_P(VariableStep, each_fall_is_found_once_however_the_clocks_cut_the_time) {
     }
 }
 
-// The guard falls at a sample instant, or so near that only rounding tells: one event, one sample, and the run goes on.
-TEST_P(VariableStep, a_fall_at_a_sample_instant_or_within_rounding_of_it_is_one_event) {
-    for (const double shift : {0.0, 1e-17, -1e-17, 5e-17, -5e-17, 2e-16, -2e-16, 1e-15, -1e-15, 1e-13, -1e-13}) {
+// The guard falls at a sample instant, or so near that only rounding tells: one event, one sample, and the
+// run goes on.
+TEST_P(Events, a_fall_at_a_sample_instant_or_within_rounding_of_it_is_one_event) {
+    for (const double shift :
+         {0.0, 1e-17, -1e-17, 5e-17, -5e-17, 2e-16, -2e-16, 1e-15, -1e-15, 1e-13, -1e-13}) {
         FunctionSystem system;
         system.start = {0.3 + shift};
         system.start_memory = {1, 0};
@@ -175,13 +180,12 @@ TEST_P(VariableStep, a_fall_at_a_sample_instant_or_within_rounding_of_it_is_one_
     }
 }
 
-class EveryMethod : public testing::TestWithParam<Method> {};
-INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
-                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::fixed),
-                         [](const auto& info) { return name_of(info.param); });
+class EventsOfEveryMethod : public testing::TestWithParam<Method> {};
+INSTANTIATE_TEST_SUITE_P(Methods, EventsOfEveryMethod,
+                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::fixed), method_of);
 
 // A thermostat with hysteresis: T' = (heater ? 20 : 0) - T, on below 9, off above 11.
-TEST_P(EveryMethod, a_thermostat_keeps_between_its_levels_with_the_period_of_the_closed_form) {
+TEST_P(EventsOfEveryMethod, a_thermostat_keeps_between_its_levels_with_the_period_of_the_closed_form) {
     FunctionSystem system;
     system.start = {9.0};
     system.start_memory = {1};
@@ -203,12 +207,13 @@ TEST_P(EveryMethod, a_thermostat_keeps_between_its_levels_with_the_period_of_the
     }
 }
 
-TEST_P(EveryMethod, a_sliding_system_ends_as_chattering_and_names_the_guard) {
+TEST_P(EventsOfEveryMethod, a_sliding_system_ends_as_chattering_and_names_the_guard) {
     FunctionSystem system;
     system.start = {0.1};
     system.start_memory = {1};
     system.slope = [](double, auto, auto& d, auto dxdt) { dxdt[0] = -d[0]; };
-    system.guard = {[](double, auto, auto&) { return 1.0; }, [](double, auto x, auto& d) { return d[0] * x[0]; }};
+    system.guard = {[](double, auto, auto&) { return 1.0; },
+                    [](double, auto x, auto& d) { return d[0] * x[0]; }};
     system.crossing = [](GuardId, double, auto&, auto& d) {
         d[0] = -d[0];
         return EventEffect::restart;
@@ -226,7 +231,7 @@ TEST_P(EveryMethod, a_sliding_system_ends_as_chattering_and_names_the_guard) {
     EXPECT_EQ(run.state().t, outcome.t);
 }
 
-TEST_P(EveryMethod, a_guard_that_its_handler_leaves_below_zero_ends_the_run_and_is_named) {
+TEST_P(EventsOfEveryMethod, a_guard_that_its_handler_leaves_below_zero_ends_the_run_and_is_named) {
     FunctionSystem system;
     system.start = {1.0};
     system.slope = [](double, auto, auto&, auto dxdt) { dxdt[0] = -1; };
@@ -242,12 +247,13 @@ TEST_P(EveryMethod, a_guard_that_its_handler_leaves_below_zero_ends_the_run_and_
 }
 
 // The bounces accumulate at t = fall (1 + e)/(1 - e): what comes after has no meaning, and the run says so.
-TEST_P(VariableStep, a_zeno_system_ends_with_an_outcome_at_its_accumulation_point) {
+TEST_P(Events, a_zeno_system_ends_with_an_outcome_at_its_accumulation_point) {
     const double e = 0.5;
     const FunctionSystem ball = bouncing_ball(1.0, 9.81, e);
     Simulator run(ball, tight(GetParam()));
     const RunOutcome outcome = run.advance_to(10.0);
-    EXPECT_TRUE(outcome.end == RunEnd::chattering || outcome.end == RunEnd::step_too_small) << outcome.message;
+    EXPECT_TRUE(outcome.end == RunEnd::chattering || outcome.end == RunEnd::step_too_small)
+        << outcome.message;
     EXPECT_FALSE(outcome.message.empty());
     EXPECT_NEAR(outcome.t, std::sqrt(2 / 9.81) * (1 + e) / (1 - e), 1e-6); // error of the bounces added up
 }

@@ -3,6 +3,7 @@
 #include "solver/integrator.hpp"
 
 #include <functional>
+#include <gtest/gtest.h>
 #include <string>
 #include <vector>
 
@@ -28,7 +29,8 @@ class FunctionSystem final : public HybridSystem {
     std::function<void(double t, Values x, std::span<double> matrix)> matrix; // empty: none
     std::vector<std::function<double(double t, Values x, Held d)>> guard;
     std::function<EventEffect(GuardId, double t, std::vector<double>& x, std::vector<double>& d)> crossing;
-    std::function<EventEffect(ClockId, long k, double t, std::vector<double>& x, std::vector<double>& d)> sample;
+    std::function<EventEffect(ClockId, long k, double t, std::vector<double>& x, std::vector<double>& d)>
+        sample;
 
     // How often the functions were called, to be compared with the statistics of a run.
     mutable long slope_calls = 0, guard_calls = 0, matrix_calls = 0;
@@ -66,7 +68,9 @@ class FunctionSystem final : public HybridSystem {
         return sample ? sample(id, k, state.t, state.x, static_cast<Memory&>(*state.discrete).value)
                       : EventEffect::none;
     }
-    std::string guard_name(GuardId id, const SystemState&) const override { return "guard " + std::to_string(id); }
+    std::string guard_name(GuardId id, const SystemState&) const override {
+        return "guard " + std::to_string(id);
+    }
 
   private:
     mutable std::vector<StateVariable> variables_;
@@ -106,6 +110,9 @@ inline FunctionSystem bouncing_ball(double height, double gravity, double restit
     };
     return system;
 }
+
+// The names of parameterized tests.
+inline std::string method_of(const testing::TestParamInfo<Method>& test) { return name_of(test.param); }
 
 inline SolverOptions tight(Method method) {
     return {.method = method, .relative_tolerance = 1e-10, .absolute_tolerance = 1e-12, .fixed_step = 1e-3};

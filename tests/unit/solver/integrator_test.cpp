@@ -9,14 +9,13 @@
 namespace tribode {
 namespace {
 
-class EveryMethod : public testing::TestWithParam<Method> {};
-INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
-                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::fixed),
-                         [](const auto& info) { return name_of(info.param); });
+class EveryIntegrator : public testing::TestWithParam<Method> {};
+INSTANTIATE_TEST_SUITE_P(Methods, EveryIntegrator,
+                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::fixed), method_of);
 
-class VariableStep : public testing::TestWithParam<Method> {};
-INSTANTIATE_TEST_SUITE_P(Methods, VariableStep, testing::Values(Method::erk, Method::adams, Method::bdf),
-                         [](const auto& info) { return name_of(info.param); });
+class VariableStepIntegrator : public testing::TestWithParam<Method> {};
+INSTANTIATE_TEST_SUITE_P(Methods, VariableStepIntegrator,
+                         testing::Values(Method::erk, Method::adams, Method::bdf), method_of);
 
 double oscillator_error(const SolverOptions& options) {
     const FunctionSystem system = oscillator();
@@ -30,7 +29,8 @@ TEST(FixedStep, has_order_four) {
     double coarse = oscillator_error({.method = Method::fixed, .fixed_step = 0.1});
     for (const double step : {0.05, 0.025, 0.0125}) {
         const double fine = oscillator_error({.method = Method::fixed, .fixed_step = step});
-        EXPECT_NEAR(std::log2(coarse / fine), 4.0, 0.1) << step; // the next term of the error is h times smaller
+        EXPECT_NEAR(std::log2(coarse / fine), 4.0, 0.1)
+            << step; // the next term of the error is h times smaller
         coarse = fine;
     }
 }
@@ -46,14 +46,15 @@ TEST(FixedStep, takes_steps_of_the_given_length_and_a_shorter_one_to_end) {
     EXPECT_EQ(even.statistics().steps, 10); // ten times 0.1 is not 1 in doubles, and makes no eleventh step
 }
 
-TEST_P(VariableStep, the_error_follows_the_tolerance) {
+TEST_P(VariableStepIntegrator, the_error_follows_the_tolerance) {
     double previous = 1;
     for (const double tolerance : {1e-4, 1e-6, 1e-8, 1e-10}) {
         const double error = oscillator_error(
             {.method = GetParam(), .relative_tolerance = tolerance, .absolute_tolerance = tolerance});
         // Local errors are held at the tolerance; over 10 s their sum stays within a few hundred times of it.
         EXPECT_LT(error, 500 * tolerance) << tolerance;
-        // A hundredth of the tolerance gives about a hundredth of the error; a fifth of that gain is asked for.
+        // A hundredth of the tolerance gives about a hundredth of the error; a fifth of that gain is asked
+        // for.
         EXPECT_LT(error, previous / 20) << tolerance;
         previous = error;
     }
@@ -75,7 +76,8 @@ TEST(Bdf, uses_and_counts_the_analytic_jacobian) {
     FunctionSystem with = stiff();
     with.matrix = [](double, auto, auto m) { m[0] = -1000; };
     const FunctionSystem without = stiff();
-    const SolverOptions options{.method = Method::bdf, .relative_tolerance = 1e-8, .absolute_tolerance = 1e-10};
+    const SolverOptions options{
+        .method = Method::bdf, .relative_tolerance = 1e-8, .absolute_tolerance = 1e-10};
     Simulator analytic(with, options), differences(without, options);
     const long at_set_up = with.matrix_calls; // the integrator asks whether there is one
     ASSERT_TRUE(analytic.advance_to(10.0).ok());
@@ -89,16 +91,20 @@ TEST(Bdf, uses_and_counts_the_analytic_jacobian) {
 }
 
 TEST(Bdf, a_jacobian_of_several_states_is_read_by_columns) {
-    // Two decays with a strong one-way coupling: a transposed matrix would spoil the convergence of Newton's method.
+    // Two decays with a strong one-way coupling: a transposed matrix would spoil the convergence of Newton's
+    // method.
     FunctionSystem system;
     system.start = {1.0, 0.0};
     system.slope = [](double, auto x, auto&, auto dxdt) {
         dxdt[0] = -x[0];
         dxdt[1] = 1e5 * x[0] - 1e5 * x[1];
     };
-    const SolverOptions options{.method = Method::bdf, .relative_tolerance = 1e-8, .absolute_tolerance = 1e-10};
+    const SolverOptions options{
+        .method = Method::bdf, .relative_tolerance = 1e-8, .absolute_tolerance = 1e-10};
     const auto steps_with = [&](std::array<double, 4> by_columns) {
-        system.matrix = [by_columns](double, auto, auto m) { std::copy(by_columns.begin(), by_columns.end(), m.begin()); };
+        system.matrix = [by_columns](double, auto, auto m) {
+            std::copy(by_columns.begin(), by_columns.end(), m.begin());
+        };
         Simulator run(system, options);
         EXPECT_TRUE(run.advance_to(1.0).ok());
         EXPECT_NEAR(run.state().x[1], std::exp(-1.0) / (1 - 1e-5), 1e-6); // a hundred times the tolerance
@@ -118,7 +124,7 @@ TEST(Erk, does_not_ask_for_a_jacobian) {
     EXPECT_EQ(system.matrix_calls, at_set_up);
 }
 
-TEST_P(EveryMethod, the_statistics_count_what_was_called) {
+TEST_P(EveryIntegrator, the_statistics_count_what_was_called) {
     FunctionSystem system = oscillator();
     system.sample_clocks = {{"tick", 0.1, 0.0}, {"idle", 0.3, 0.05}};
     system.start_memory = {1};
@@ -144,7 +150,7 @@ TEST_P(EveryMethod, the_statistics_count_what_was_called) {
     EXPECT_GT(s.seconds_integrating, 0);
 }
 
-TEST_P(EveryMethod, a_derivative_that_is_not_finite_ends_the_run_with_a_text) {
+TEST_P(EveryIntegrator, a_derivative_that_is_not_finite_ends_the_run_with_a_text) {
     FunctionSystem system;
     system.start = {0.0};
     system.slope = [](double, auto x, auto&, auto dxdt) { dxdt[0] = x[0] < 0.5 ? 1 : std::nan(""); };
@@ -158,7 +164,7 @@ TEST_P(EveryMethod, a_derivative_that_is_not_finite_ends_the_run_with_a_text) {
     EXPECT_TRUE(std::isfinite(run.state().x[0]));
 }
 
-TEST_P(EveryMethod, a_derivative_that_is_not_finite_at_the_start_is_an_outcome_too) {
+TEST_P(EveryIntegrator, a_derivative_that_is_not_finite_at_the_start_is_an_outcome_too) {
     FunctionSystem system = decay();
     system.slope = [](double, auto, auto&, auto dxdt) { dxdt[0] = INFINITY; };
     Simulator run(system, tight(GetParam()));
@@ -166,7 +172,7 @@ TEST_P(EveryMethod, a_derivative_that_is_not_finite_at_the_start_is_an_outcome_t
 }
 
 // x' = x^2 from 1 reaches infinity at t = 1.
-TEST_P(VariableStep, a_solution_that_ends_in_finite_time_ends_the_run_there) {
+TEST_P(VariableStepIntegrator, a_solution_that_ends_in_finite_time_ends_the_run_there) {
     FunctionSystem system;
     system.start = {1.0};
     system.slope = [](double, auto x, auto&, auto dxdt) { dxdt[0] = x[0] * x[0]; };
@@ -205,7 +211,8 @@ TEST(SolverOptions, are_read_from_fields_and_refuse_nonsense) {
     EXPECT_EQ(options.relative_tolerance, 1e-5);
     EXPECT_EQ(options.absolute_tolerance, SolverOptions{}.absolute_tolerance);
     EXPECT_EQ(options.fixed_step, 1e-4);
-    for (const Json& wrong : {Json{{"solver", "euler"}}, Json{{"relative_tolerance", 0}}, Json{{"fixed_step_s", -1}}}) {
+    for (const Json& wrong :
+         {Json{{"solver", "euler"}}, Json{{"relative_tolerance", 0}}, Json{{"fixed_step_s", -1}}}) {
         FieldReader reader(wrong, "run");
         EXPECT_THROW(SolverOptions{}.read(reader), InputError) << wrong;
     }

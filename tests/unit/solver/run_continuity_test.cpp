@@ -8,10 +8,9 @@
 namespace tribode {
 namespace {
 
-class EveryMethod : public testing::TestWithParam<Method> {};
-INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
-                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::fixed),
-                         [](const auto& info) { return name_of(info.param); });
+class RunContinuity : public testing::TestWithParam<Method> {};
+INSTANTIATE_TEST_SUITE_P(Methods, RunContinuity,
+                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::fixed), method_of);
 
 // A held force on an oscillator that bounces off walls at +-1: events, samples and smooth motion in one.
 FunctionSystem sampled_oscillator() {
@@ -23,7 +22,8 @@ FunctionSystem sampled_oscillator() {
         dxdt[0] = x[1];
         dxdt[1] = -x[0] + d[0] + 0.1 * std::sin(7 * t);
     };
-    system.guard = {[](double, auto x, auto&) { return 1 - x[0]; }, [](double, auto x, auto&) { return 1 + x[0]; }};
+    system.guard = {[](double, auto x, auto&) { return 1 - x[0]; },
+                    [](double, auto x, auto&) { return 1 + x[0]; }};
     system.crossing = [](GuardId id, double, auto& x, auto&) {
         x = {id == 0 ? 1.0 : -1.0, -0.9 * x[1]};
         return EventEffect::restart;
@@ -53,8 +53,8 @@ class Outputs final : public Observer {
 };
 
 Result result_of(Simulator& run, const Outputs& seen = {}) {
-    Result result{run.state().x,         FunctionSystem::memory(run.state()),     {},
-                  run.statistics().steps, run.statistics().rejected_steps, seen.x};
+    Result result{run.state().x,          FunctionSystem::memory(run.state()), {},
+                  run.statistics().steps, run.statistics().rejected_steps,     seen.x};
     for (const auto& event : run.events()) result.event_times.push_back(event.t);
     return result;
 }
@@ -64,7 +64,8 @@ Result run_with_outputs(Method method, std::size_t count) {
     Simulator run(system, tight(method));
     Outputs seen;
     std::vector<double> grid;
-    for (std::size_t i = 0; i < count; ++i) grid.push_back(10.0 * static_cast<double>(i) / static_cast<double>(count));
+    for (std::size_t i = 0; i < count; ++i)
+        grid.push_back(10.0 * static_cast<double>(i) / static_cast<double>(count));
     run.observe(&seen);
     run.set_output_grid(grid);
     EXPECT_TRUE(run.advance_to(10.0).ok());
@@ -72,7 +73,7 @@ Result run_with_outputs(Method method, std::size_t count) {
     return result_of(run, seen);
 }
 
-TEST_P(EveryMethod, the_output_grid_changes_no_bit_of_states_events_and_steps) {
+TEST_P(RunContinuity, the_output_grid_changes_no_bit_of_states_events_and_steps) {
     const Result none = run_with_outputs(GetParam(), 0);
     EXPECT_GT(none.event_times.size(), 2u);
     for (const std::size_t count : {10u, 1000u, 100000u}) {
@@ -85,12 +86,12 @@ TEST_P(EveryMethod, the_output_grid_changes_no_bit_of_states_events_and_steps) {
     }
 }
 
-TEST_P(EveryMethod, the_output_at_an_instant_does_not_depend_on_the_rest_of_the_grid) {
+TEST_P(RunContinuity, the_output_at_an_instant_does_not_depend_on_the_rest_of_the_grid) {
     const Result coarse = run_with_outputs(GetParam(), 10), fine = run_with_outputs(GetParam(), 100000);
     for (std::size_t i = 0; i < 10; ++i) EXPECT_EQ(coarse.output[i], fine.output[i * 10000]) << i;
 }
 
-TEST_P(EveryMethod, outputs_between_the_steps_are_accurate) {
+TEST_P(RunContinuity, outputs_between_the_steps_are_accurate) {
     const FunctionSystem system = oscillator();
     SolverOptions options = tight(GetParam());
     options.relative_tolerance = 1e-8;
@@ -105,14 +106,17 @@ TEST_P(EveryMethod, outputs_between_the_steps_are_accurate) {
     ASSERT_TRUE(run.advance_to(grid.back()).ok());
     ASSERT_EQ(seen.t, grid);
     double worst = 0;
-    for (std::size_t i = 0; i < grid.size(); ++i) worst = std::max(worst, std::abs(seen.x[i] - std::cos(grid[i])));
-    // The interpolants are of lower order than the steps: a hundred times the tolerance. Fixed: h^4/384 = 3e-11
-    // between the points, 1e-9 in them.
+    for (std::size_t i = 0; i < grid.size(); ++i)
+        worst = std::max(worst, std::abs(seen.x[i] - std::cos(grid[i])));
+    // The interpolants are of lower order than the steps: a hundred times the tolerance. Fixed: h^4/384 =
+    // 3e-11 between the points, 1e-9 in them.
     EXPECT_LT(worst, 1e-6);
-    if (GetParam() == Method::fixed) EXPECT_LT(worst, 1e-8);
+    if (GetParam() == Method::fixed) {
+        EXPECT_LT(worst, 1e-8);
+    }
 }
 
-TEST_P(EveryMethod, a_run_in_pieces_that_end_at_sample_instants_gives_the_same_bits) {
+TEST_P(RunContinuity, a_run_in_pieces_that_end_at_sample_instants_gives_the_same_bits) {
     const FunctionSystem system = sampled_oscillator();
     Simulator whole(system, tight(GetParam())), pieces(system, tight(GetParam()));
     ASSERT_TRUE(whole.advance_to(5.0).ok());
@@ -126,7 +130,7 @@ TEST_P(EveryMethod, a_run_in_pieces_that_end_at_sample_instants_gives_the_same_b
     EXPECT_EQ(a.steps, b.steps);
 }
 
-TEST_P(EveryMethod, a_run_goes_on_from_a_copy_of_its_state_as_from_itself) {
+TEST_P(RunContinuity, a_run_goes_on_from_a_copy_of_its_state_as_from_itself) {
     const FunctionSystem system = sampled_oscillator();
     // In the midst of an interval, and at an instant where both clocks have fired already.
     for (const double when : {1.234, 1.0}) {
@@ -137,16 +141,17 @@ TEST_P(EveryMethod, a_run_goes_on_from_a_copy_of_its_state_as_from_itself) {
 
         Simulator continued(system, tight(GetParam()), snapshot);
         ASSERT_TRUE(continued.advance_to(2.5).ok());
-        EXPECT_EQ(FunctionSystem::memory(continued.state())[1], FunctionSystem::memory(original.state())[1]) << when;
+        EXPECT_EQ(FunctionSystem::memory(continued.state())[1], FunctionSystem::memory(original.state())[1])
+            << when;
         for (std::size_t i = 0; i < 2; ++i) {
-            // The step sizes are chosen afresh: equal to the tolerance times the number of intervals. The fixed step
-            // begins anew at each sample, so only the interval of the snapshot is cut otherwise.
+            // The step sizes are chosen afresh: equal to the tolerance times the number of intervals. The
+            // fixed step begins anew at each sample, so only the interval of the snapshot is cut otherwise.
             EXPECT_NEAR(continued.state().x[i], original.state().x[i], 1e-8) << when;
         }
     }
 }
 
-TEST_P(EveryMethod, a_copy_of_the_state_does_not_change_with_the_run) {
+TEST_P(RunContinuity, a_copy_of_the_state_does_not_change_with_the_run) {
     const FunctionSystem system = sampled_oscillator();
     Simulator run(system, tight(GetParam()));
     ASSERT_TRUE(run.advance_to(1.0).ok());
@@ -158,7 +163,7 @@ TEST_P(EveryMethod, a_copy_of_the_state_does_not_change_with_the_run) {
     EXPECT_NE(run.state().x, x);
 }
 
-TEST_P(EveryMethod, everything_due_up_to_the_end_is_handled_when_a_run_stops) {
+TEST_P(RunContinuity, everything_due_up_to_the_end_is_handled_when_a_run_stops) {
     // The guard falls within the last step before an end that is no sample instant.
     FunctionSystem system;
     system.start = {1.0};
@@ -176,7 +181,7 @@ TEST_P(EveryMethod, everything_due_up_to_the_end_is_handled_when_a_run_stops) {
     EXPECT_EQ(run.events().size(), 1u);
 }
 
-TEST_P(EveryMethod, a_stop_request_interrupts_and_keeps_what_was_done) {
+TEST_P(RunContinuity, a_stop_request_interrupts_and_keeps_what_was_done) {
     std::atomic<bool> stop{false};
     FunctionSystem system = decay();
     system.sample_clocks = {{"tick", 0.01, 0.0}};

@@ -1,0 +1,52 @@
+#pragma once
+#include "base/json.hpp"
+
+#include <array>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+enum class SeriesStyle { line, dashed, points, line_points };
+
+struct Series {
+    std::string name; // in the legend; empty: not there
+    std::vector<double> x, y; // equal lengths; a point that is not finite breaks the line
+    SeriesStyle style = SeriesStyle::line;
+    std::string color;    // "#rrggbb"; empty: the next of the palette
+    double width = 1.6;   // of the line [points]
+};
+
+using Range = std::array<double, 2>; // lowest and highest value shown
+
+struct Panel {
+    std::string title;            // mostly empty
+    std::string x_label, y_label; // with units, e.g. "Frequency [Hz]"
+    bool x_log = false, y_log = false;
+    std::optional<Range> x_range, y_range; // default: all points
+    std::string legend = "above";          // see legend_places
+    std::vector<Series> series;
+
+    static const std::vector<std::string>& legend_places(); // above, the corners, none
+};
+
+// Panels below one another, sharing the width.
+struct Plot {
+    std::string title;
+    int width = 1400;     // [pixel]
+    int height = 0;       // [pixel]; 0: by the number of panels
+    std::vector<Panel> panels;
+};
+
+// Draws with gnuplot and writes `<path>.png` and `<path>.svg` through write_file. Same plot, same bytes.
+// Throws InputError where the lengths of a series differ, or gnuplot is not installed; OutputError where a file cannot
+// be written.
+void draw_plot(const std::filesystem::path& path, const Plot& plot);
+
+// A plot as a table with the fields above (styles: "line", "dashed", "points", "line_points"); `where` begins the
+// messages. Throws InputError.
+Plot plot_from_json(const Json& json, const std::string& where);
+
+} // namespace tribode

@@ -1,0 +1,436 @@
+#include "plant/servo_plant.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+namespace tribode {
+namespace {
+
+using Vector = std::vector<double>;
+
+constexpr double two_pi = 2 * std::numbers::pi;
+constexpr double per_second = 1 / two_pi; // 1 rad/s in Hz
+
+// The guards in their declared order.
+enum : GuardId { forward_limit, backward_limit, reversal, release_forward, release_backward };
+
+constexpr DryFriction coulomb(double level) {
+    return {.coulomb = level, .static_level = level, .velocity = 1, .exponent = 1};
+}
+constexpr DryFriction stribeck{.coulomb = 2, .static_level = 4, .velocity = 0.02, .exponent = 1};
+
+// Rigid gain 1/2; one mode of gain 1/4, 10 rad/s and zeta 0.1: q'' = u_e/4 - 2 q' - 100 q.
+// Friction: one element of 100 N/m, 1 N (limit 10 mm) and 3 N s/m; 2 N s/m viscous.
+ServoPlant::Parameters simple(DryFriction dry, double current_loop_hz = 0) {
+    return {.rigid_gain = 0.5,
+            .modes = {{0.25, 10 * per_second, 0.1}},
+            .rolling = RollingFriction({{100, 1, 3}}),
+            .dry = dry,
+            .viscous = 2,
+            .current_loop_hz = current_loop_hz};
+}
+
+struct Machine {
+    explicit Machine(ServoPlant::Parameters parameters, double v = 0)
+        : plant(std::move(parameters)), x(plant.states().size()), state(plant.start(0, v, x)) {}
+
+    Vector derivative(double t = 0) const {
+        Vector dxdt(x.size());
+        plant.derivative(t, x, state, dxdt);
+        return dxdt;
+    }
+    Vector guards(double t = 0) const {
+        Vector g(plant.guard_count());
+        plant.guards(t, x, state, g);
+        return g;
+    }
+    double guard(GuardId id) const { return guards().at(id); }
+    double force() const { return plant.outputs(0, x, state).friction; }
+    double velocity() const { return plant.velocity(x); }
+    void push(double thrust) { state.input.coefficient[0] = thrust; }
+    // Handles the event; what went to the log as {subject, kind}.
+    std::vector<std::pair<int, int>> handle(GuardId id) {
+        EventLog log;
+        EXPECT_EQ(plant.on_crossing(id, 7.0, x, state, log), EventEffect::restart);
+        std::vector<std::pair<int, int>> entries;
+        for (const Event& event : log) {
+            EXPECT_EQ(event.t, 7.0);
+            entries.emplace_back(event.subject, event.kind);
+        }
+        return entries;
+    }
+
+    ServoPlant plant;
+    Vector x;
+    ServoPlant::State state;
+};
+
+using Log = std::vector<std::pair<int, int>>;
+
+void expect_near(const Vector& found, const Vector& expected, double tolerance) {
+    ASSERT_EQ(found.size(), expected.size());
+    for (std::size_t i = 0; i < found.size(); ++i) EXPECT_NEAR(found[i], expected[i], tolerance) << i;
+}
+
+// Numbers below 100 in a handful of operations.
+constexpr double rounding = 1e-13;
+
+// y = 3 mm, v = 0.3 m/s: f = 0.3 + 0.9 (element) + 0.6 (viscous) + 4 (Coulomb) = 5.8 N; u_e = 20 + 0.5 - 5.8 = 14.7 N.
+TEST(ServoPlant, DerivativeInSlipByHand) {
+    Machine m(simple(coulomb(4)), 0.3);
+    m.x = {0.001, 0.2, 0.002, 0.1};
+    m.push(20);
+    m.state.disturbance = 0.5;
+    expect_near(m.derivative(), {0.2, 7.35, 0.1, 3.675 - 0.2 - 0.2}, rounding);
+    const auto out = m.plant.outputs(0, m.x, m.state);
+    expect_near({out.position, out.velocity, out.friction, out.thrust}, {0.003, 0.3, 5.8, 20}, rounding);
+}
+
+// The same with v < 0: f = 0.3 - 0.9 - 0.6 - 4 = -5.2 N; u_e = 25.7 N.
+TEST(ServoPlant, DerivativeInBackwardSlipByHand) {
+    Machine m(simple(coulomb(4)), -0.3);
+    m.x = {0.001, -0.2, 0.002, -0.1};
+    m.push(20);
+    m.state.disturbance = 0.5;
+    expect_near(m.derivative(), {-0.2, 12.85, -0.1, 6.425 + 0.2 - 0.2}, rounding);
+}
+
+// The thrust lags: Fm = 15 N acts, so u_e = 15 + 0.5 - 5.8 = 9.7 N.
+TEST(ServoPlant, DerivativeWithTheCurrentLoopByHand) {
+    Machine m(simple(coulomb(4), 5), 0.3);
+    m.x = {0.001, 0.2, 0.002, 0.1, 15};
+    m.push(20);
+    m.state.disturbance = 0.5;
+    expect_near(m.derivative(), {0.2, 4.85, 0.1, 2.425 - 0.4, two_pi * 5 * (20 - 15)}, rounding);
+    EXPECT_EQ(m.plant.outputs(0, m.x, m.state).thrust, 15);
+}
+
+// v = 0 with the bodies in motion: sum(2 z w q' + w^2 q)/sum k = (0.2 + 0.2)/0.75 N accelerates the bodies,
+// and friction is what is left of 20.5 N, of which the element holds 0.3 N.
+TEST(ServoPlant, DerivativeInStickByHand) {
+    Machine m(simple(coulomb(40)));
+    m.x = {0.001, -0.1, 0.002, 0.1};
+    m.push(20);
+    m.state.disturbance = 0.5;
+    const double restoring = 0.4 / 0.75;
+    expect_near(m.derivative(), {-0.1, 0.5 * restoring, 0.1, 0.25 * restoring - 0.4}, rounding);
+    EXPECT_NEAR(m.force(), 20.5 - restoring, rounding);
+}
+
+TEST(ServoPlant, TheInputBetweenSamplesDrivesThePlant) {
+    Machine m({.rigid_gain = 0.5});
+    m.state.input = {.coefficient = {1, 2, 0, 0}, .start = 3, .rate = 4};
+    EXPECT_EQ(m.derivative(3.125)[1], 0.5 * (1 + 2 * 0.5));
+}
+
+TEST(ServoPlant, StatesAreTheBodiesAndTheThrust) {
+    std::vector<std::string> names;
+    for (const auto& state : ServoPlant(simple({}, 5)).states()) names.push_back(state.name + " " + state.unit);
+    EXPECT_EQ(names, (std::vector<std::string>{"rigid body position m", "rigid body velocity m/s",
+                                               "mode 1 position m", "mode 1 velocity m/s", "thrust N"}));
+    EXPECT_EQ(ServoPlant(simple({})).states().size(), 4u);
+    EXPECT_EQ(ServoPlant(simple({})).guard_count(), 3u);
+    EXPECT_EQ(ServoPlant(simple(coulomb(1))).guard_count(), 5u);
+}
+
+TEST(ServoPlant, StartPutsTheDrivenPointOnTheFirstBodyThatMoves) {
+    ServoPlant rigid(simple(coulomb(1), 5));
+    Vector x(5, 99.0);
+    EXPECT_EQ(rigid.start(0.2, -0.3, x).dry, SlipState::slip_backward);
+    EXPECT_EQ(x, (Vector{0.2, -0.3, 0, 0, 0}));
+    EXPECT_EQ(rigid.start(0.2, 0, x).dry, SlipState::stick);
+
+    auto parameters = simple({});
+    parameters.rigid_gain = 0;
+    ServoPlant flexible(parameters);
+    x.assign(4, 99.0);
+    const auto state = flexible.start(0.2, 0.3, x);
+    EXPECT_EQ(x, (Vector{0, 0, 0.2, 0.3}));
+    EXPECT_EQ(state.rolling.force, 0); // relaxed where it stands
+    EXPECT_EQ(state.rolling.reference, 0.2);
+}
+
+// One mode alone: the axis is an oscillator, and the rigid body's states stay where they are.
+TEST(ServoPlant, WithoutRigidGainTheModeMovesAlone) {
+    Machine m({.modes = {{0.25, 10 * per_second, 0.1}}, .dry = coulomb(4), .viscous = 2}, 0.3);
+    m.x = {0, 0, 0.002, 0.3};
+    m.push(20);
+    expect_near(m.derivative(), {0, 0, 0.3, 0.25 * (20 - 0.6 - 4) - 0.6 - 0.2}, rounding);
+    m.handle(reversal);
+    EXPECT_EQ(m.x[1], 0);
+    EXPECT_EQ(m.x[3], 0);
+    expect_near(m.derivative(), {0, 0, 0, 0.25 * (20 - 4) - 0.2}, rounding); // 19.2 N are beyond 4 N: slip again
+}
+
+// ---- Jacobian
+
+struct Variant {
+    const char* name;
+    DryFriction dry;
+    double v; // forward, backward or zero: the slip state
+    double current_loop_hz;
+    double rigid_gain;
+};
+
+class Jacobian : public ::testing::TestWithParam<Variant> {};
+INSTANTIATE_TEST_SUITE_P(
+    Kinds, Jacobian,
+    ::testing::Values(Variant{"Frictionless", {}, 0.05, 0, 0.09}, Variant{"Lag", {}, 0.05, 750, 0.09},
+                      Variant{"CoulombForward", coulomb(2), 0.05, 0, 0.09},
+                      Variant{"CoulombStick", coulomb(2), 0, 0, 0.09},
+                      Variant{"CoulombStickLag", coulomb(2), 0, 750, 0.09},
+                      Variant{"StribeckForward", stribeck, 0.05, 0, 0.09},
+                      Variant{"StribeckBackwardLag", stribeck, -0.05, 750, 0.09},
+                      Variant{"StribeckStick", stribeck, 0, 0, 0.09},
+                      Variant{"StribeckForwardModesOnly", stribeck, 0.05, 750, 0}),
+    [](const auto& info) { return std::string(info.param.name); });
+
+TEST_P(Jacobian, AgreesWithCentralDifferences) {
+    const Variant& variant = GetParam();
+    Machine m({.rigid_gain = variant.rigid_gain,
+               .modes = {{0.013, 33, 0.025}, {0.005, 82, 0.003}},
+               .rolling = RollingFriction({{2e4, 0.5, 0}, {1e3, 1, 10}}),
+               .dry = variant.dry,
+               .viscous = 2.35,
+               .current_loop_hz = variant.current_loop_hz},
+              variant.v);
+    std::mt19937_64 random(5);
+    std::normal_distribution<double> normal;
+    const std::size_t n = m.x.size();
+    for (int draw = 0; draw < 20; ++draw) {
+        for (std::size_t i = 0; i < n; ++i) m.x[i] = normal(random) * (i == 4 ? 1.0 : i % 2 ? 0.002 : 1e-4);
+        m.x[3] += variant.v;
+        if (draw == 10 && variant.v > 0) m.handle(forward_limit); // one element slips from here on
+        Vector matrix(n * n, 0.0);
+        m.plant.jacobian(m.x, m.state, matrix);
+        for (std::size_t column = 0; column < n; ++column) {
+            // The only curve is the Stribeck one: its third derivative, 2.5e5 N s^3/m^3, times h^2/6 is 4e-8 N s/m;
+            // accelerations below 100 m/s^2, rounded and divided by 2h, 1e-8/s. The smallest entries are of 0.01.
+            const double h = 1e-6, middle = m.x[column];
+            m.x[column] = middle + h;
+            const Vector above = m.derivative();
+            const double step = m.x[column];
+            m.x[column] = middle - h;
+            const Vector below = m.derivative();
+            for (std::size_t row = 0; row < n; ++row) {
+                const double difference = (above[row] - below[row]) / (step - m.x[column]);
+                EXPECT_NEAR(matrix[column * n + row], difference, 1e-6 + 1e-9 * std::abs(difference))
+                    << "row " << row << ", column " << column;
+            }
+            m.x[column] = middle;
+        }
+    }
+}
+
+// ---- guards
+
+TEST(ServoPlantGuards, InStickTheLimitsOfTheElementsAreWatched) {
+    Machine m(simple({})); // limit 10 mm
+    m.x = {0.004, 0.5, 0, 0};
+    expect_near(m.guards(), {0.006, 0.014, 1}, 1e-17);
+    m.x[0] = 0.011;
+    EXPECT_LT(m.guard(forward_limit), 0);
+    EXPECT_GT(m.guard(backward_limit), 0);
+    m.x[0] = -0.011;
+    EXPECT_GT(m.guard(forward_limit), 0);
+    EXPECT_LT(m.guard(backward_limit), 0);
+}
+
+TEST(ServoPlantGuards, InSlipTheVelocityInItsDirectionIsWatched) {
+    for (const double towards : {1.0, -1.0}) {
+        Machine m(simple({}));
+        m.x = {towards * 0.01, towards * 0.5, 0, 0};
+        m.handle(towards > 0 ? forward_limit : backward_limit);
+        EXPECT_EQ(m.guards(), (Vector{1, 1, 0.5}));
+        m.x[1] = -towards * 0.5;
+        EXPECT_EQ(m.guard(reversal), -0.5);
+    }
+}
+
+TEST(ServoPlantGuards, WithDryFrictionOnlyTheLimitAheadIsWatched) {
+    for (const double towards : {1.0, -1.0}) {
+        Machine m(simple(coulomb(4)), towards * 0.5);
+        m.x[0] = towards * 0.004;
+        const GuardId ahead = towards > 0 ? forward_limit : backward_limit;
+        EXPECT_NEAR(m.guard(ahead), 0.006, 1e-17);
+        EXPECT_EQ(m.guard(ahead == forward_limit ? backward_limit : forward_limit), 1);
+        EXPECT_EQ(m.guard(reversal), 0.5);
+        EXPECT_EQ(m.guard(release_forward), 1);
+        EXPECT_EQ(m.guard(release_backward), 1);
+    }
+}
+
+// 20 N of thrust, no deflection: 20 N are held of 25 N; forward 5 N are left, backward 45 N.
+TEST(ServoPlantGuards, InStickWhatIsLeftOfTheStaticLevelIsWatched) {
+    Machine m(simple({.coulomb = 10, .static_level = 25, .velocity = 0.01, .exponent = 1}));
+    m.push(20);
+    EXPECT_EQ(m.guards(), (Vector{1, 1, 1, 5, 45}));
+    m.push(-26);
+    EXPECT_EQ(m.guard(release_forward), 51);
+    EXPECT_EQ(m.guard(release_backward), -1);
+}
+
+// An element stopped on its limit, and the driven point a rounding error beyond it: the modes go on swinging, so its
+// position is constant within rounding only.
+TEST(ServoPlantGuards, AnAxisThatSticksDoesNotSlipByRounding) {
+    Machine m(simple(coulomb(4)), 0.3);
+    m.x[0] = 0.01;
+    m.handle(forward_limit);
+    m.x[0] = 0.02;
+    m.handle(reversal);
+    ASSERT_EQ(m.state.dry, SlipState::stick);
+    m.x[0] = std::nextafter(0.02, 1.0);
+    for (const double g : m.guards()) EXPECT_GT(g, 0);
+    // It goes backward from there, and the element with it.
+    m.push(-8);
+    m.handle(release_backward);
+    for (const GuardId id : {forward_limit, backward_limit, reversal}) EXPECT_GE(m.guard(id), 0) << id;
+    EXPECT_EQ(m.state.rolling.slip[0], SlipState::stick);
+}
+
+TEST(ServoPlantGuards, NamesSayWhatIsWatched) {
+    auto parameters = simple(coulomb(4));
+    parameters.rolling = RollingFriction({{100, 2, 0}, {100, 1, 0}});
+    Machine m(parameters, 0.3);
+    EXPECT_EQ(m.plant.guard_name(forward_limit, m.state), "friction element 2");
+    EXPECT_EQ(m.plant.guard_name(backward_limit, m.state), "friction element 2");
+    EXPECT_EQ(m.plant.guard_name(reversal, m.state), "the reversal of the velocity");
+    EXPECT_EQ(m.plant.guard_name(release_forward, m.state), "the Coulomb level");
+}
+
+// ---- events
+
+TEST(ServoPlantEvents, TheForceIsContinuousWhereAnElementSlips) {
+    for (const double towards : {1.0, -1.0}) {
+        auto parameters = simple({});
+        parameters.rolling = RollingFriction({{100, 1, 0}, {50, 2, 0}});
+        Machine m(parameters);
+        m.x = {towards * 0.01, towards * 0.3, 0, 0};
+        const double before = m.force();
+        const int kind = static_cast<int>(towards);
+        EXPECT_EQ(m.handle(towards > 0 ? forward_limit : backward_limit), (Log{{1, kind}}));
+        EXPECT_NEAR(m.force(), before, rounding);
+    }
+}
+
+TEST(ServoPlantEvents, WhereAnElementSlipsItsDampingEnds) {
+    Machine m(simple({}));
+    m.x = {0.01, 0.3, 0, 0};
+    const double before = m.force();
+    m.handle(forward_limit);
+    EXPECT_NEAR(before - m.force(), 3 * 0.3, rounding);
+}
+
+TEST(ServoPlantEvents, AReversalMakesEveryElementStickWithoutAStepOfTheForce) {
+    auto parameters = simple({});
+    parameters.rolling = RollingFriction({{100, 1, 3}, {50, 2, 0}, {1000, 1, 0}});
+    Machine m(parameters);
+    m.x = {0.02, 0.3, 0, 0};
+    EXPECT_EQ(m.handle(forward_limit), (Log{{1, 1}, {3, 1}})); // both are beyond their limits
+    m.x = {0.03, 0.1, 0, -0.1};
+    const double before = m.force();
+    const Vector x = m.x;
+    EXPECT_EQ(m.handle(reversal), (Log{{1, 0}, {3, 0}}));
+    EXPECT_NEAR(m.force(), before, rounding);
+    EXPECT_EQ(m.x, x); // without dry friction nothing stops
+}
+
+TEST(ServoPlantEvents, AReversalWithinTheStaticLevelSticks) {
+    Machine m(simple(coulomb(4)), 0.3);
+    m.x = {0.01, 0.3, 0, 0};
+    EXPECT_EQ(m.handle(forward_limit), (Log{{1, 1}}));
+    m.x = {0.03, 0.1, 0.001, -0.1000001};
+    m.push(2);
+    EXPECT_EQ(m.handle(reversal), (Log{{0, 0}, {1, 0}}));
+    EXPECT_EQ(m.velocity(), 0);
+    EXPECT_EQ(m.state.dry, SlipState::stick);
+    for (const double g : m.guards()) EXPECT_GT(g, 0);
+    // Friction is what keeps v' = 0: thrust less the restoring force of the mode.
+    EXPECT_NEAR(m.force(), 2 - (2 * m.x[3] + 100 * m.x[2]) / 0.75, rounding);
+}
+
+TEST(ServoPlantEvents, AReversalBeyondTheStaticLevelGoesOverIntoSlipTheOtherWay) {
+    Machine m(simple(coulomb(4)), 0.3);
+    m.push(-7);
+    EXPECT_EQ(m.handle(reversal), (Log{{0, 0}, {0, -1}}));
+    EXPECT_EQ(m.velocity(), 0);
+    EXPECT_LT(m.derivative()[1] + m.derivative()[3], 0); // it does go that way
+    for (const double g : m.guards()) EXPECT_GE(g, 0);
+}
+
+// Just where the thrust exceeds the static level: friction is that level before and after.
+TEST(ServoPlantEvents, TheForceIsContinuousAtRelease) {
+    for (const double towards : {1.0, -1.0}) {
+        Machine m(simple(stribeck)); // static level 4 N
+        m.push(towards * 3.999);
+        for (const double g : m.guards()) EXPECT_GT(g, 0);
+        m.push(towards * 4);
+        const double before = m.force();
+        const int kind = static_cast<int>(towards);
+        EXPECT_EQ(m.handle(towards > 0 ? release_forward : release_backward), (Log{{0, kind}}));
+        EXPECT_NEAR(m.force(), before, rounding);
+        EXPECT_NEAR(m.force(), towards * 4, rounding);
+        EXPECT_EQ(m.guard(reversal), 0);
+    }
+}
+
+// A random plant of 1 to 4 modes, with and without a rigid body, in motion.
+Machine random_machine(std::mt19937_64& random, bool rigid) {
+    std::uniform_real_distribution<double> uniform(0.01, 1);
+    std::normal_distribution<double> normal;
+    std::vector<VibrationMode> modes(1 + random() % 4);
+    for (auto& mode : modes) mode = {uniform(random), 100 * uniform(random), 0.1 * uniform(random)};
+    Machine m({.rigid_gain = rigid ? uniform(random) : 0.0, .modes = modes, .dry = coulomb(1e9)}, 1.0);
+    for (std::size_t i = rigid ? 0 : 2; i < m.x.size(); ++i) m.x[i] = normal(random) * (i % 2 ? 0.1 : 1e-3);
+    return m;
+}
+
+TEST(ServoPlantEvents, AfterAStopTheVelocityIsExactlyZero) {
+    std::mt19937_64 random(6);
+    for (int draw = 0; draw < 2000; ++draw) {
+        Machine m = random_machine(random, draw % 2);
+        m.handle(draw % 3 ? reversal : release_forward);
+        ASSERT_EQ(m.velocity(), 0) << "draw " << draw << ", " << m.x.size() / 2 << " bodies";
+    }
+}
+
+// An impulse at the driven point changes each velocity by its gain.
+TEST(ServoPlantEvents, AStopIsAnImpulseAtTheDrivenPoint) {
+    std::mt19937_64 random(7);
+    for (int draw = 0; draw < 100; ++draw) {
+        Machine m = random_machine(random, draw % 2);
+        const Vector before = m.x;
+        m.handle(reversal);
+        const auto& parameters = m.plant.parameters();
+        const std::size_t last = m.x.size() - 1;
+        const double impulse = (m.x[last] - before[last]) / parameters.modes.back().gain;
+        EXPECT_NEAR(m.x[1] - before[1], parameters.rigid_gain * impulse, 1e-13);
+        for (std::size_t j = 0; j < parameters.modes.size(); ++j) {
+            EXPECT_NEAR(m.x[2 * j + 3] - before[2 * j + 3], parameters.modes[j].gain * impulse, 1e-13);
+            EXPECT_EQ(m.x[2 * j + 2], before[2 * j + 2]);
+        }
+    }
+}
+
+TEST(ServoPlantEvents, InStickTheDrivenPointDoesNotAccelerateWhateverTheModesDo) {
+    std::mt19937_64 random(8);
+    for (int draw = 0; draw < 200; ++draw) {
+        Machine m = random_machine(random, draw % 2);
+        m.push(5);
+        m.handle(reversal);
+        const Vector dxdt = m.derivative();
+        double sum = 0, size = 0;
+        for (std::size_t i = 1; i < dxdt.size(); i += 2) {
+            sum += dxdt[i];
+            size += std::abs(dxdt[i]);
+        }
+        EXPECT_NEAR(sum, 0, 1e-14 * size); // five sums and products of that size
+        EXPECT_GT(size, 0);
+    }
+}
+
+} // namespace
+} // namespace tribode
