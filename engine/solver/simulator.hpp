@@ -45,7 +45,7 @@ class Simulator {
 
     // Chattering: more than this many falls of guards within the window.
     static constexpr long chatter_limit = 5000;
-    static constexpr double chatter_window = 1e-7; // [s]
+    static constexpr double chatter_window = 1e-3; // [s]
 
   private:
     struct DueClock {

@@ -9,6 +9,15 @@
 
 namespace tribode {
 
+namespace {
+
+constexpr int most_steps_without_progress = 100;
+
+// To which the library locates a guard's zero [s].
+double time_resolution(double t) { return 100 * std::numeric_limits<double>::epsilon() * std::abs(t); }
+
+} // namespace
+
 void SundialsIntegrator::check(int flag, const char* function) {
     if (flag < 0) throw Error(fmt::format("{} failed with flag {}", function, flag));
 }
@@ -81,12 +90,13 @@ void SundialsIntegrator::restart(SystemState& state) {
 }
 
 Integrator::Progress SundialsIntegrator::step(double t_stop) {
-    constexpr int most_steps_without_progress = 100;
     const double t_before = state_->t;
     double t = t_before;
     met_non_finite_ = false;
     const Native result = native_step(t_stop, t);
-    steps_without_progress_ = t > t_before ? 0 : steps_without_progress_ + 1;
+    // Some methods would creep on for ever where the derivative ceases to be finite.
+    const bool advances = result == Native::stopped || t - t_before > time_resolution(t);
+    steps_without_progress_ = advances ? 0 : steps_without_progress_ + 1;
     if (result == Native::failed || steps_without_progress_ > most_steps_without_progress) {
         record_failure(t);
         return Progress::failed;
@@ -119,9 +129,8 @@ bool SundialsIntegrator::some_guard_below_zero(double t, std::span<const double>
 // zero downwards, or is back below it by then, is not reported. Such a fall is looked for by bisection in the step.
 bool SundialsIntegrator::look_for_missed_fall(double t_before) {
     if (!some_guard_below_zero(state_->t, state_->x)) return false;
-    const double resolution = 100 * std::numeric_limits<double>::epsilon() * std::abs(state_->t); // as the library's
     double calm = t_before, fallen = state_->t;
-    while (fallen - calm > resolution) {
+    while (fallen - calm > time_resolution(fallen)) {
         const double middle = calm + (fallen - calm) / 2;
         interpolate(middle, x_between_);
         if (some_guard_below_zero(middle, x_between_)) {

@@ -76,7 +76,7 @@ std::vector<int> record_numbers(const std::vector<fs::path>& files) {
 
 // Sources cited as [Author Year]; the year may be followed by a place, as in [Author 1999, section 2].
 std::set<std::string> citations(const std::string& text) {
-    static const std::regex citation(R"(\[([A-Z][^\]\[ \n]+ (?:19|20)\d\d|FRA paper)[\],])");
+    static const std::regex citation(R"(\[([A-Z][^\]\[ \n]+ (?:18|19|20)\d\d|FRA paper)[\],])");
     std::set<std::string> found;
     for (std::sregex_iterator it(text.begin(), text.end(), citation), end; it != end; ++it)
         found.insert((*it)[1]);

@@ -211,6 +211,9 @@ TEST_F(LuaStateTest, AnEndlessLoopThatCatchesItsEndEnds) {
         "input: script.lua:1: " + instruction_message);
     EXPECT_EQ(problem("pcall(function() while true do end end)"),
               "input: script.lua:1: " + instruction_message);
+    // Here the main program itself runs too little to be looked at again.
+    EXPECT_EQ(problem("coroutine.resume(coroutine.create(function() while true do end end)) return 1"),
+              "input: script.lua:1: " + instruction_message);
 }
 
 TEST_F(LuaStateTest, AnEndlessLoopInACoroutineEnds) {
