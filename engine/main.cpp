@@ -14,6 +14,7 @@
 #include <csignal>
 #include <cstdio>
 #include <fmt/format.h>
+#include <optional>
 #include <thread>
 #include <unistd.h>
 
@@ -110,7 +111,7 @@ struct SimulateCommand {
     std::string machine, input, output, events, columns, scale;
     std::string solver = name_of(SolverOptions{}.method);
     SolverOptions options;
-    double step = 0; // 0: Ts/10
+    std::optional<double> step; // default Ts/10
     std::uint64_t seed = 0;
 
     void add_to(CLI::App& app, Common& common) {
@@ -118,7 +119,7 @@ struct SimulateCommand {
         app.add_option("--input", input, "CSV with t,u (open loop) or t,r,exc (closed loop)")->required();
         app.add_option("-o,--out", output, "CSV to write: t,r,u,y,x,v,f")->required();
         app.add_option("--events", events, "CSV to write: t,element,kind");
-        app.add_option("--solver", solver, "erk (default), adams, cvode, fixed");
+        app.add_option("--solver", solver, "auto (default: exact where possible, else erk), exact, erk, adams, cvode, fixed");
         app.add_option("--rtol", options.relative_tolerance, "relative tolerance (default 1e-8)");
         app.add_option("--atol", options.absolute_tolerance, "absolute tolerance in metres (default 1e-12)");
         app.add_option("--step", step, "step of the fixed solver in seconds (default Ts/10)");
@@ -153,7 +154,7 @@ struct SimulateCommand {
     int run(const Common& common) {
         const MachineModel model = MachineModel::from_description(read_description(machine), machine);
         options.method = method_named(solver);
-        options.fixed_step = step > 0 ? step : model.sample_time / 10;
+        options.fixed_step = step.value_or(model.sample_time / 10);
         for (const auto& [name, value] : {std::pair{"--rtol", options.relative_tolerance},
                                           {"--atol", options.absolute_tolerance},
                                           {"--step", options.fixed_step}}) {
@@ -216,10 +217,41 @@ struct RunCommand {
     }
 };
 
-int report(const std::exception& problem, ExitCode code) {
+int report(const std::string& problem, ExitCode code) {
     std::fflush(stdout);
-    std::fprintf(stderr, "tribode: %s\n", problem.what());
+    std::fprintf(stderr, "tribode: %s\n", problem.c_str());
     return code;
+}
+
+std::vector<std::string> option_names(const CLI::App& command) {
+    std::vector<std::string> names;
+    for (const auto* option : command.get_options()) {
+        for (const auto& name : option->get_lnames()) names.push_back("--" + name);
+    }
+    return names;
+}
+
+std::vector<std::string> command_names(const CLI::App& app) {
+    std::vector<std::string> names;
+    for (const auto* command : app.get_subcommands(nullptr)) names.push_back(command->get_name());
+    return names;
+}
+
+// What is wrong with the command line. A word that nobody knows comes first: it is often why something else is missing.
+std::string usage_problem(const CLI::App& app, const CLI::ParseError& problem) {
+    const auto parsed = app.get_subcommands();
+    const CLI::App& command = parsed.empty() ? app : *parsed.front();
+    const std::string name = parsed.empty() ? "tribode" : "tribode " + command.get_name();
+    if (const auto unknown = app.remaining(true); !unknown.empty()) {
+        const std::string word = unknown.front().substr(0, unknown.front().find('='));
+        if (word.starts_with('-')) {
+            return fmt::format("{} is not an option of {}{}", word, name, suggestion(word, option_names(command)));
+        }
+        if (!parsed.empty()) return fmt::format("{} takes no further argument \"{}\"", name, word);
+        return fmt::format("\"{}\" is not a command{}", word, suggestion(word, command_names(app)));
+    }
+    if (parsed.empty()) return fmt::format("a command is missing{}", suggestion("", command_names(app)));
+    return fmt::format("{}: {}; {} --help tells what is allowed", name, problem.what(), name);
 }
 
 } // namespace
@@ -227,6 +259,7 @@ int report(const std::exception& problem, ExitCode code) {
 int main(int argc, char** argv) {
     std::signal(SIGINT, on_interrupt);
     std::signal(SIGTERM, on_interrupt);
+    std::signal(SIGXFSZ, SIG_IGN); // a file above the size limit is an error of the write, also in a script
     CLI::App app("Tribode: simulation and frequency-response analysis of servo systems with friction", "tribode");
     app.set_version_flag("--version", "tribode " + version());
     app.require_subcommand(1);
@@ -237,18 +270,21 @@ int main(int argc, char** argv) {
     auto* run_app = app.add_subcommand("run", "an experiment script in Lua");
     simulate_command.add_to(*simulate_app, common);
     run_command.add_to(*run_app, common);
+    for (auto* command : {simulate_app, run_app}) command->set_version_flag("--version", "tribode " + version());
     try {
         app.parse(argc, argv);
+    } catch (const CLI::Success& help_or_version) {
+        return app.exit(help_or_version);
     } catch (const CLI::ParseError& problem) {
-        return app.exit(problem) == 0 ? done : wrong_input;
+        return report(usage_problem(app, problem), wrong_input);
     }
     try {
         return simulate_app->parsed() ? simulate_command.run(common) : run_command.run(common);
     } catch (const InputError& problem) {
-        return report(problem, wrong_input);
+        return report(problem.what(), wrong_input);
     } catch (const EndedEarly& problem) {
-        return report(problem, ended_early);
+        return report(problem.what(), ended_early);
     } catch (const std::exception& problem) {
-        return report(problem, anything_else);
+        return report(problem.what(), anything_else);
     }
 }

@@ -42,7 +42,7 @@ std::string shown(const Json& value) {
     if (value.is_object()) return "a table";
     if (value.is_array()) return "a list";
     if (value.is_number_float()) return to_text(value.get<double>());
-    return value.dump();
+    return value.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
 // Also an empty list: Lua writes both as {}.
@@ -140,6 +140,7 @@ std::vector<double> FieldReader::numbers(std::string_view key, std::string_view 
     const Json* value = find(key);
     if (!value) return fallback;
     if (is_empty_table(*value)) return {};
+    if (is_empty_table(*value)) return {};
     if (!value->is_array()) fail(key, fmt::format("= {}, must be a list of numbers", shown(*value)));
     std::vector<double> list;
     for (const auto& entry : *value) {
@@ -155,6 +156,7 @@ std::vector<double> FieldReader::numbers(std::string_view key, std::string_view 
 std::vector<std::string> FieldReader::texts(std::string_view key, std::vector<std::string> fallback) {
     const Json* value = find(key);
     if (!value) return fallback;
+    if (is_empty_table(*value)) return {};
     if (is_empty_table(*value)) return {};
     if (!value->is_array()) fail(key, fmt::format("= {}, must be a list of texts", shown(*value)));
     std::vector<std::string> list;

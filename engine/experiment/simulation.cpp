@@ -90,6 +90,10 @@ DriveRecord DriveRecord::from_table(const Table& table, const MachineModel& mach
     return record;
 }
 
+Method resolved(Method method, const MachineModel& machine) {
+    return resolved(method, ServoSystem(machine, OpenLoop{}));
+}
+
 Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver,
                     std::uint64_t seed, const RunControl& control) {
     const auto start = machine.initial == InitialKind::fitted ? fitted_start(record, machine)
@@ -106,6 +110,7 @@ Simulation simulate(const MachineModel& machine, const DriveRecord& record, cons
         if (control.progress) control.progress("simulate", k, last);
         if (k == last || !result.outcome.ok()) break;
     }
+    result.method = resolved(solver.method, system);
     result.trace = recorder.trace();
     std::copy_n(record.t.begin(), result.trace.t.size(), result.trace.t.begin());
     result.events = simulator.events();

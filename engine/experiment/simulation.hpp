@@ -28,10 +28,14 @@ struct DriveRecord {
 
 struct Simulation {
     ServoTrace trace; // at the record's instants reached; t as in the record
+    Method method = Method::automatic; // the one used
     EventLog events;  // times from the record's first instant [s]
     RunOutcome outcome;
     RunStatistics statistics;
 };
+
+// The method that `automatic` stands for with this machine.
+Method resolved(Method method, const MachineModel& machine);
 
 // Runs the machine under the record. The first sample is t = 0 of the machine; there it rests, or moves as the first
 // samples of the measured position do where its description says "fitted".

@@ -1,9 +1,25 @@
 #include "hybrid/hybrid_system.hpp"
 
+#include <cassert>
+
 namespace tribode {
 
 bool HybridSystem::jacobian(double, std::span<const double>, const DiscreteState&, std::span<double>) const {
     return false;
+}
+
+std::optional<std::string> HybridSystem::why_not_affine() const {
+    return "its equations are not known to be affine between events";
+}
+
+void HybridSystem::affine_derivative(int, double, double, std::span<const double>, const DiscreteState&,
+                                     std::span<double>) const {
+    assert(!"a system that is affine says how");
+}
+
+void HybridSystem::affine_guards(int, double, double, std::span<const double>, const DiscreteState&,
+                                 std::span<double>) const {
+    assert(!"a system that is affine says how");
 }
 
 } // namespace tribode

@@ -2,6 +2,7 @@
 #include "hybrid/system_state.hpp"
 
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -77,6 +78,16 @@ class HybridSystem {
 
     // Sample instant k of the clock.
     virtual EventEffect on_sample(ClockId clock, long k, SystemState& state) const = 0;
+
+    // Why the system is not piecewise affine; nothing where it is: between events, at constant d,
+    //     dx/dt = A x + b(t),  g = G x + h,
+    // A, G and h constant and b a polynomial in t. Then the two functions below give, for x(t0 + s h) = sum c_n s^n
+    // (0 <= s <= 1), the n-th coefficient in s of dx/dt, A c_n + b_n, and of the guards, from c_n = c alone.
+    virtual std::optional<std::string> why_not_affine() const;
+    virtual void affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                                   std::span<double> coefficient) const;
+    virtual void affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                               std::span<double> coefficient) const;
 
     // For messages: what the guard watches at present ("element 3").
     virtual std::string guard_name(GuardId guard, const SystemState& state) const = 0;

@@ -96,6 +96,16 @@ void ServoSystem::guards(double t, std::span<const double> x, const DiscreteStat
     plant_.guards(t, x, static_cast<const State&>(d).plant, g);
 }
 
+void ServoSystem::affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                                    std::span<double> coefficient) const {
+    plant_.affine_derivative(n, t0, h, c, static_cast<const State&>(d).plant, coefficient);
+}
+
+void ServoSystem::affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                                std::span<double> coefficient) const {
+    plant_.affine_guards(n, t0, h, c, static_cast<const State&>(d).plant, coefficient);
+}
+
 EventEffect ServoSystem::on_crossing(GuardId guard, SystemState& state, EventLog& log) const {
     return plant_.on_crossing(guard, state.t, state.x, static_cast<State&>(*state.discrete).plant, log);
 }

@@ -76,6 +76,11 @@ class ServoSystem final : public HybridSystem {
     bool jacobian(double t, std::span<const double> x, const DiscreteState& d,
                   std::span<double> matrix) const override;
     void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const override;
+    std::optional<std::string> why_not_affine() const override { return plant_.why_not_affine(); }
+    void affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                           std::span<double> coefficient) const override;
+    void affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                       std::span<double> coefficient) const override;
     EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const override;
     EventEffect on_sample(ClockId clock, long k, SystemState& state) const override;
     std::string guard_name(GuardId guard, const SystemState& state) const override;

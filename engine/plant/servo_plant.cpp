@@ -4,6 +4,7 @@
 #include <cassert>
 #include <cmath>
 #include <fmt/format.h>
+#include <limits>
 #include <numbers>
 
 namespace tribode {
@@ -76,6 +77,15 @@ double ServoPlant::smooth_friction(std::span<const double> x, const State& s) co
     return p_.rolling.force(s.rolling, position(x), v) + p_.viscous * v;
 }
 
+// The part of smooth_friction that is linear in x; with constant_force it makes up the forces in slip.
+double ServoPlant::linear_friction(std::span<const double> x, const State& s) const {
+    return s.rolling.stiffness * position(x) + (s.rolling.damping + p_.viscous) * velocity(x);
+}
+
+double ServoPlant::constant_force(const State& s) const {
+    return s.disturbance - s.rolling.force + s.rolling.stiffness * s.rolling.reference - sign(s.dry) * p_.dry.coulomb;
+}
+
 double ServoPlant::holding_force(double t, std::span<const double> x, const State& s) const {
     return thrust(t, x, s) + s.disturbance - smooth_friction(x, s) - restoring(x);
 }
@@ -89,25 +99,45 @@ ServoPlant::Outputs ServoPlant::outputs(double t, std::span<const double> x, con
     return {position(x), v, f, thrust(t, x, s)};
 }
 
-void ServoPlant::derivative(double t, std::span<const double> x, const State& s, std::span<double> dxdt) const {
-    double y = 0, v = 0;
-    for (std::size_t j = 0; j < bodies(); ++j) {
-        y += x[2 * j];
-        v += x[2 * j + 1];
-    }
-    double effective = thrust(t, x, s) + s.disturbance - p_.rolling.force(s.rolling, y, v) - p_.viscous * v;
-    if (p_.dry.present()) {
-        if (s.dry == SlipState::stick) {
-            effective = restoring(x);
-        } else {
-            effective -= sign(s.dry) * p_.dry.level(v);
-        }
-    }
+// Positions and velocities of all bodies under an effective thrust; linear in both.
+void ServoPlant::motion(std::span<const double> x, double effective, std::span<double> dxdt) const {
     for (std::size_t j = 0; j < bodies(); ++j) {
         dxdt[2 * j] = x[2 * j + 1];
         dxdt[2 * j + 1] = gain_[j] * effective - damping_[j] * x[2 * j + 1] - stiffness_[j] * x[2 * j];
     }
+}
+
+void ServoPlant::derivative(double t, std::span<const double> x, const State& s, std::span<double> dxdt) const {
+    const bool stuck = p_.dry.present() && s.dry == SlipState::stick;
+    double effective;
+    if (stuck) {
+        effective = restoring(x);
+    } else {
+        effective = thrust(t, x, s) + s.disturbance - smooth_friction(x, s);
+        if (p_.dry.present()) effective -= sign(s.dry) * p_.dry.level(velocity(x));
+    }
+    motion(x, effective, dxdt);
     if (corner_ > 0) dxdt.back() = corner_ * (s.input(t) - x.back());
+}
+
+std::optional<std::string> ServoPlant::why_not_affine() const {
+    if (!p_.dry.velocity_dependent()) return std::nullopt;
+    return "the Stribeck level of the friction is not linear in the velocity";
+}
+
+void ServoPlant::affine_derivative(int n, double t0, double h, std::span<const double> c, const State& s,
+                                   std::span<double> coefficient) const {
+    const bool stuck = p_.dry.present() && s.dry == SlipState::stick;
+    const double input = s.input.taylor(n, t0, h);
+    double effective;
+    if (stuck) {
+        effective = restoring(c);
+    } else {
+        effective = (corner_ > 0 ? c.back() : input) - linear_friction(c, s);
+        if (n == 0) effective += constant_force(s);
+    }
+    motion(c, effective, coefficient);
+    if (corner_ > 0) coefficient.back() = corner_ * (input - c.back());
 }
 
 void ServoPlant::jacobian(std::span<const double> x, const State& s, std::span<double> matrix) const {
@@ -137,22 +167,49 @@ SlipState ServoPlant::direction(const State& s) const {
     return p_.dry.present() ? s.dry : s.rolling.direction;
 }
 
+// With dry friction the way of the motion is known, and an axis that sticks has none: an element which stopped on its
+// limit must not slip because the modes' motion sums to zero within rounding only.
+ServoPlant::Watched ServoPlant::watched(const State& s) const {
+    Watched w;
+    w.forward = (!p_.dry.present() || s.dry == SlipState::slip_forward) && std::isfinite(s.rolling.forward_limit);
+    w.backward = (!p_.dry.present() || s.dry == SlipState::slip_backward) && std::isfinite(s.rolling.backward_limit);
+    w.towards = sign(direction(s));
+    w.release = p_.dry.present() && s.dry == SlipState::stick;
+    return w;
+}
+
 void ServoPlant::guards(double t, std::span<const double> x, const State& s, std::span<double> g) const {
+    const Watched w = watched(s);
+    // A fall within the rounding of the sums is none: after a reversal an element stands exactly on its limit.
+    double size_of_y = 0, size_of_v = 0;
+    for (std::size_t j = 0; j < bodies(); ++j) {
+        size_of_y += std::abs(x[2 * j]);
+        size_of_v += std::abs(x[2 * j + 1]);
+    }
+    constexpr double rounding = 4 * std::numeric_limits<double>::epsilon();
     const double y = position(x);
-    const SlipState towards = direction(s);
-    const double room_forward = s.rolling.forward_limit - y, room_backward = y - s.rolling.backward_limit;
-    // With dry friction the way of the motion is known, and an axis that sticks has none: an element which stopped on
-    // its limit must not slip because the modes' motion sums to zero within rounding only.
-    const bool may_advance = !p_.dry.present() || s.dry == SlipState::slip_forward;
-    const bool may_retreat = !p_.dry.present() || s.dry == SlipState::slip_backward;
-    g[forward_limit] = may_advance && std::isfinite(room_forward) ? room_forward : 1;
-    g[backward_limit] = may_retreat && std::isfinite(room_backward) ? room_backward : 1;
-    g[reversal] = towards == SlipState::stick ? 1 : sign(towards) * velocity(x);
+    g[forward_limit] = w.forward ? s.rolling.forward_limit - y + rounding * size_of_y : 1;
+    g[backward_limit] = w.backward ? y - s.rolling.backward_limit + rounding * size_of_y : 1;
+    g[reversal] = w.towards != 0 ? w.towards * velocity(x) + rounding * size_of_v : 1;
     if (!p_.dry.present()) return;
-    const bool stuck = s.dry == SlipState::stick;
-    const double holding = stuck ? holding_force(t, x, s) : 0;
-    g[release_forward] = stuck ? p_.dry.static_level - holding : 1;
-    g[release_backward] = stuck ? p_.dry.static_level + holding : 1;
+    const double holding = w.release ? holding_force(t, x, s) : 0;
+    g[release_forward] = w.release ? p_.dry.static_level - holding : 1;
+    g[release_backward] = w.release ? p_.dry.static_level + holding : 1;
+}
+
+void ServoPlant::affine_guards(int n, double t0, double h, std::span<const double> c, const State& s,
+                               std::span<double> g) const {
+    if (n == 0) return guards(t0, c, s, g);
+    const Watched w = watched(s);
+    const double y = position(c);
+    g[forward_limit] = w.forward ? -y : 0;
+    g[backward_limit] = w.backward ? y : 0;
+    g[reversal] = w.towards * velocity(c);
+    if (!p_.dry.present()) return;
+    const double thrust = corner_ > 0 ? c.back() : s.input.taylor(n, t0, h);
+    const double holding = w.release ? thrust - linear_friction(c, s) - restoring(c) : 0;
+    g[release_forward] = -holding;
+    g[release_backward] = holding;
 }
 
 // Takes the velocity of the driven point to exactly zero, by an impulse there.

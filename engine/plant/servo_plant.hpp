@@ -69,6 +69,11 @@ class ServoPlant {
     void derivative(double t, std::span<const double> x, const State& s, std::span<double> dxdt) const;
     void jacobian(std::span<const double> x, const State& s, std::span<double> matrix) const;
     void guards(double t, std::span<const double> x, const State& s, std::span<double> g) const;
+    std::optional<std::string> why_not_affine() const;
+    void affine_derivative(int n, double t0, double h, std::span<const double> c, const State& s,
+                           std::span<double> coefficient) const;
+    void affine_guards(int n, double t0, double h, std::span<const double> c, const State& s,
+                       std::span<double> coefficient) const;
     EventEffect on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const;
     std::string guard_name(GuardId guard, const State& s) const;
 
@@ -79,11 +84,22 @@ class ServoPlant {
   private:
     enum Guard : GuardId { forward_limit, backward_limit, reversal, release_forward, release_backward };
 
+    // Which guards matter in the present slip states.
+    struct Watched {
+        bool forward = false, backward = false; // an element may reach its limit
+        double towards = 0;                     // +1 or -1: a reversal may come; 0: nothing slips
+        bool release = false;                   // the Coulomb level may let go
+    };
+    Watched watched(const State& s) const;
+
     std::size_t bodies() const { return 1 + p_.modes.size(); }
     double thrust(double t, std::span<const double> x, const State& s) const;
     double restoring(std::span<const double> x) const; // sum(2 z w q' + w^2 q) / sum k [N]
     double smooth_friction(std::span<const double> x, const State& s) const; // f - f_dry [N]
     double holding_force(double t, std::span<const double> x, const State& s) const; // f_dry in stick [N]
+    double linear_friction(std::span<const double> x, const State& s) const;
+    double constant_force(const State& s) const;
+    void motion(std::span<const double> x, double effective, std::span<double> dxdt) const;
     void stop(std::span<double> x) const;
     SlipState direction(const State& s) const;
 

@@ -127,7 +127,7 @@ Json simulate_machine(ScriptRun& run, const Json& arguments) {
     const auto record = DriveRecord::from_table(table, machine, "tb.simulate");
     const Simulation result = simulate(machine, record, solver, seed, run.control());
     if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
-    run.note_work({{"function", "simulate"}, {"machine", machine.hash()}, {"solver", name_of(solver.method)},
+    run.note_work({{"function", "simulate"}, {"machine", machine.hash()}, {"solver", name_of(result.method)},
                    {"seed", seed}, {"outcome", result.outcome.message}, {"statistics", to_json(result.statistics)}});
     Json json = to_json(result.trace);
     json["ok"] = result.outcome.ok();
@@ -152,7 +152,7 @@ Json sweep(ScriptRun& run, const Json& arguments) {
     const std::string checkpoint = fields.text("checkpoint", "sweep.resume.json");
     fields.finish();
     const SweepResult result = run_sweep(machine, options, run.control(), run.folder().path(checkpoint));
-    run.note_work({{"function", "sweep"}, {"machine", machine.hash()}, {"solver", name_of(options.solver.method)},
+    run.note_work({{"function", "sweep"}, {"machine", machine.hash()}, {"solver", name_of(resolved(options.solver.method, machine))},
                    {"relative_tolerance", options.solver.relative_tolerance},
                    {"absolute_tolerance_m", options.solver.absolute_tolerance}, {"amplitude_N", options.amplitude},
                    {"delay_s", options.delay}, {"seed", options.seed}, {"frequencies", options.frequency_hz.size()},

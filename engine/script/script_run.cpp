@@ -20,7 +20,9 @@ std::filesystem::path home() {
     return std::filesystem::exists(source / "models") ? source : std::filesystem::path(TRIBODE_DATA_DIR);
 }
 
+// The folder of the results. A missing script is said here, before the folder is made.
 std::filesystem::path folder_of(const ScriptRequest& request) {
+    read_file(request.script);
     return request.folder.empty() ? std::filesystem::path("results") / request.script.stem() : request.folder;
 }
 
@@ -59,7 +61,6 @@ Json parse_define(const std::string& name, const std::string& text, const Json& 
 
 ScriptRun::ScriptRun(const ScriptRequest& request, const RunControl& control)
     : request_(request), control_(control), folder_(folder_of(request)), lua_(request.limits, access(), control) {
-    read_file(request_.script); // a missing script is said before anything else
     add_bindings(lua_, *this);
 }
 
@@ -74,10 +75,9 @@ ScriptAccess ScriptRun::access() const {
 
 std::filesystem::path ScriptRun::find_file(const std::string& name) const {
     const std::filesystem::path path = name;
-    if (path.is_relative() && !std::filesystem::exists(path) && std::filesystem::exists(home() / path)) {
-        return home() / path;
-    }
-    return path;
+    if (path.empty() || std::filesystem::exists(path)) return path;
+    const bool ready = *path.begin() == "models" || *path.begin() == "scripts";
+    return ready ? home() / path : path;
 }
 
 Json ScriptRun::machine(const std::string& file, const Json& argument) {

@@ -19,7 +19,11 @@ class ErkIntegrator final : public SundialsIntegrator {
     bool counters_restart() const override { return false; }
     double kept_step(bool first, bool cut) const override;
 
+    static int choose_step(N_Vector x, double t, double h, double, double, double error, double, double, int order,
+                           int embedded_order, double* proposed, void* self);
+
     void* memory_ = nullptr;
+    double proposed_step_ = 0; // after the last step, whatever time it has to stop at [s]
 };
 
 } // namespace tribode

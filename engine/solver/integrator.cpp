@@ -2,6 +2,7 @@
 #include "base/error.hpp"
 #include "solver/cvode_integrator.hpp"
 #include "solver/erk_integrator.hpp"
+#include "solver/exact_integrator.hpp"
 #include "solver/rk4_integrator.hpp"
 
 #include <algorithm>
@@ -10,7 +11,7 @@
 namespace tribode {
 
 const std::vector<std::string>& SolverOptions::method_names() {
-    static const std::vector<std::string> names = {"erk", "adams", "cvode", "fixed"};
+    static const std::vector<std::string> names = {"auto", "exact", "erk", "adams", "cvode", "fixed"};
     return names;
 }
 
@@ -30,8 +31,15 @@ Method method_named(const std::string& name) {
     throw InputError(fmt::format("solver \"{}\" is not known, must be one of {}", name, fmt::join(names, ", ")));
 }
 
+Method resolved(Method method, const HybridSystem& system) {
+    if (method != Method::automatic) return method;
+    return system.why_not_affine() ? Method::erk : Method::exact;
+}
+
 std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const SolverOptions& options) {
-    switch (options.method) {
+    switch (resolved(options.method, system)) {
+    case Method::automatic:
+    case Method::exact: return std::make_unique<ExactIntegrator>(system);
     case Method::erk: return std::make_unique<ErkIntegrator>(system, options);
     case Method::adams:
     case Method::bdf: return std::make_unique<CvodeIntegrator>(system, options);

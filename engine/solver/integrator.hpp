@@ -45,7 +45,9 @@ class Integrator {
 
 // The ways to integrate. Names as the user writes them.
 enum class Method {
-    erk,   // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE: the default
+    automatic, // exact where the system is piecewise affine, else erk: the default; the user writes auto
+    exact, // Taylor series to rounding error, for systems that are piecewise affine
+    erk,   // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE
     adams, // Adams-Moulton with functional iteration, CVODE
     bdf,   // backward differentiation formulas with Newton iteration, CVODE; the user writes cvode
     fixed  // classical Runge-Kutta of order 4 with a fixed step; guards are looked at after each step only
@@ -53,12 +55,12 @@ enum class Method {
 
 // Which method, and how exactly.
 struct SolverOptions {
-    Method method = Method::erk;
+    Method method = Method::automatic;
     double relative_tolerance = 1e-8;
     double absolute_tolerance = 1e-12; // [m] for positions; other states: times their scale
     double fixed_step = 5e-5;          // [s] of fixed
 
-    static const std::vector<std::string>& method_names(); // erk, adams, cvode, fixed
+    static const std::vector<std::string>& method_names(); // auto, exact, erk, adams, cvode, fixed
 
     // Fields solver, relative_tolerance, absolute_tolerance_m, fixed_step_s; absent ones stay as they are.
     void read(FieldReader& fields);
@@ -66,6 +68,9 @@ struct SolverOptions {
 
 std::string name_of(Method method);
 Method method_named(const std::string& name); // throws InputError
+
+// What `automatic` means for this system; any other method as it is.
+Method resolved(Method method, const HybridSystem& system);
 
 std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const SolverOptions& options);
 

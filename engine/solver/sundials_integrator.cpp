@@ -93,7 +93,14 @@ Integrator::Progress SundialsIntegrator::step(double t_stop) {
     const double t_before = state_->t;
     double t = t_before;
     met_non_finite_ = false;
-    const Native result = native_step(t_stop, t);
+    Native result = native_step(t_stop, t);
+    // ERKStep gives up at the first derivative that is not finite, where a shorter step may do.
+    for (double h = (t_stop - t_before) / 10;
+         result == Native::failed && met_non_finite_ && h > time_resolution(t_before); h /= 10) {
+        kept_step_ = h;
+        restart(*state_);
+        result = native_step(t_stop, t);
+    }
     // Some methods would creep on for ever where the derivative ceases to be finite.
     const bool advances = result == Native::stopped || t - t_before > time_resolution(t);
     steps_without_progress_ = advances ? 0 : steps_without_progress_ + 1;

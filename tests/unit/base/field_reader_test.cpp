@@ -27,7 +27,8 @@ std::string problem_of_number(double value, Allowed allowed) {
 }
 
 TEST(FieldReader, ReadsEveryKindOfField) {
-    const Json fields = Json::parse(R"({"a": 1.5, "b": -2, "c": true, "d": "text", "e": [1, 2.5], "f": ["x", "y"],
+    const Json fields =
+        Json::parse(R"({"a": 1.5, "b": -2, "c": true, "d": "text", "e": [1, 2.5], "f": ["x", "y"],
                                         "g": {"h": 3}, "i": [{"j": 4}, {"j": 5}], "k": "two", "l": [1, "any"]})");
     FieldReader reader(fields, "m.lua");
     EXPECT_EQ(reader.number("a", "N", Allowed::positive), 1.5);
@@ -49,8 +50,9 @@ TEST(FieldReader, ReadsEveryKindOfField) {
 }
 
 TEST(FieldReader, AbsentAndNullFieldsGiveTheFallback) {
-    for (const char* text : {"{}", "null", "[]",
-                             R"({"a": null, "c": null, "d": null, "e": null, "f": null, "g": null, "i": null})"}) {
+    for (const char* text :
+         {"{}", "null", "[]",
+          R"({"a": null, "c": null, "d": null, "e": null, "f": null, "g": null, "i": null})"}) {
         const Json fields = Json::parse(text);
         FieldReader reader(fields, "m.lua");
         EXPECT_FALSE(reader.has("a"));
@@ -139,7 +141,10 @@ TEST(FieldReader, AFieldOfAnotherKindIsShownAsItStands) {
     EXPECT_EQ(problem(R"({"a": 1})", [](FieldReader& r) { r.text("a", ""); }),
               "input: m.lua: a = 1, must be a text");
     EXPECT_EQ(problem("{}", [](FieldReader& r) { r.text("a"); }), "input: m.lua: a is missing (a text)");
-    EXPECT_EQ(problem(R"({"a": "three"})", [](FieldReader& r) { r.choice("a", {"one", "two"}, "one"); }),
+    EXPECT_EQ(problem(R"({"a": "three"})",
+                      [](FieldReader& r) {
+                          r.choice("a", {"one", "two"}, "one");
+                      }),
               "input: m.lua: a = \"three\", must be one of one, two");
     EXPECT_EQ(problem(R"({"a": 1})", [](FieldReader& r) { r.each("a", [](FieldReader&) {}); }),
               "input: m.lua: a = 1, must be a list of tables");

@@ -12,8 +12,8 @@ namespace tribode {
 namespace {
 
 constexpr std::size_t count = 100000;
-// Of a statistic's standard deviation. The numbers are always the same, so a test passes always or never; an honest
-// generator fails one in two million of such bounds.
+// Of a statistic's standard deviation. The numbers are always the same, so a test passes always or never; an
+// honest generator fails one in two million of such bounds.
 constexpr double bound = 5;
 
 std::vector<double> normals(std::uint64_t seed, std::uint64_t stream, std::uint64_t first = 0) {

@@ -2,12 +2,12 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <random>
-#include <regex>
 
 namespace tribode {
 namespace {
@@ -26,9 +26,8 @@ TEST(ToText, IsTheShortestTextOfTheNumber) {
 
 TEST(ToText, ReadsBackToTheSameBits) {
     using Limits = std::numeric_limits<double>;
-    std::vector<double> values = {0.0,           -0.0,          Limits::max(), Limits::lowest(),
-                                  Limits::min(), 0.418e-3,      INFINITY,      Limits::denorm_min(),
-                                  -INFINITY,     1 + 0x1p-52};
+    std::vector<double> values = {0.0,      -0.0,     Limits::max(),        Limits::lowest(), Limits::min(),
+                                  0.418e-3, INFINITY, Limits::denorm_min(), -INFINITY,        1 + 0x1p-52};
     std::mt19937_64 bits(1);
     while (values.size() < 20000) {
         const auto value = std::bit_cast<double>(bits());
@@ -57,8 +56,8 @@ TEST(ParseNumber, AllowsBlanksAroundAndASignInFront) {
 }
 
 TEST(ParseNumber, RefusesWhatIsNotOneNumber) {
-    for (const char* text : {"", "  ", "+", "-", "e5", "1,5", "1.5x", "1 2", "0x10", "--1", "++1", "+-1", "-+1",
-                             "+ 1", "1e", "1e400", "one"}) {
+    for (const char* text : {"", "  ", "+", "-", "e5", "1,5", "1.5x", "1 2", "0x10", "--1", "++1", "+-1",
+                             "-+1", "+ 1", "1e", "1e400", "one"}) {
         EXPECT_EQ(parse_number(text), std::nullopt) << '"' << text << '"';
     }
 }
@@ -113,7 +112,9 @@ TEST(Sha256, GivesThePublishedVectors) {
 }
 
 TEST(Version, IsThreeNumbers) {
-    EXPECT_TRUE(std::regex_match(version(), std::regex(R"(\d+\.\d+\.\d+)"))) << version();
+    const std::string text = version();
+    EXPECT_EQ(std::count(text.begin(), text.end(), '.'), 2) << text;
+    EXPECT_EQ(text.find_first_not_of(".0123456789"), std::string::npos) << text;
 }
 
 } // namespace

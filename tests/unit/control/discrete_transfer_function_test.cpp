@@ -81,9 +81,10 @@ TEST_P(PadeDelay, PassesEveryFrequencyWithGainOne) {
     for (const double l : {0.1e-3, delay, 5e-3}) {
         const auto filter = DiscreteTransferFunction::pade_delay(l, GetParam(), sample_time);
         for (double f = 0; f <= 1000; f += 12.5) {
-            // Numerator and denominator are conjugate but for rounding; near half the sample rate the terms of
-            // (1 + z^-1)^6 cancel to 1e-8 of their size.
-            EXPECT_NEAR(std::abs(filter.response(f, sample_time)), 1, f < 900 ? 1e-11 : 1e-7) << l << " s at " << f << " Hz";
+            // Numerator and denominator are conjugate but for rounding; near half the sample rate the terms
+            // of (1 + z^-1)^6 cancel to 1e-8 of their size.
+            EXPECT_NEAR(std::abs(filter.response(f, sample_time)), 1, f < 900 ? 1e-11 : 1e-7)
+                << l << " s at " << f << " Hz";
         }
     }
 }
@@ -102,8 +103,8 @@ TEST_P(PadeDelay, ItsPhaseIsThatOfTheDelayToTheOrderOfTheApproximant) {
     const auto filter = DiscreteTransferFunction::pade_delay(delay, n, sample_time);
     const double f = 120, angle = warped(turn * f) * delay; // 1.05 rad
     const double error = std::arg(filter.response(f, sample_time) * std::polar(1.0, angle));
-    const double leading = std::pow(std::tgamma(n + 1.0), 2) / (std::tgamma(2 * n + 1.0) * std::tgamma(2 * n + 2.0)) *
-                           std::pow(angle, 2 * n + 1);
+    const double leading = std::pow(std::tgamma(n + 1.0), 2) /
+                           (std::tgamma(2 * n + 1.0) * std::tgamma(2 * n + 2.0)) * std::pow(angle, 2 * n + 1);
     // The next term is smaller by about (w L)^2 / 10; below 1e-13 rounding is larger.
     EXPECT_NEAR(error, leading, 0.15 * leading + 1e-13);
 }

@@ -16,9 +16,9 @@ TEST(SampledFriction, FourSamplesByHand) {
     SampledFriction friction({{100, 1, 5}}, 2, sample_time);
     // Rounding: positions near 0.3 m are known to 5e-17 m, and divided by 1 ms.
     constexpr double rounding = 1e-12;
-    EXPECT_EQ(friction.step(0.300), 0);                                    // sets the reference
-    EXPECT_NEAR(friction.step(0.304), 0.4 + 5 * 4 + 2 * 4, rounding);      // stick: z = 4 mm, v = 4 m/s
-    EXPECT_NEAR(friction.step(0.312), 1 + 2 * 8, rounding);                // slip: no D
+    EXPECT_EQ(friction.step(0.300), 0);                                     // sets the reference
+    EXPECT_NEAR(friction.step(0.304), 0.4 + 5 * 4 + 2 * 4, rounding);       // stick: z = 4 mm, v = 4 m/s
+    EXPECT_NEAR(friction.step(0.312), 1 + 2 * 8, rounding);                 // slip: no D
     EXPECT_NEAR(friction.step(0.311), 0.9 + 5 * (-1) + 2 * (-1), rounding); // back from the limit
 }
 

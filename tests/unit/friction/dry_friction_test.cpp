@@ -42,8 +42,8 @@ TEST_P(Stribeck, LevelRunsFromStaticToCoulomb) {
 
 TEST_P(Stribeck, SlopeIsTheDerivativeOfTheLevelByTheSpeed) {
     for (const double v : {0.003, 0.02, 0.07}) {
-        // Central differences err by h^2/6 times the third derivative, here below 1e8 N s^3/m^3, and by rounding,
-        // 1e-15 N/h; the slope is of the order of 100 N s/m.
+        // Central differences err by h^2/6 times the third derivative, here below 1e8 N s^3/m^3, and by
+        // rounding, 1e-15 N/h; the slope is of the order of 100 N s/m.
         const double h = 1e-6;
         const double difference = (dry.level(v + h) - dry.level(v - h)) / (2 * h);
         EXPECT_NEAR(dry.slope(v), difference, 1e-4) << v;

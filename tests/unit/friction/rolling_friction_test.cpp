@@ -13,8 +13,8 @@ namespace tribode {
 namespace {
 
 constexpr double infinity = std::numeric_limits<double>::infinity();
-// [N], forces are below 10 N: a deflection is a difference of positions below 5 mm, known to 1e-18 m each, times at
-// most 2e6 N/m, over some hundred events.
+// [N], forces are below 10 N: a deflection is a difference of positions below 5 mm, known to 1e-18 m each,
+// times at most 2e6 N/m, over some hundred events.
 constexpr double rounding = 1e-9;
 
 using Reports = std::vector<std::pair<std::size_t, SlipState>>;
@@ -33,11 +33,14 @@ struct Motion {
     Reports reports;
 
     explicit Motion(std::vector<MaxwellSlipElement> elements, double start = 0)
-        : law(std::move(elements)), state(law.at_rest(start)), y(start) {}
+        : law(std::move(elements)),
+          state(law.at_rest(start)),
+          y(start) {}
 
     double force() const { return law.force(state, y, 0); }
 
-    void to(double target, const std::function<void()>& at_event = [] {}) {
+    void to(
+        double target, const std::function<void()>& at_event = [] {}) {
         const auto report = [&](std::size_t element, SlipState now) { reports.emplace_back(element, now); };
         const int towards = target > y ? 1 : -1;
         if (towards == -direction) law.stick(state, y, report);
@@ -53,7 +56,8 @@ struct Motion {
     }
 };
 
-// Eqs. (11)-(15) for slow motion, without events: each deflection is clipped at the end of a piece in one direction.
+// Eqs. (11)-(15) for slow motion, without events: each deflection is clipped at the end of a piece in one
+// direction.
 struct Clip {
     std::vector<MaxwellSlipElement> elements;
     std::vector<double> z = std::vector<double>(elements.size());
@@ -95,9 +99,8 @@ TEST(RollingFriction, OneElementIsASpringThatSlipsAtItsLevel) {
     EXPECT_NEAR(motion.state.backward_limit, 1e-3, 1e-18); // twice the limit back
     motion.to(0);
     EXPECT_EQ(motion.force(), -2.0);
-    EXPECT_EQ(motion.reports, (Reports{{0, SlipState::slip_forward},
-                                       {0, SlipState::stick},
-                                       {0, SlipState::slip_backward}}));
+    EXPECT_EQ(motion.reports,
+              (Reports{{0, SlipState::slip_forward}, {0, SlipState::stick}, {0, SlipState::slip_backward}}));
 }
 
 TEST(RollingFriction, ForceOfAnyMotionIsThatOfTheClipFormulaAtEveryEvent) {
@@ -213,10 +216,10 @@ TEST(RollingFriction, StickLeavesEveryDeflectionAndTheForceAsTheyAre) {
     const double force = motion.force();
     Reports reports;
     motion.law.stick(motion.state, motion.y, [&](auto i, auto now) { reports.emplace_back(i, now); });
-    EXPECT_EQ(reports, (Reports{{0, SlipState::stick},
-                                {1, SlipState::stick},
-                                {2, SlipState::stick},
-                                {4, SlipState::stick}}));
+    EXPECT_EQ(
+        reports,
+        (Reports{
+            {0, SlipState::stick}, {1, SlipState::stick}, {2, SlipState::stick}, {4, SlipState::stick}}));
     for (const std::size_t i : {0u, 1u, 2u, 4u}) {
         EXPECT_EQ(motion.state.z[i], motion.law.elements()[i].limit()) << i;
     }

@@ -37,7 +37,7 @@ const char* const complete = R"({
 })";
 
 MachineModel model(const Json& description) { return MachineModel::from_description(description, "x.json"); }
-MachineModel model(const std::string& text) { return model(Json::parse(text)); }
+MachineModel parsed(const std::string& text) { return model(Json::parse(text)); }
 
 // What is said of the complete description with one field changed; "none: " where it is accepted.
 std::string problem(const std::string& pointer, const std::string& value) {
@@ -53,7 +53,7 @@ std::string problem_without(const std::string& table, const std::string& field) 
 }
 
 TEST(MachineModel, ReadsACompleteDescription) {
-    const MachineModel m = model(complete);
+    const MachineModel m = parsed(complete);
     EXPECT_EQ(m.sample_time, 0.0005);
     EXPECT_EQ(m.rigid_gain, 0.09428);
     ASSERT_EQ(m.modes.size(), 2u);
@@ -99,15 +99,15 @@ TEST(MachineModel, ReadsACompleteDescription) {
 }
 
 TEST(MachineModel, ReadsACascade) {
-    const MachineModel m = model(R"({"rigid_gain_per_kg": 1, "controller":
+    const MachineModel m = parsed(R"({"rigid_gain_per_kg": 1, "controller":
         {"type": "cascade", "kp": 160.18, "kv": 243.45, "limit": 351.5, "delay_samples": 1}})");
     const auto& cascade = std::get<CascadeSettings>(m.controller);
     EXPECT_EQ(cascade.kp, 160.18);
     EXPECT_EQ(cascade.kv, 243.45);
     EXPECT_EQ(cascade.limit, 351.5);
     EXPECT_EQ(cascade.delay_samples, 1);
-    const MachineModel unlimited =
-        model(R"({"rigid_gain_per_kg": 1, "controller": {"type": "cascade", "kp": 1, "kv": 1, "limit": null}})");
+    const MachineModel unlimited = parsed(
+        R"({"rigid_gain_per_kg": 1, "controller": {"type": "cascade", "kp": 1, "kv": 1, "limit": null}})");
     EXPECT_EQ(std::get<CascadeSettings>(unlimited.controller).limit, std::nullopt);
     EXPECT_EQ(std::get<CascadeSettings>(unlimited.controller).delay_samples, 0);
 }
@@ -118,7 +118,7 @@ TEST(MachineModel, WhatIsAbsentIsNoneOrZero) {
           R"({"rigid_gain_per_kg": 1, "modes": null, "friction": {"stribeck": null, "elements": []},
               "controller": null, "current_loop_hz": null, "tolerance": null, "effects": null, "input": null})",
           R"({"rigid_gain_per_kg": 1, "modes": {}, "friction": {}, "tolerance": {}, "effects": {}})"}) {
-        const MachineModel m = model(text);
+        const MachineModel m = parsed(text);
         EXPECT_EQ(m.sample_time, 5e-4);
         EXPECT_TRUE(m.modes.empty());
         EXPECT_TRUE(m.elements.empty());
@@ -139,7 +139,7 @@ TEST(MachineModel, WhatIsAbsentIsNoneOrZero) {
 }
 
 TEST(MachineModel, DefaultsOfFieldsInsideATable) {
-    const MachineModel m = model(R"({"rigid_gain_per_kg": 1, "controller": {"kp": 5},
+    const MachineModel m = parsed(R"({"rigid_gain_per_kg": 1, "controller": {"kp": 5},
         "friction": {"coulomb": 3, "stribeck": {"static": 4, "velocity": 0.1}}})");
     EXPECT_EQ(m.dry.exponent, 1);
     const auto& pid = std::get<PidSettings>(m.controller);
@@ -147,7 +147,7 @@ TEST(MachineModel, DefaultsOfFieldsInsideATable) {
     EXPECT_EQ(pid.kd, 0);
     EXPECT_EQ(pid.derivative_filter_hz, std::nullopt);
     EXPECT_TRUE(m.closed_loop); // there is a controller
-    const MachineModel plain = model(R"({"rigid_gain_per_kg": 1, "friction": {"coulomb": 3}})");
+    const MachineModel plain = parsed(R"({"rigid_gain_per_kg": 1, "friction": {"coulomb": 3}})");
     EXPECT_EQ(plain.dry.static_level, 3);
     EXPECT_FALSE(plain.dry.velocity_dependent());
 }
@@ -219,7 +219,8 @@ TEST(MachineModel, AMissingFieldIsNamedWithItsUnit) {
               "input: x.json: friction.elements[1].F is missing (a number in N)");
     EXPECT_EQ(problem_without("/friction/stribeck", "static"),
               "input: x.json: friction.stribeck.static is missing (a number in N)");
-    EXPECT_EQ(problem_without("/controller", "kp"), "input: x.json: controller.kp is missing (a number in N/m)");
+    EXPECT_EQ(problem_without("/controller", "kp"),
+              "input: x.json: controller.kp is missing (a number in N/m)");
     EXPECT_EQ(problem("/controller", R"({"type": "cascade", "kp": 1})"),
               "input: x.json: controller.kv is missing (a number in N s/m)");
 }
@@ -238,20 +239,23 @@ TEST(MachineModel, AnUnknownFieldIsRefusedWithTheNearestKnownOne) {
               "input: x.json: friction.viscuos is not a known field (did you mean \"viscous\"?)");
     EXPECT_EQ(problem("/friction/elements/1/k", "1"),
               "input: x.json: friction.elements[2].k is not a known field (known: K, F, D)");
-    EXPECT_EQ(problem("/friction/stribeck/speed", "1"),
-              "input: x.json: friction.stribeck.speed is not a known field (known: static, velocity, exponent)");
+    EXPECT_EQ(
+        problem("/friction/stribeck/speed", "1"),
+        "input: x.json: friction.stribeck.speed is not a known field (known: static, velocity, exponent)");
     EXPECT_EQ(problem("/controller/derivative_filter", "1"),
               "input: x.json: controller.derivative_filter is not a known field (did you mean "
               "\"derivative_filter_hz\"?)");
-    EXPECT_EQ(problem("/tolerance/modes.frequency_hz", "0.1"),
-              "input: x.json: tolerance.modes.frequency_hz is not a known field (did you mean \"modes.freq_hz\"?)");
+    EXPECT_EQ(
+        problem("/tolerance/modes.frequency_hz", "0.1"),
+        "input: x.json: tolerance.modes.frequency_hz is not a known field (did you mean \"modes.freq_hz\"?)");
     // What belongs to the other kind of controller.
     EXPECT_EQ(problem("/controller/kv", "1"),
               "input: x.json: controller.kv is not a known field (did you mean \"kp\"?)");
 }
 
 TEST(MachineModel, NotesAreIgnoredAtEveryLevel) {
-    const Json notes = {{"comment", "c"}, {"units", {{"K", "N/m"}}}, {"conventions", 1}, {"records", 2}, {"equations", 3}};
+    const Json notes = {
+        {"comment", "c"}, {"units", {{"K", "N/m"}}}, {"conventions", 1}, {"records", 2}, {"equations", 3}};
     for (const char* table : {"", "/modes/0", "/friction", "/friction/stribeck", "/friction/elements/1",
                               "/controller", "/tolerance"}) {
         Json description = Json::parse(complete);
@@ -262,22 +266,24 @@ TEST(MachineModel, NotesAreIgnoredAtEveryLevel) {
 
 TEST(MachineModel, AMachineThatCannotMoveIsRefused) {
     for (const char* text : {"{}", R"({"rigid_gain_per_kg": 0, "modes": []})"}) {
-        EXPECT_EQ(problem_of([&] { model(std::string(text)); }),
-                  "input: x.json: rigid_gain_per_kg is zero or missing and there is no mode: nothing could move");
+        EXPECT_EQ(
+            problem_of([&] { parsed(text); }),
+            "input: x.json: rigid_gain_per_kg is zero or missing and there is no mode: nothing could move");
     }
-    EXPECT_NO_THROW(model(R"({"modes": [{"gain": 1, "freq_hz": 10, "zeta": 0.1}]})"));
+    EXPECT_NO_THROW(parsed(R"({"modes": [{"gain": 1, "freq_hz": 10, "zeta": 0.1}]})"));
 }
 
 TEST(MachineModel, ABandLimitedInputNeedsAnOpenLoop) {
-    EXPECT_EQ(problem("/input", "\"band_limited\""),
-              "input: x.json: input = \"band_limited\" needs u as a whole record, so closed_loop must be false");
-    EXPECT_EQ(model(R"({"rigid_gain_per_kg": 1, "input": "band_limited"})").input, InputKind::band_limited);
-    EXPECT_NO_THROW(model(R"({"rigid_gain_per_kg": 1, "input": "band_limited", "controller": {"kp": 1},
+    EXPECT_EQ(
+        problem("/input", "\"band_limited\""),
+        "input: x.json: input = \"band_limited\" needs u as a whole record, so closed_loop must be false");
+    EXPECT_EQ(parsed(R"({"rigid_gain_per_kg": 1, "input": "band_limited"})").input, InputKind::band_limited);
+    EXPECT_NO_THROW(parsed(R"({"rigid_gain_per_kg": 1, "input": "band_limited", "controller": {"kp": 1},
                               "closed_loop": false})"));
 }
 
 TEST(MachineModel, PlantParametersAreThoseOfTheModel) {
-    const auto p = model(complete).plant_parameters();
+    const auto p = parsed(complete).plant_parameters();
     EXPECT_EQ(p.rigid_gain, 0.09428);
     EXPECT_EQ(p.modes.size(), 2u);
     EXPECT_DOUBLE_EQ(p.rolling.coulomb_level(), 0.86);
@@ -287,9 +293,9 @@ TEST(MachineModel, PlantParametersAreThoseOfTheModel) {
 }
 
 TEST(MachineModel, HashIsThatOfTheFields) {
-    const std::string hash = model(complete).hash();
+    const std::string hash = parsed(complete).hash();
     EXPECT_EQ(hash.size(), 64u);
-    EXPECT_EQ(model(complete).hash(), hash);
+    EXPECT_EQ(parsed(complete).hash(), hash);
     Json other = Json::parse(complete);
     other["friction"]["viscous"] = 2.36;
     EXPECT_NE(model(other).hash(), hash);

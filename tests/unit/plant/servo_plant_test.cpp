@@ -34,7 +34,8 @@ ServoPlant::Parameters simple(DryFriction dry, double current_loop_hz = 0) {
 }
 
 // Without elements and without lag.
-ServoPlant::Parameters plain(double rigid_gain, std::vector<VibrationMode> modes, DryFriction dry, double viscous = 0) {
+ServoPlant::Parameters plain(double rigid_gain, std::vector<VibrationMode> modes, DryFriction dry,
+                             double viscous = 0) {
     return {.rigid_gain = rigid_gain,
             .modes = std::move(modes),
             .rolling = {},
@@ -45,7 +46,9 @@ ServoPlant::Parameters plain(double rigid_gain, std::vector<VibrationMode> modes
 
 struct Machine {
     explicit Machine(ServoPlant::Parameters parameters, double v = 0)
-        : plant(std::move(parameters)), x(plant.states().size()), state(plant.start(0, v, x)) {}
+        : plant(std::move(parameters)),
+          x(plant.states().size()),
+          state(plant.start(0, v, x)) {}
 
     Vector derivative(double t = 0) const {
         Vector dxdt(x.size());
@@ -88,7 +91,8 @@ void expect_near(const Vector& found, const Vector& expected, double tolerance) 
 // Numbers below 100 in a handful of operations.
 constexpr double rounding = 1e-13;
 
-// y = 3 mm, v = 0.3 m/s: f = 0.3 + 0.9 (element) + 0.6 (viscous) + 4 (Coulomb) = 5.8 N; u_e = 20 + 0.5 - 5.8 = 14.7 N.
+// y = 3 mm, v = 0.3 m/s: f = 0.3 + 0.9 (element) + 0.6 (viscous) + 4 (Coulomb) = 5.8 N; u_e = 20 + 0.5 - 5.8
+// = 14.7 N.
 TEST(ServoPlant, DerivativeInSlipByHand) {
     Machine m(simple(coulomb(4)), 0.3);
     m.x = {0.001, 0.2, 0.002, 0.1};
@@ -173,7 +177,8 @@ TEST(ServoPlant, WithoutRigidGainTheModeMovesAlone) {
     m.handle(reversal);
     EXPECT_EQ(m.x[1], 0);
     EXPECT_EQ(m.x[3], 0);
-    expect_near(m.derivative(), {0, 0, 0, 0.25 * (20 - 4) - 0.2}, rounding); // 19.2 N are beyond 4 N: slip again
+    expect_near(m.derivative(), {0, 0, 0, 0.25 * (20 - 4) - 0.2},
+                rounding); // 19.2 N are beyond 4 N: slip again
 }
 
 // ---- Jacobian
@@ -187,17 +192,17 @@ struct Variant {
 };
 
 class Jacobian : public ::testing::TestWithParam<Variant> {};
-INSTANTIATE_TEST_SUITE_P(
-    Kinds, Jacobian,
-    ::testing::Values(Variant{"Frictionless", {}, 0.05, 0, 0.09}, Variant{"Lag", {}, 0.05, 750, 0.09},
-                      Variant{"CoulombForward", coulomb(2), 0.05, 0, 0.09},
-                      Variant{"CoulombStick", coulomb(2), 0, 0, 0.09},
-                      Variant{"CoulombStickLag", coulomb(2), 0, 750, 0.09},
-                      Variant{"StribeckForward", stribeck, 0.05, 0, 0.09},
-                      Variant{"StribeckBackwardLag", stribeck, -0.05, 750, 0.09},
-                      Variant{"StribeckStick", stribeck, 0, 0, 0.09},
-                      Variant{"StribeckForwardModesOnly", stribeck, 0.05, 750, 0}),
-    [](const auto& variant) { return std::string(variant.param.name); });
+INSTANTIATE_TEST_SUITE_P(Kinds, Jacobian,
+                         ::testing::Values(Variant{"Frictionless", {}, 0.05, 0, 0.09},
+                                           Variant{"Lag", {}, 0.05, 750, 0.09},
+                                           Variant{"CoulombForward", coulomb(2), 0.05, 0, 0.09},
+                                           Variant{"CoulombStick", coulomb(2), 0, 0, 0.09},
+                                           Variant{"CoulombStickLag", coulomb(2), 0, 750, 0.09},
+                                           Variant{"StribeckForward", stribeck, 0.05, 0, 0.09},
+                                           Variant{"StribeckBackwardLag", stribeck, -0.05, 750, 0.09},
+                                           Variant{"StribeckStick", stribeck, 0, 0, 0.09},
+                                           Variant{"StribeckForwardModesOnly", stribeck, 0.05, 750, 0}),
+                         [](const auto& variant) { return std::string(variant.param.name); });
 
 TEST_P(Jacobian, AgreesWithCentralDifferences) {
     const Variant& variant = GetParam();
@@ -218,8 +223,9 @@ TEST_P(Jacobian, AgreesWithCentralDifferences) {
         Vector matrix(n * n, 0.0);
         m.plant.jacobian(m.x, m.state, matrix);
         for (std::size_t column = 0; column < n; ++column) {
-            // The only curve is the Stribeck one: its third derivative, 2.5e5 N s^3/m^3, times h^2/6 is 4e-8 N s/m;
-            // accelerations below 100 m/s^2, rounded and divided by 2h, 1e-8/s. The smallest entries are of 0.01.
+            // The only curve is the Stribeck one: its third derivative, 2.5e5 N s^3/m^3, times h^2/6 is 4e-8
+            // N s/m; accelerations below 100 m/s^2, rounded and divided by 2h, 1e-8/s. The smallest entries
+            // are of 0.01.
             const double h = 1e-6, middle = m.x[column];
             m.x[column] = middle + h;
             const Vector above = m.derivative();
@@ -284,8 +290,8 @@ TEST(ServoPlantGuards, InStickWhatIsLeftOfTheStaticLevelIsWatched) {
     EXPECT_EQ(m.guard(release_backward), -1);
 }
 
-// An element stopped on its limit, and the driven point a rounding error beyond it: the modes go on swinging, so its
-// position is constant within rounding only.
+// An element stopped on its limit, and the driven point a rounding error beyond it: the modes go on swinging,
+// so its position is constant within rounding only.
 TEST(ServoPlantGuards, AnAxisThatSticksDoesNotSlipByRounding) {
     Machine m(simple(coulomb(4)), 0.3);
     m.x[0] = 0.01;

@@ -255,7 +255,7 @@ TEST_P(Events, a_zeno_system_ends_with_an_outcome_at_its_accumulation_point) {
     EXPECT_TRUE(outcome.end == RunEnd::chattering || outcome.end == RunEnd::step_too_small)
         << outcome.message;
     EXPECT_FALSE(outcome.message.empty());
-    EXPECT_NEAR(outcome.t, std::sqrt(2 / 9.81) * (1 + e) / (1 - e), 1e-6); // error of the bounces added up
+    EXPECT_NEAR(outcome.t, std::sqrt(2 / 9.81) * (1 + e) / (1 - e), Simulator::chatter_window);
 }
 
 } // namespace

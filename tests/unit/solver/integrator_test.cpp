@@ -160,7 +160,7 @@ TEST_P(EveryIntegrator, a_derivative_that_is_not_finite_ends_the_run_with_a_text
     EXPECT_NE(outcome.message.find("finite"), std::string::npos) << outcome.message;
     // Steps shrink before the method gives up; the fixed one stops a step of 1 ms before.
     EXPECT_NEAR(outcome.t, 0.5, 0.2);
-    EXPECT_LE(run.state().t, 0.5);
+    EXPECT_LE(run.state().t, 0.5 + 1e-9);
     EXPECT_TRUE(std::isfinite(run.state().x[0]));
 }
 

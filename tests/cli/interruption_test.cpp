@@ -1,0 +1,158 @@
+#include "cli/program.hpp"
+#include "unit/script/temporary_folder.hpp"
+
+#include <algorithm>
+#include <csignal>
+#include <gtest/gtest.h>
+#include <map>
+#include <thread>
+
+namespace tribode::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+// File name -> bytes, of all that a run leaves but its manifest, which has date and times in it.
+std::map<std::string, std::string> results_in(const fs::path& folder) {
+    std::map<std::string, std::string> results;
+    for (const auto& name : files_in(folder)) {
+        if (name != "manifest.json") results[name] = text_of(folder / name);
+    }
+    return results;
+}
+
+void expect_same_results(const fs::path& folder, const fs::path& undisturbed) {
+    const auto found = results_in(folder), wanted = results_in(undisturbed);
+    EXPECT_FALSE(wanted.empty());
+    EXPECT_EQ(files_in(folder), files_in(undisturbed));
+    for (const auto& [name, bytes] : wanted) {
+        EXPECT_TRUE(found.contains(name) && found.at(name) == bytes) << name << " differs";
+    }
+}
+
+class Interruption : public ::testing::Test {
+  protected:
+    // Long enough to be interrupted once its first frequency is done and kept: two milliseconds each.
+    Interruption() {
+        folder.write("s.lua", "local tb = require 'tribode'\n"
+                              "local sweep = tb.sweep {\n"
+                              "  machine = tb.machine 'models/linear_motor_table.lua',\n"
+                              "  frequency_hz = tb.linspace(20, 180, 24),\n"
+                              "}\n"
+                              "tb.write_csv { file = 'sweep.csv', columns = sweep.columns }\n"
+                              "tb.write_json { file = 'responses.json', value = sweep.responses }\n");
+    }
+
+    std::vector<std::string> command(const std::string& out) const { return {"run", "s.lua", "-o", out, "-j", "2"}; }
+
+    // Sends the signal while the sweep runs and has kept something.
+    Ending interrupted(int signal) {
+        Program program(command("out"), {.folder = folder.path()});
+        const bool in_time = program.wait_until([&] { return fs::exists(checkpoint); });
+        EXPECT_TRUE(in_time) << "the sweep ended before it was interrupted";
+        program.send(signal);
+        return program.finish();
+    }
+
+    void expect_second_run_finishes_as_an_undisturbed_one() {
+        const auto second = run(command("out"), {.folder = folder.path()});
+        EXPECT_EQ(second.exit_code, 0) << second.err;
+        EXPECT_FALSE(fs::exists(checkpoint));
+        EXPECT_EQ(run(command("undisturbed"), {.folder = folder.path()}).exit_code, 0);
+        expect_same_results(folder / "out", folder / "undisturbed");
+    }
+
+    TemporaryFolder folder;
+    const fs::path checkpoint = folder / "out/sweep.resume.json";
+};
+
+TEST_F(Interruption, CtrlCInASweepKeepsWhatIsDone) {
+    const auto ending = interrupted(SIGINT);
+    expect_sentence(ending, 3, {"s.lua:2:", "interrupted", "of 24 frequencies", "goes on from there"});
+    EXPECT_EQ(files_in(folder / "out"), (std::vector<std::string>{"manifest.json", "sweep.resume.json"}));
+    expect_second_run_finishes_as_an_undisturbed_one();
+}
+
+TEST_F(Interruption, TerminationIsAsCtrlC) {
+    expect_sentence(interrupted(SIGTERM), 3, {"interrupted", "of 24 frequencies"});
+    EXPECT_TRUE(fs::exists(checkpoint));
+}
+
+TEST_F(Interruption, AKilledSweepGoesOnFromWhatWasKept) {
+    EXPECT_EQ(interrupted(SIGKILL).signal, SIGKILL);
+    EXPECT_TRUE(fs::exists(checkpoint));
+    EXPECT_FALSE(fs::exists(folder / "out/sweep.csv"));
+    expect_second_run_finishes_as_an_undisturbed_one();
+}
+
+// What was kept is used, not computed anew: with all frequencies but one in it, little work is left.
+TEST_F(Interruption, TheSecondRunTakesTheKeptFrequencies) {
+    interrupted(SIGINT);
+    const std::string kept = text_of(checkpoint);
+    const std::string first = "\"frequency_hz\": 20.0";
+    ASSERT_NE(kept.find(first), std::string::npos);
+    // Another number there must show in the result.
+    std::string changed = kept;
+    const auto place = changed.find("\"settling_time\": ");
+    ASSERT_NE(place, std::string::npos);
+    changed.replace(place, changed.find(',', place) - place, "\"settling_time\": 123.5");
+    folder.write("out/sweep.resume.json", changed);
+    EXPECT_EQ(run(command("out"), {.folder = folder.path()}).exit_code, 0);
+    EXPECT_NE(text_of(folder / "out/sweep.csv").find(",123.5,"), std::string::npos);
+}
+
+TEST_F(Interruption, AnotherSweepDoesNotTakeThem) {
+    interrupted(SIGINT);
+    auto text = text_of(folder / "s.lua");
+    text.replace(text.find("frequency_hz"), 0, "amplitude_N = 14, ");
+    folder.write("s.lua", text);
+    expect_second_run_finishes_as_an_undisturbed_one();
+}
+
+// A call that looks at no stop request: only the second Ctrl-C ends it.
+TEST_F(Interruption, TheSecondCtrlCEndsAtOnce) {
+    folder.write("s.lua", "print('begun')\nlocal a = ('a'):rep(40)\na:find(('a*'):rep(40) .. 'b')\n");
+    Program program(command("out"), {.folder = folder.path()});
+    ASSERT_TRUE(program.wait_until([&] { return program.out() == "begun\n"; }));
+    program.send(SIGINT);
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    EXPECT_FALSE(program.has_ended());
+    program.send(SIGINT);
+    const auto ending = program.finish();
+    EXPECT_EQ(ending.signal, SIGINT);
+    EXPECT_EQ(files_in(folder / "out"), std::vector<std::string>{});
+}
+
+TEST_F(Interruption, CtrlCEndsAnEndlessScript) {
+    folder.write("s.lua", "print('begun')\nwhile true do pcall(function() while true do end end) end\n");
+    Program program(command("out"), {.folder = folder.path()});
+    ASSERT_TRUE(program.wait_until([&] { return program.out() == "begun\n"; }));
+    program.send(SIGINT);
+    expect_sentence(program.finish(), 3, {"s.lua:2:", "interrupted"});
+}
+
+TEST_F(Interruption, CtrlCInASimulationKeepsWhatWasReachedUnderAnotherName) {
+    folder.write("table.json", R"({"rigid_gain_per_kg": 0.1, "modes": [{"gain": 1, "freq_hz": 900, "zeta": 0.001}]})");
+    std::string rows = "t,u\n";
+    for (int k = 0; k < 200000; ++k) rows += std::to_string(k * 5e-4) + ",1\n";
+    folder.write("in.csv", rows);
+    Program program({"simulate", "--machine", "table.json", "--input", "in.csv", "-o", "out.csv", "--rtol", "1e-12"},
+                    {.folder = folder.path()});
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    program.send(SIGINT);
+    expect_sentence(program.finish(), 3, {"interrupted", "out.csv.partial.csv"});
+    EXPECT_FALSE(fs::exists(folder / "out.csv"));
+    EXPECT_TRUE(fs::exists(folder / "out.csv.partial.csv"));
+}
+
+TEST_F(Interruption, ResultsAreTheSameBytesForAnyNumberOfWorkers) {
+    for (const std::string workers : {"1", "2", "7"}) {
+        const auto ending = run({"run", "s.lua", "-o", "out" + workers, "-j", workers}, {.folder = folder.path()});
+        EXPECT_EQ(ending.exit_code, 0) << ending.err;
+    }
+    expect_same_results(folder / "out2", folder / "out1");
+    expect_same_results(folder / "out7", folder / "out1");
+}
+
+} // namespace
+} // namespace tribode::cli

@@ -1,0 +1,124 @@
+#include "cli/program.hpp"
+#include "unit/script/temporary_folder.hpp"
+
+#include <gtest/gtest.h>
+
+namespace tribode::cli {
+namespace {
+
+class Usage : public ::testing::Test {
+  protected:
+    void expect_refused(const std::vector<std::string>& arguments, const std::vector<std::string>& parts) {
+        const auto before = files_in(folder.path());
+        expect_sentence(run(arguments, {.folder = folder.path()}), 2, parts);
+        EXPECT_EQ(files_in(folder.path()), before);
+    }
+
+    TemporaryFolder folder;
+};
+
+TEST_F(Usage, HelpIsGivenForTheProgramAndEachCommand) {
+    const auto program = run({"--help"}, {.folder = folder.path()});
+    EXPECT_EQ(program.exit_code, 0);
+    for (const auto* command : {"simulate", "run"}) {
+        EXPECT_NE(program.out.find(command), std::string::npos);
+        const auto help = run({command, "--help"}, {.folder = folder.path()});
+        EXPECT_EQ(help.exit_code, 0);
+        EXPECT_NE(help.out.find("--quiet"), std::string::npos);
+        EXPECT_EQ(help.err, "");
+    }
+}
+
+TEST_F(Usage, HelpOfSimulateNamesEveryOption) {
+    const auto help = run({"simulate", "--help"}, {.folder = folder.path()}).out;
+    for (const auto* option : {"--machine", "--input", "--out", "--events", "--solver", "--rtol", "--atol", "--step",
+                               "--seed", "--columns", "--scale"}) {
+        EXPECT_NE(help.find(option), std::string::npos) << option;
+    }
+}
+
+TEST_F(Usage, TheVersionIsGivenForTheProgramAndEachCommand) {
+    const auto version = run({"--version"}, {.folder = folder.path()});
+    EXPECT_EQ(version.exit_code, 0);
+    EXPECT_TRUE(version.out.starts_with("tribode ")) << version.out;
+    for (const auto* command : {"simulate", "run"}) {
+        const auto same = run({command, "--version"}, {.folder = folder.path()});
+        EXPECT_EQ(same.exit_code, 0);
+        EXPECT_EQ(same.out, version.out);
+    }
+}
+
+TEST_F(Usage, WithoutACommandTheCommandsAreNamed) {
+    expect_refused({}, {"command is missing", "simulate", "run"});
+}
+
+TEST_F(Usage, AnUnknownCommandIsRefused) {
+    expect_refused({"bogus"}, {"\"bogus\"", "simulate", "run"});
+    expect_refused({"simulat", "--machine", "m.lua"}, {"\"simulat\"", "did you mean \"simulate\"?"});
+}
+
+// Also where it is the reason that a needed option is missing.
+TEST_F(Usage, AMisspeltOptionIsRefusedWithTheNearestOne) {
+    expect_refused({"simulate", "--machine", "m.lua", "--inptu", "i.csv", "-o", "o.csv"},
+                   {"--inptu", "did you mean \"--input\"?"});
+    expect_refused({"run", "s.lua", "--quik"}, {"--quik", "did you mean \"--quick\"?"});
+    expect_refused({"run", "s.lua", "--max-instruction=7"}, {"--max-instruction ", "did you mean \"--max-instructions\"?"});
+}
+
+TEST_F(Usage, AMissingOptionIsNamed) {
+    expect_refused({"simulate", "--input", "i.csv", "-o", "o.csv"}, {"--machine"});
+    expect_refused({"simulate", "--machine", "m.lua", "-o", "o.csv"}, {"--input"});
+    expect_refused({"simulate", "--machine", "m.lua", "--input", "i.csv"}, {"--out"});
+    expect_refused({"run"}, {"script"});
+}
+
+TEST_F(Usage, OneScriptAtATime) { expect_refused({"run", "a.lua", "b.lua"}, {"\"b.lua\""}); }
+
+TEST_F(Usage, TextWhereAnOptionNeedsANumberIsRefused) {
+    for (const auto* option : {"--rtol", "--atol", "--step", "--seed"}) {
+        expect_refused({"simulate", "--machine", "m.lua", "--input", "i.csv", "-o", "o.csv", option, "abc"},
+                       {option, "abc"});
+    }
+    expect_refused({"run", "s.lua", "-j", "many"}, {"--workers", "many", "1 to 4096"});
+    expect_refused({"run", "s.lua", "-j", "0"}, {"--workers", "0", "1 to 4096"});
+}
+
+class Quiet : public ::testing::Test {
+  protected:
+    Quiet() {
+        folder.write("s.lua", "local tb = require 'tribode'\n"
+                              "tb.sweep { machine = tb.machine 'models/bare_mass.lua', frequency_hz = { 50, 60 } }\n");
+        folder.write("machine.json", R"({"rigid_gain_per_kg": 0.1})");
+        folder.write("in.csv", "t,u\n0,1\n0.0005,1\n0.001,1\n");
+    }
+
+    // On a terminal the progress shows at once.
+    Ending on_terminal(std::vector<std::string> arguments, bool quiet) {
+        if (quiet) arguments.emplace_back("--quiet");
+        return run(arguments, {.folder = folder.path(), .errors_to_terminal = true});
+    }
+
+    const std::vector<std::string> simulate = {"simulate", "--machine", "machine.json", "--input",
+                                               "in.csv",   "-o",        "out.csv"};
+    TemporaryFolder folder;
+};
+
+TEST_F(Quiet, ProgressShowsOnATerminal) {
+    EXPECT_NE(on_terminal({"run", "s.lua"}, false).err.find("2/2"), std::string::npos);
+    EXPECT_NE(on_terminal(simulate, false).err.find("2/2"), std::string::npos);
+}
+
+TEST_F(Quiet, NothingStandsOnStandardError) {
+    for (const auto& arguments : {std::vector<std::string>{"run", "s.lua"}, simulate}) {
+        const auto ending = on_terminal(arguments, true);
+        EXPECT_EQ(ending.exit_code, 0);
+        EXPECT_EQ(ending.err, "");
+    }
+}
+
+TEST_F(Quiet, AnErrorIsStillTold) {
+    expect_sentence(run({"run", "missing.lua", "--quiet"}, {.folder = folder.path()}), 2, {"missing.lua"});
+}
+
+} // namespace
+} // namespace tribode::cli
