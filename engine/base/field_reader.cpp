@@ -140,7 +140,6 @@ std::vector<double> FieldReader::numbers(std::string_view key, std::string_view 
     const Json* value = find(key);
     if (!value) return fallback;
     if (is_empty_table(*value)) return {};
-    if (is_empty_table(*value)) return {};
     if (!value->is_array()) fail(key, fmt::format("= {}, must be a list of numbers", shown(*value)));
     std::vector<double> list;
     for (const auto& entry : *value) {
@@ -156,7 +155,6 @@ std::vector<double> FieldReader::numbers(std::string_view key, std::string_view 
 std::vector<std::string> FieldReader::texts(std::string_view key, std::vector<std::string> fallback) {
     const Json* value = find(key);
     if (!value) return fallback;
-    if (is_empty_table(*value)) return {};
     if (is_empty_table(*value)) return {};
     if (!value->is_array()) fail(key, fmt::format("= {}, must be a list of texts", shown(*value)));
     std::vector<std::string> list;
