@@ -30,7 +30,7 @@ class SweepCheckpoint {
     std::size_t count_;
     std::mutex mutex_;
     Json points_ = Json::object(); // index -> point
-    std::chrono::steady_clock::time_point saved_ = std::chrono::steady_clock::now();
+    std::chrono::steady_clock::time_point saved_{}; // never: the first point is kept at once
 };
 
 } // namespace tribode

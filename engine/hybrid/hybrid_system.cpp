@@ -22,4 +22,6 @@ void HybridSystem::affine_guards(int, double, double, std::span<const double>, c
     assert(!"a system that is affine says how");
 }
 
+std::optional<AffinePattern> HybridSystem::affine_pattern(const DiscreteState&) const { return std::nullopt; }
+
 } // namespace tribode

@@ -1,6 +1,7 @@
 #pragma once
 #include "hybrid/system_state.hpp"
 
+#include <array>
 #include <cstddef>
 #include <optional>
 #include <span>
@@ -36,6 +37,9 @@ struct Event {
 };
 
 using EventLog = std::vector<Event>;
+
+// See HybridSystem::affine_pattern.
+using AffinePattern = std::array<double, 3>;
 
 // What handling an event did to the right side.
 enum class EventEffect {
@@ -80,14 +84,20 @@ class HybridSystem {
     virtual EventEffect on_sample(ClockId clock, long k, SystemState& state) const = 0;
 
     // Why the system is not piecewise affine; nothing where it is: between events, at constant d,
-    //     dx/dt = A x + b(t),  g = G x + h,
-    // A, G and h constant and b a polynomial in t. Then the two functions below give, for x(t0 + s h) = sum c_n s^n
-    // (0 <= s <= 1), the n-th coefficient in s of dx/dt, A c_n + b_n, and of the guards, from c_n = c alone.
+    //     dx/dt = A x + b(t),  g = G x + h(t),
+    // A and G constant, b and h polynomials in t. Then the functions below say more of it.
     virtual std::optional<std::string> why_not_affine() const;
+
+    // For x(t0 + s h) = sum c_n s^n (0 <= s <= 1), the n-th coefficient in s of dx/dt, A c_n + b_n, and of the guards,
+    // G c_n + h_n, from c_n = c alone. For n = 0 they are derivative() and guards().
     virtual void affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
                                    std::span<double> coefficient) const;
     virtual void affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
                                std::span<double> coefficient) const;
+
+    // Numbers that determine A and G: where they are equal to those of another discrete state, so are A and G.
+    // Nothing where b or h vary between events.
+    virtual std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const;
 
     // For messages: what the guard watches at present ("element 3").
     virtual std::string guard_name(GuardId guard, const SystemState& state) const = 0;

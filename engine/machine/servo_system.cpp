@@ -106,6 +106,10 @@ void ServoSystem::affine_guards(int n, double t0, double h, std::span<const doub
     plant_.affine_guards(n, t0, h, c, static_cast<const State&>(d).plant, coefficient);
 }
 
+std::optional<AffinePattern> ServoSystem::affine_pattern(const DiscreteState& d) const {
+    return plant_.affine_pattern(static_cast<const State&>(d).plant);
+}
+
 EventEffect ServoSystem::on_crossing(GuardId guard, SystemState& state, EventLog& log) const {
     return plant_.on_crossing(guard, state.t, state.x, static_cast<State&>(*state.discrete).plant, log);
 }

@@ -81,6 +81,7 @@ class ServoSystem final : public HybridSystem {
                            std::span<double> coefficient) const override;
     void affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
                        std::span<double> coefficient) const override;
+    std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const override;
     EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const override;
     EventEffect on_sample(ClockId clock, long k, SystemState& state) const override;
     std::string guard_name(GuardId guard, const SystemState& state) const override;

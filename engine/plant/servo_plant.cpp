@@ -223,6 +223,13 @@ void ServoPlant::stop(std::span<double> x) const {
     last = -velocity(x);
 }
 
+std::optional<AffinePattern> ServoPlant::affine_pattern(const State& s) const {
+    if (s.input.rate != 0) return std::nullopt; // u varies between its samples
+    const Watched w = watched(s);
+    const double watch = w.towards + 3 * w.forward + 6 * w.backward + 12 * w.release;
+    return AffinePattern{s.rolling.stiffness, s.rolling.damping, watch};
+}
+
 EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const {
     const auto report = [&](std::size_t element, SlipState now) {
         log.push_back({t, static_cast<int>(element) + 1, static_cast<int>(now)});

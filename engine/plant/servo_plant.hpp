@@ -74,6 +74,7 @@ class ServoPlant {
                            std::span<double> coefficient) const;
     void affine_guards(int n, double t0, double h, std::span<const double> c, const State& s,
                        std::span<double> coefficient) const;
+    std::optional<AffinePattern> affine_pattern(const State& s) const;
     EventEffect on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const;
     std::string guard_name(GuardId guard, const State& s) const;
 

@@ -67,7 +67,7 @@ double CvodeIntegrator::kept_step(bool first, bool cut) const {
     return cut ? std::max(next, kept_step_) : next;
 }
 
-void CvodeIntegrator::interpolate(double t, std::span<double> x) const {
+void CvodeIntegrator::interpolate(double t, std::span<double> x) {
     check(CVodeGetDky(memory_, t, 0, dense_.get()), "CVodeGetDky");
     std::copy_n(N_VGetArrayPointer(dense_.get()), size_, x.begin());
 }

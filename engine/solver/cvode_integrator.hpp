@@ -9,7 +9,7 @@ class CvodeIntegrator final : public SundialsIntegrator {
     // options.method: adams or bdf.
     CvodeIntegrator(const HybridSystem& system, const SolverOptions& options);
     ~CvodeIntegrator() override;
-    void interpolate(double t, std::span<double> x) const override;
+    void interpolate(double t, std::span<double> x) override;
 
   private:
     void native_restart(double t, double h) override;

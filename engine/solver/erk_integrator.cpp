@@ -63,7 +63,7 @@ double ErkIntegrator::kept_step(bool, bool cut) const {
     return cut ? std::max(proposed_step_, kept_step_) : proposed_step_;
 }
 
-void ErkIntegrator::interpolate(double t, std::span<double> x) const {
+void ErkIntegrator::interpolate(double t, std::span<double> x) {
     check(ERKStepGetDky(memory_, t, 0, dense_.get()), "ERKStepGetDky");
     std::copy_n(N_VGetArrayPointer(dense_.get()), size_, x.begin());
 }

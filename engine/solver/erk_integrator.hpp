@@ -9,7 +9,7 @@ class ErkIntegrator final : public SundialsIntegrator {
   public:
     ErkIntegrator(const HybridSystem& system, const SolverOptions& options);
     ~ErkIntegrator() override;
-    void interpolate(double t, std::span<double> x) const override;
+    void interpolate(double t, std::span<double> x) override;
 
   private:
     void native_restart(double t, double h) override;

@@ -1,31 +1,61 @@
 #pragma once
 #include "solver/integrator.hpp"
 
+#include <map>
 #include <vector>
 
 namespace tribode {
 
-// The solution of a piecewise-affine system to rounding error: between events dx/dt = A x + b(t) has the Taylor series
+// The solution of a piecewise-affine system to rounding error. Between events dx/dt = A x + b has the Taylor series
 //
 //     x(t0 + s h) = sum c_n s^n,   c_0 = x(t0),   c_{n+1} = h/(n+1) (A c_n + b_n)
 //
-// which is carried until two terms in a row are below half a unit in the last place of every state; where 40 terms do
-// not do, h is halved. The guards are then polynomials in s of known coefficients, and their first fall through zero is
-// found safely: a Bernstein bound excludes most steps at a glance, and where it does not, subdivision isolates the
-// first sign change before Newton's method and bisection close in on it. No fall is missed, however short.
+// which is carried until two terms in a row are below half a unit in the last place of every state; where it does not
+// come to an end h is halved. The guards are then polynomials in s of known coefficients, and their first fall through
+// zero is found safely: bounds exclude most at a glance, and where they do not, subdivision in Bernstein form isolates
+// the first sign change before Newton's method and bisection close in on it. No fall is missed, however short.
+//
+// Steps of a length that comes again (from sample to sample) in a pattern that comes again (the same elements in slip)
+// need no series: with b constant x(t0 + h) = x + Psi f(x), Psi = integral of exp(A s) over [0, h], prepared once, and
+// rows prepared beside it bound how far a guard can fall meanwhile. docs/decisions/0006 has the measurements.
 class ExactIntegrator final : public Integrator {
   public:
     // Throws InputError, with the reason, where the system is not piecewise affine.
     explicit ExactIntegrator(const HybridSystem& system);
 
-    void restart(SystemState& state) override { state_ = &state; }
+    void restart(SystemState& state) override;
     Progress step(double t_stop) override;
-    void interpolate(double t, std::span<double> x) const override;
+    void interpolate(double t, std::span<double> x) override;
     RunStatistics statistics() const override { return counts_; }
 
   private:
-    static constexpr int most_terms = 40;
+    static constexpr int most_terms = 30;
+    static constexpr std::size_t most_patterns = 2000, most_lengths = 4;
 
+    // Of a pattern, for steps of one length h. With f the derivative at the beginning:
+    struct Prepared {
+        double h;
+        std::vector<double> psi;   // states x states, by columns: x(h) = x + psi f
+        std::vector<double> first; // guards x states: the guards' first and second coefficients are first f, second f
+        std::vector<double> second;
+        std::vector<double> rest; // guards x states: all further ones together are at most rest abs(f)
+    };
+
+    // What is known of one A and G.
+    struct Pattern {
+        std::vector<double> a; // states x states, by columns
+        std::vector<double> g; // guards x states, by rows
+        std::vector<double> lengths; // met once: worth preparing when met again
+        std::vector<Prepared> prepared;
+    };
+
+    Pattern make_pattern() const;
+    Prepared prepare(const Pattern& pattern, double h) const;
+    bool same_length(double a, double b) const;
+    const Prepared* prepared_for(double h) const;
+    void remember(double h);
+    bool leap(const Prepared& prepared);
+    void begin(double h);
     bool expand(double h);
     double first_fall();
     void evaluate(double s, std::span<double> x) const;
@@ -35,17 +65,19 @@ class ExactIntegrator final : public Integrator {
     const HybridSystem& system_;
     const std::size_t size_, guard_count_;
     SystemState* state_ = nullptr;
-    double t0_ = 0, h_ = 0; // of the last step [s]
-    int order_ = 0;
-    std::vector<double> terms_;          // (most_terms + 1) x states: c_n
-    std::vector<double> guard_terms_;    // (most_terms + 1) x guards
-    std::vector<double> slope_, largest_;
-    std::vector<double> polynomial_;     // of one guard
+    std::map<AffinePattern, Pattern> patterns_;
+    AffinePattern key_{};
+    Pattern* pattern_ = nullptr; // the present one; null where b varies
+    double t0_ = 0, h_ = 0;      // of the last step [s]
+    int order_ = 0;              // of its series; 0: it was a leap
+    std::vector<double> terms_;       // (most_terms + 1) x states: c_n
+    std::vector<double> guard_terms_; // (most_terms + 1) x guards
+    std::vector<double> slope_, largest_, polynomial_;
     RunStatistics counts_;
 };
 
 // The first s in [0, 1] at which the polynomial sum p_n s^n falls below zero after having been zero or above (s = 0
-// where it begins below), or 2 where there is none. Exact up to rounding of the evaluation.
+// where it begins below), or 2 where there is none. Exact up to rounding of the evaluation. At most 31 coefficients.
 double first_fall_below_zero(std::span<const double> p);
 
 } // namespace tribode

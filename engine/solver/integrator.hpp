@@ -31,7 +31,7 @@ class Integrator {
     virtual Progress step(double t_stop) = 0;
 
     // x at a time within the last step, from the method's own interpolation. t in [before the step, state.t].
-    virtual void interpolate(double t, std::span<double> x) const = 0;
+    virtual void interpolate(double t, std::span<double> x) = 0;
 
     const std::vector<GuardId>& fallen() const { return fallen_; }
     const RunOutcome& failure() const { return failure_; }

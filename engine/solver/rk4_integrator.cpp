@@ -60,7 +60,7 @@ Integrator::Progress Rk4Integrator::step(double t_stop) {
     return fallen_.empty() ? Progress::stepped : Progress::guard_fell;
 }
 
-void Rk4Integrator::interpolate(double t, std::span<double> x) const {
+void Rk4Integrator::interpolate(double t, std::span<double> x) {
     const double h = state_->t - t_before_, s = (t - t_before_) / h;
     for (std::size_t i = 0; i < x.size(); ++i) {
         const double a = x_before_[i], b = state_->x[i];

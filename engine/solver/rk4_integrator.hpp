@@ -10,7 +10,7 @@ class Rk4Integrator final : public Integrator {
     Rk4Integrator(const HybridSystem& system, double step);
     void restart(SystemState& state) override;
     Progress step(double t_stop) override;
-    void interpolate(double t, std::span<double> x) const override; // cubic Hermite
+    void interpolate(double t, std::span<double> x) override; // cubic Hermite
     RunStatistics statistics() const override { return counts_; }
 
   private:

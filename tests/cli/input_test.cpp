@@ -94,7 +94,7 @@ TEST_F(Input, TimeThatDoesNotIncreaseIsRefused) {
 }
 
 TEST_F(Input, AnotherSampleTimeIsRefused) {
-    expect_record_refused("t,u\n0,0\n0.0004,1\n0.0008,1\n", {"wrong.csv:3", "t = 0.0004 s", "another sample time"});
+    expect_record_refused("t,u\n0,0\n0.0004,1\n0.0008,1\n", {"wrong.csv:3", "t = 4e-04 s", "expected 0.0005 s", "another sample time"});
 }
 
 TEST_F(Input, ARecordWithoutInputIsRefused) {
@@ -105,11 +105,11 @@ TEST_F(Input, ARecordWithoutInputIsRefused) {
 }
 
 TEST_F(Input, AnUnknownColumnIsRefused) {
-    expect_record_refused("t,u,ecx\n0,0,0\n0.0005,1,0\n", {"wrong.csv", "\"ecx\"", "did you mean \"exc\"?"});
+    expect_record_refused("t,u,excc\n0,0,0\n0.0005,1,0\n", {"wrong.csv", "\"excc\"", "did you mean \"exc\"?"});
 }
 
 TEST_F(Input, AnUnknownSolverIsRefusedWithThoseThereAre) {
-    expect_refused("mass.json", "in.csv", {"\"rk45\"", "erk", "adams", "cvode", "fixed"}, {"--solver", "rk45"});
+    expect_refused("mass.json", "in.csv", {"\"rk45\"", "exact", "erk", "adams", "cvode", "fixed"}, {"--solver", "rk45"});
 }
 
 TEST_F(Input, TolerancesAndStepMustBePositive) {

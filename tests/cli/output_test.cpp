@@ -52,7 +52,8 @@ TEST_F(Output, AFileAboveTheSizeLimitEndsAScript) {
 TEST_F(Output, AScriptThatWritesItselfSeesTheSizeLimit) {
     folder.write("own.lua", "local file <close> = io.open('out/own.txt', 'w')\n"
                             "file:setvbuf('no')\n"
-                            "print(select(2, file:write(('x'):rep(20000))))\n");
+                            "local _, problem = file:write(('x'):rep(20000))\n"
+                            "print(problem)\n");
     const auto ending =
         run({"run", "own.lua", "-o", "out"}, {.folder = folder.path(), .largest_file = small_file});
     EXPECT_EQ(ending.exit_code, 0) << ending.err;

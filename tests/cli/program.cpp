@@ -110,6 +110,8 @@ void Program::send(int signal) const { kill(process_, signal); }
 
 std::string Program::out() const { return all_of(out_); }
 
+std::string Program::err() const { return terminal_ >= 0 ? terminal_text_ : all_of(err_); }
+
 void Program::read_terminal() {
     if (terminal_ < 0) return;
     char bytes[4096];
@@ -129,7 +131,7 @@ Ending Program::finish() {
     if (WIFEXITED(status_)) ending.exit_code = WEXITSTATUS(status_);
     if (WIFSIGNALED(status_)) ending.signal = WTERMSIG(status_);
     ending.out = out();
-    ending.err = terminal_ >= 0 ? terminal_text_ : all_of(err_);
+    ending.err = err();
     return ending;
 }
 

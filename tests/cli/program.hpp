@@ -41,6 +41,7 @@ class Program {
     void send(int signal) const;
 
     std::string out() const; // so far
+    std::string err() const;
     Ending finish();
 
   private:

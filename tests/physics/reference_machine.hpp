@@ -5,9 +5,9 @@
 
 namespace tribode {
 
-// The linear-motor-driven table in closed loop: two modes, twenty elements with half of the printed swings, delays,
-// thrust lag, encoder, and a PID controller with a bandwidth of 7 Hz. Its friction and linear dynamics are those of
-// problems::linear_motor_table().
+// The linear-motor-driven table in closed loop: two modes, twenty elements with half of the printed swings,
+// delays, thrust lag, encoder, and a PID controller with a bandwidth of 7 Hz. Its friction and linear
+// dynamics are those of problems::linear_motor_table().
 inline Json reference_description() {
     constexpr double table[][2] = {// F_m [N], K [N/mm]
                                    {1.12, 2226.6}, {0.60, 602.1}, {0.33, 165.1}, {0.54, 154.9}, {0.49, 81.6},
@@ -39,12 +39,15 @@ inline Json reference_description() {
 // The same machine without controller, delays, thrust lag and encoder.
 inline Json bare_description() {
     Json d = reference_description();
-    for (const char* key : {"input_delay_s", "output_delay_s", "current_loop_hz", "encoder_resolution_m", "controller"}) {
+    for (const char* key :
+         {"input_delay_s", "output_delay_s", "current_loop_hz", "encoder_resolution_m", "controller"}) {
         d.erase(key);
     }
     return d;
 }
 
-inline MachineModel machine_of(const Json& description) { return MachineModel::from_description(description, "test"); }
+inline MachineModel machine_of(const Json& description) {
+    return MachineModel::from_description(description, "test");
+}
 
 } // namespace tribode

@@ -94,5 +94,15 @@ TEST(StandardNormal, NeighboursInSeedStreamAndIndexAreUncorrelated) {
     EXPECT_LT(std::abs(correlation(x, normals(1, 1, 2))), most);
 }
 
+// The two uniform numbers behind a normal one belong to it alone: sizes are independent too.
+TEST(StandardNormal, SizesOfNeighboursAreUncorrelated) {
+    auto x = normals(1, 1), y = normals(1, 1, 1);
+    for (auto* numbers : {&x, &y}) {
+        for (double& value : *numbers)
+            value = (value * value - 1) / std::numbers::sqrt2; // mean zero, variance one
+    }
+    EXPECT_LT(std::abs(correlation(x, y)), bound / std::sqrt(static_cast<double>(count)));
+}
+
 } // namespace
 } // namespace tribode

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <thread>
 #include <vector>
 
@@ -35,7 +36,10 @@ TEST_P(ForEachIndex, ProgressGrowsByOneToTheEnd) {
         EXPECT_EQ(of, 40u);
         seen.push_back(done);
     };
-    for_each_index(40, control, "points", [](std::size_t) {});
+    // With several workers the indices end in another order than they begin.
+    for_each_index(40, control, "points", [](std::size_t i) {
+        if (i % 7 == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    });
     ASSERT_EQ(seen.size(), 40u);
     for (std::size_t i = 0; i < seen.size(); ++i) EXPECT_EQ(seen[i], i + 1);
 }
@@ -52,6 +56,24 @@ TEST_P(ForEachIndex, ThrowsWhatAWorkerThrewAfterAllHaveEnded) {
     });
     EXPECT_EQ(text, "input: index 7 is wrong");
     EXPECT_EQ(running, 0);
+}
+
+TEST_P(ForEachIndex, ThrowsTheFirstOfSeveralExceptions) {
+    std::atomic<bool> thrown{false}, another_runs{false};
+    EXPECT_EQ(problem_of([&] {
+                  for_each_index(3, control, "runs", [&](std::size_t i) {
+                      if (i == 0) {
+                          while (control.workers > 1 && !another_runs) std::this_thread::yield();
+                          thrown = true;
+                          throw InputError("first");
+                      }
+                      another_runs = true;
+                      while (!thrown) std::this_thread::yield();
+                      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+                      throw InputError("later");
+                  });
+              }),
+              "input: first");
 }
 
 TEST_P(ForEachIndex, TakesUpNoNewIndexAfterAFailure) {

@@ -1,0 +1,272 @@
+#include "base/error.hpp"
+#include "experiment/frequency_sweep.hpp"
+#include "physics/reference_machine.hpp"
+#include "record/csv.hpp"
+
+#include <cmath>
+#include <fstream>
+#include <gtest/gtest.h>
+#include <random>
+
+namespace tribode {
+namespace {
+
+SweepOptions sweep(std::vector<double> frequency_hz, double amplitude = 15) {
+    SweepOptions options;
+    options.frequency_hz = std::move(frequency_hz);
+    options.amplitude = amplitude;
+    options.solver.method = Method::erk;
+    return options;
+}
+
+MachineModel reference() { return machine_of(reference_description()); }
+
+// Without friction and rounding: linear.
+MachineModel linear() {
+    Json d = reference_description();
+    d["friction"] = Json::object();
+    d["encoder_resolution_m"] = 0.0;
+    return machine_of(d);
+}
+
+std::string bytes(const SweepResult& result) { return to_csv(result.table()); }
+
+// How far a response lies from the linear dynamics of the machine, relative, at each frequency.
+std::vector<double> deviation(const MachineModel& machine, const FrequencyResponse& response) {
+    const ModalModel plant = modal_model_of(machine);
+    std::vector<double> result;
+    for (std::size_t i = 0; i < response.size(); ++i) {
+        result.push_back(std::abs(response.value[i] / plant.response(response.frequency_hz[i]) - 1.0));
+    }
+    return result;
+}
+
+constexpr double dead_time = 1.38e-3; // of the loop: input delay, half a sample, thrust lag, output delay [s]
+
+class TemporaryFile {
+  public:
+    TemporaryFile() {
+        std::random_device random;
+        path_ =
+            std::filesystem::temp_directory_path() / ("tribode-sweep-" + std::to_string(random()) + ".json");
+    }
+    ~TemporaryFile() { std::filesystem::remove(path_); }
+    TemporaryFile(const TemporaryFile&) = delete;
+    TemporaryFile& operator=(const TemporaryFile&) = delete;
+    const std::filesystem::path& path() const { return path_; }
+
+  private:
+    std::filesystem::path path_;
+};
+
+TEST(FrequencySweep, the_result_is_the_same_to_the_byte_for_any_number_of_workers) {
+    Json description = reference_description();
+    description["noise_rms_m"] = 1e-8;
+    const SweepOptions options = sweep({20, 25, 30, 34, 40, 60, 80, 120, 200});
+    std::string first;
+    for (const unsigned workers : {1u, 2u, 7u}) {
+        RunControl control;
+        control.workers = workers;
+        const SweepResult result = run_sweep(machine_of(description), options, control);
+        EXPECT_TRUE(result.complete);
+        if (first.empty()) first = bytes(result);
+        EXPECT_EQ(bytes(result), first) << workers;
+    }
+}
+
+TEST(FrequencySweep, all_analyses_find_the_plant_of_a_linear_machine) {
+    SweepOptions options = sweep({5, 10, 20, 40});
+    options.settle_tolerance = 1e-5;
+    options.settle_time_limit = 10;
+    const MachineModel machine = linear();
+    const SweepResult result = run_sweep(machine, options);
+    for (const auto& point : result.points) {
+        EXPECT_TRUE(point.settled) << point.frequency_hz;
+        for (const double c : point.coherence) EXPECT_GT(c, 1 - 1e-6);
+        EXPECT_LT(point.position_distortion, 1e-4);
+    }
+    const auto fra1 = deviation(machine, result.response(0).remove_delay(dead_time));
+    const auto fra2 = deviation(machine, result.response(1).remove_delay(dead_time));
+    const auto proposed = deviation(machine, result.response(2));
+    for (std::size_t i = 0; i < 4; ++i) {
+        const double f = options.frequency_hz[i];
+        // A dead time is all that is removed; hold and thrust lag also lower the gain, by (w Ts)^2/24 and
+        // (f/750 Hz)^2/2, and the Pade model of the delay is (w Ts)^2/12 too long.
+        const double bound = 4e-4 + 3e-3 * std::pow(f / 40, 2);
+        EXPECT_LT(fra1[i], bound) << f;
+        EXPECT_LT(proposed[i], bound) << f;
+        EXPECT_EQ(fra2[i], fra1[i]) << f; // no friction model to subtract
+    }
+}
+
+TEST(FrequencySweep, the_proposed_analysis_is_nearer_to_the_plant_than_the_first_where_friction_acts) {
+    const MachineModel machine = reference();
+    const SweepResult result = run_sweep(machine, sweep({10, 15, 20, 34}));
+    const auto fra1 = deviation(machine, result.response(0).remove_delay(dead_time));
+    const auto proposed = deviation(machine, result.response(2));
+    ASSERT_EQ(fra1.size(), 4u);
+    for (std::size_t i = 0; i < 4; ++i) {
+        EXPECT_LT(proposed[i], fra1[i]) << result.points[i].frequency_hz;
+        EXPECT_LT(proposed[i], 0.5) << result.points[i].frequency_hz;
+    }
+}
+
+// Rolling friction is bounded: the larger the motion, the less it matters.
+TEST(FrequencySweep, the_first_analysis_comes_nearer_to_the_plant_with_the_amplitude) {
+    const MachineModel machine = reference();
+    std::vector<double> previous(4, 1e9);
+    for (const double amplitude : {15.0, 20.0, 30.0, 50.0}) {
+        const SweepResult result = run_sweep(machine, sweep({10, 15, 20, 34}, amplitude));
+        const auto now = deviation(machine, result.response(0).remove_delay(dead_time));
+        ASSERT_EQ(now.size(), 4u);
+        for (std::size_t i = 0; i < 4; ++i) {
+            EXPECT_LT(now[i], previous[i]) << amplitude << " N, " << result.points[i].frequency_hz << " Hz";
+        }
+        previous = now;
+    }
+}
+
+TEST(FrequencySweep, says_whether_a_point_has_settled) {
+    SweepOptions options = sweep({30});
+    EXPECT_TRUE(run_sweep(reference(), options).points[0].settled);
+    options.settle_tolerance = 1e-15;
+    options.settle_time_limit = 0.7;
+    const SweepResult hasty = run_sweep(reference(), options);
+    EXPECT_FALSE(hasty.points[0].settled);
+    EXPECT_TRUE(hasty.points[0].outcome.ok());
+    ASSERT_EQ(hasty.warnings().size(), 1u);
+    EXPECT_NE(hasty.warnings()[0].find("30 Hz: not settled"), std::string::npos);
+}
+
+TEST(FrequencySweep, settling_may_be_asked_to_take_no_time_at_all) {
+    SweepOptions options = sweep({30, 100});
+    options.settle_periods = 0;
+    options.settle_time = 0;
+    const SweepResult result = run_sweep(linear(), options);
+    for (const auto& point : result.points) EXPECT_TRUE(point.outcome.ok()) << point.outcome.message;
+    options.settle_periods = 1;
+    EXPECT_TRUE(run_sweep(linear(), options).complete);
+}
+
+TEST(FrequencySweep, a_loop_that_is_unstable_gives_texts_and_no_numbers) {
+    Json description = reference_description();
+    description["controller"]["kp"] = 1e7;
+    description["controller"]["kd"] = 1e6;
+    const SweepResult result = run_sweep(machine_of(description), sweep({20, 40}));
+    ASSERT_EQ(result.points.size(), 2u);
+    EXPECT_TRUE(result.complete);
+    EXPECT_EQ(result.warnings().size(), 2u);
+    for (const auto& point : result.points) {
+        EXPECT_FALSE(point.outcome.ok());
+        EXPECT_FALSE(point.outcome.message.empty());
+    }
+    EXPECT_EQ(result.response(0).size(), 0u);
+    EXPECT_TRUE(std::isnan(result.table()["fra1_real_m_per_N"].values[0]));
+    EXPECT_EQ(result.table()["frequency_hz"].values, (std::vector<double>{20, 40}));
+}
+
+const std::vector<double> ten_frequencies = {20, 24, 28, 32, 36, 40, 50, 60, 80, 100};
+
+// Runs the sweep until three points are done.
+SweepResult interrupted_sweep(const MachineModel& machine, const SweepOptions& options,
+                              const std::filesystem::path& checkpoint) {
+    std::atomic<bool> stop{false};
+    RunControl control;
+    control.stop = &stop;
+    control.progress = [&](const std::string&, std::size_t done, std::size_t) { stop = done >= 3; };
+    return run_sweep(machine, options, control, checkpoint);
+}
+
+// Runs the sweep to its end; tells how many points were done when the first new one was.
+std::pair<SweepResult, std::size_t> resumed_sweep(const MachineModel& machine, const SweepOptions& options,
+                                                  const std::filesystem::path& checkpoint) {
+    std::size_t first = 0;
+    RunControl control;
+    control.progress = [&](const std::string&, std::size_t done, std::size_t) {
+        first = first ? first : done;
+    };
+    SweepResult result = run_sweep(machine, options, control, checkpoint);
+    return {std::move(result), first};
+}
+
+TEST(SweepCheckpoint, a_sweep_interrupted_and_resumed_equals_the_undisturbed_one_to_the_byte) {
+    const SweepOptions options = sweep(ten_frequencies);
+    const TemporaryFile file;
+    const SweepResult part = interrupted_sweep(reference(), options, file.path());
+    EXPECT_FALSE(part.complete);
+    EXPECT_EQ(part.points.size(), 3u);
+    ASSERT_TRUE(std::filesystem::exists(file.path()));
+    const auto [whole, first] = resumed_sweep(reference(), options, file.path());
+    EXPECT_EQ(first, 4u); // three were kept
+    EXPECT_TRUE(whole.complete);
+    EXPECT_EQ(bytes(whole), bytes(run_sweep(reference(), options)));
+    EXPECT_FALSE(std::filesystem::exists(file.path()));
+}
+
+TEST(SweepCheckpoint, a_damaged_file_is_computed_again) {
+    const SweepOptions options = sweep({30, 50, 70, 90});
+    const std::string undisturbed = bytes(run_sweep(reference(), options));
+    const TemporaryFile file;
+    interrupted_sweep(reference(), options, file.path());
+    std::ifstream in(file.path());
+    const std::string kept((std::istreambuf_iterator<char>(in)), {});
+    in.close();
+    std::string other_field = kept;
+    other_field.replace(other_field.find("\"thrust\""), 8, "\"thirst\"");
+    for (const std::string& damaged :
+         {std::string("not JSON"), std::string(), kept.substr(0, kept.size() / 2), other_field}) {
+        std::ofstream(file.path()) << damaged;
+        const auto [result, first] = resumed_sweep(reference(), options, file.path());
+        EXPECT_EQ(first, 1u);
+        EXPECT_EQ(bytes(result), undisturbed);
+    }
+}
+
+TEST(SweepCheckpoint, points_of_another_machine_or_other_options_are_not_used) {
+    const SweepOptions options = sweep({30, 50, 70, 90});
+    const TemporaryFile file;
+    const auto first_after = [&](const MachineModel& machine, const SweepOptions& other) {
+        interrupted_sweep(reference(), options, file.path());
+        return resumed_sweep(machine, other, file.path()).second;
+    };
+    EXPECT_EQ(first_after(reference(), options), 4u);
+    EXPECT_EQ(first_after(linear(), options), 1u);
+    for (const auto change :
+         {+[](SweepOptions& o) { o.amplitude = 16; }, +[](SweepOptions& o) { o.seed = 1; },
+          +[](SweepOptions& o) { o.solver.relative_tolerance = 1e-7; },
+          +[](SweepOptions& o) { o.measure_periods = 12; }}) {
+        SweepOptions other = options;
+        change(other);
+        EXPECT_EQ(first_after(reference(), other), 1u);
+    }
+}
+
+TEST(FrequencySweep, refuses_frequencies_that_cannot_be_measured_and_machines_without_controller) {
+    EXPECT_THROW(run_sweep(reference(), sweep({10, 1000})), InputError); // the Nyquist frequency
+    EXPECT_THROW(run_sweep(reference(), sweep({10, 1500})), InputError);
+    EXPECT_THROW(run_sweep(reference(), sweep({20, 10})), InputError);
+    EXPECT_THROW(run_sweep(reference(), sweep({10, 10})), InputError);
+    EXPECT_THROW(run_sweep(reference(), sweep({0, 10})), InputError);
+    EXPECT_THROW(run_sweep(reference(), sweep({})), InputError);
+    EXPECT_THROW(run_sweep(machine_of(bare_description()), sweep({10})), InputError);
+    try {
+        run_sweep(reference(), sweep({1234}));
+    } catch (const InputError& error) {
+        EXPECT_NE(std::string(error.what()).find("1000 Hz"), std::string::npos) << error.what();
+    }
+}
+
+TEST(FrequencySweep, the_signals_of_one_frequency_cover_the_periods_asked_for) {
+    const SweepSignals s = run_single_frequency(reference(), sweep({}), 20, 2);
+    EXPECT_NEAR(static_cast<double>(s.trace.t.size()), 2 * 100 + 1, 1);
+    for (const auto* column :
+         {&s.trace.u, &s.trace.y, &s.delayed_thrust, &s.friction_estimate, &s.effective_thrust}) {
+        EXPECT_EQ(column->size(), s.trace.t.size());
+    }
+    for (std::size_t i = 0; i < s.effective_thrust.size(); ++i) {
+        EXPECT_EQ(s.effective_thrust[i], s.delayed_thrust[i] - s.friction_estimate[i]) << i;
+    }
+}
+
+} // namespace
+} // namespace tribode
