@@ -67,7 +67,8 @@ class SinglePoint {
         const long periods = std::max(1L, std::lround(std::ceil(0.05 * frequency_)));
         const auto length = static_cast<double>(periods) / frequency_;
         std::optional<std::array<std::complex<double>, 2>> previous;
-        for (double t = earliest - length;; t += length) {
+        // The first window must have begun.
+        for (double t = std::max(earliest - length, length);; t += length) {
             const RunOutcome outcome = advance_to(t);
             if (!outcome.ok()) return outcome;
             const std::size_t end = signals_.position.size();

@@ -68,6 +68,7 @@ DriveRecord DriveRecord::from_table(const Table& table, const MachineModel& mach
         return column ? column->values : std::vector<double>{};
     };
     require_uniform_time(table, machine.sample_time);
+    if (table.rows() == 0) throw InputError(fmt::format("{}: there are no rows, must be one at least", where));
     DriveRecord record;
     record.t = values("t");
     record.reference = values("r");

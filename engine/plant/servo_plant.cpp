@@ -4,7 +4,6 @@
 #include <cassert>
 #include <cmath>
 #include <fmt/format.h>
-#include <limits>
 #include <numbers>
 
 namespace tribode {
@@ -17,20 +16,19 @@ constexpr double velocity_scale = 100;
 constexpr double force_scale = 1e6;
 } // namespace
 
-// x = [x0, x0', q1, q1', ..., Fm]
-ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)) {
-    const auto add_body = [&](const std::string& name, double gain, double omega, double zeta) {
+ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total_gain_(p_.rigid_gain) {
+    const auto add_states = [&](const std::string& name) {
         states_.push_back({name + " position", "m", 1.0});
         states_.push_back({name + " velocity", "m/s", velocity_scale});
-        gain_.push_back(gain);
-        damping_.push_back(2 * zeta * omega);
-        stiffness_.push_back(omega * omega);
-        total_gain_ += gain;
     };
-    add_body("rigid body", p_.rigid_gain, 0.0, 0.0);
-    for (std::size_t j = 0; j < p_.modes.size(); ++j) {
-        const auto& mode = p_.modes[j];
-        add_body(fmt::format("mode {}", j + 1), mode.gain, two_pi * mode.freq_hz, mode.zeta);
+    add_states("driven point");
+    for (const auto& mode : p_.modes) {
+        add_states(fmt::format("mode {}", gain_.size() + 1));
+        const double omega = two_pi * mode.freq_hz;
+        gain_.push_back(mode.gain);
+        damping_.push_back(2 * mode.zeta * omega);
+        stiffness_.push_back(omega * omega);
+        total_gain_ += mode.gain;
     }
     if (p_.current_loop_hz > 0) {
         states_.push_back({"thrust", "N", force_scale});
@@ -41,25 +39,13 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)) {
 
 ServoPlant::State ServoPlant::start(double y, double v, std::span<double> x) const {
     std::fill(x.begin(), x.end(), 0.0);
-    const std::size_t moving = p_.rigid_gain > 0 ? 0 : 2; // the first body that can move
-    x[moving] = y;
-    x[moving + 1] = v;
+    x[0] = y;
+    x[1] = v;
+    if (p_.rigid_gain == 0) std::copy_n(x.begin(), 2, x.begin() + 2); // then the first mode is all that can be there
     State s;
     s.rolling = p_.rolling.at_rest(y);
     s.dry = v == 0 ? SlipState::stick : slip_towards(v);
     return s;
-}
-
-double ServoPlant::position(std::span<const double> x) const {
-    double sum = 0;
-    for (std::size_t j = 0; j < bodies(); ++j) sum += x[2 * j];
-    return sum;
-}
-
-double ServoPlant::velocity(std::span<const double> x) const {
-    double sum = 0;
-    for (std::size_t j = 0; j < bodies(); ++j) sum += x[2 * j + 1];
-    return sum;
 }
 
 double ServoPlant::thrust(double t, std::span<const double> x, const State& s) const {
@@ -68,7 +54,7 @@ double ServoPlant::thrust(double t, std::span<const double> x, const State& s) c
 
 double ServoPlant::restoring(std::span<const double> x) const {
     double sum = 0;
-    for (std::size_t j = 1; j < bodies(); ++j) sum += damping_[j] * x[2 * j + 1] + stiffness_[j] * x[2 * j];
+    for (std::size_t j = 0; j < gain_.size(); ++j) sum += damping_[j] * x[2 * j + 3] + stiffness_[j] * x[2 * j + 2];
     return sum / total_gain_;
 }
 
@@ -99,12 +85,17 @@ ServoPlant::Outputs ServoPlant::outputs(double t, std::span<const double> x, con
     return {position(x), v, f, thrust(t, x, s)};
 }
 
-// Positions and velocities of all bodies under an effective thrust; linear in both.
+// Driven point and modes under an effective thrust; linear in both.
 void ServoPlant::motion(std::span<const double> x, double effective, std::span<double> dxdt) const {
-    for (std::size_t j = 0; j < bodies(); ++j) {
-        dxdt[2 * j] = x[2 * j + 1];
-        dxdt[2 * j + 1] = gain_[j] * effective - damping_[j] * x[2 * j + 1] - stiffness_[j] * x[2 * j];
+    double acceleration = total_gain_ * effective;
+    for (std::size_t j = 0; j < gain_.size(); ++j) {
+        const double restoring = damping_[j] * x[2 * j + 3] + stiffness_[j] * x[2 * j + 2];
+        dxdt[2 * j + 2] = x[2 * j + 3];
+        dxdt[2 * j + 3] = gain_[j] * effective - restoring;
+        acceleration -= restoring;
     }
+    dxdt[0] = x[1];
+    dxdt[1] = acceleration;
 }
 
 void ServoPlant::derivative(double t, std::span<const double> x, const State& s, std::span<double> dxdt) const {
@@ -117,6 +108,7 @@ void ServoPlant::derivative(double t, std::span<const double> x, const State& s,
         if (p_.dry.present()) effective -= sign(s.dry) * p_.dry.level(velocity(x));
     }
     motion(x, effective, dxdt);
+    if (stuck) dxdt[1] = 0; // exactly
     if (corner_ > 0) dxdt.back() = corner_ * (s.input(t) - x.back());
 }
 
@@ -137,6 +129,7 @@ void ServoPlant::affine_derivative(int n, double t0, double h, std::span<const d
         if (n == 0) effective += constant_force(s);
     }
     motion(c, effective, coefficient);
+    if (stuck) coefficient[1] = 0; // exactly
     if (corner_ > 0) coefficient.back() = corner_ * (input - c.back());
 }
 
@@ -144,20 +137,29 @@ void ServoPlant::jacobian(std::span<const double> x, const State& s, std::span<d
     const std::size_t n = states_.size();
     const auto entry = [&](std::size_t row, std::size_t column) -> double& { return matrix[column * n + row]; };
     const bool stuck = p_.dry.present() && s.dry == SlipState::stick;
-    double damping = s.rolling.damping + p_.viscous;
-    if (p_.dry.present() && !stuck) damping += p_.dry.slope(velocity(x));
-    for (std::size_t row = 0; row < bodies(); ++row) {
-        entry(2 * row, 2 * row + 1) = 1;
-        for (std::size_t column = 0; column < bodies(); ++column) {
-            // d u_e / d(position, velocity) of the column's body
-            const double by_position = stuck ? stiffness_[column] / total_gain_ : -s.rolling.stiffness;
-            const double by_velocity = stuck ? damping_[column] / total_gain_ : -damping;
-            entry(2 * row + 1, 2 * column) = gain_[row] * by_position;
-            entry(2 * row + 1, 2 * column + 1) = gain_[row] * by_velocity;
+    // d u_e / dx
+    std::vector<double> effective(n);
+    if (stuck) {
+        for (std::size_t j = 0; j < gain_.size(); ++j) {
+            effective[2 * j + 2] = stiffness_[j] / total_gain_;
+            effective[2 * j + 3] = damping_[j] / total_gain_;
         }
-        entry(2 * row + 1, 2 * row) -= stiffness_[row];
-        entry(2 * row + 1, 2 * row + 1) -= damping_[row];
-        if (corner_ > 0 && !stuck) entry(2 * row + 1, n - 1) = gain_[row];
+    } else {
+        effective[0] = -s.rolling.stiffness;
+        effective[1] = -(s.rolling.damping + p_.viscous + (p_.dry.present() ? p_.dry.slope(velocity(x)) : 0));
+        if (corner_ > 0) effective[n - 1] = 1;
+    }
+    entry(0, 1) = 1;
+    for (std::size_t column = 0; column < n && !stuck; ++column) entry(1, column) = total_gain_ * effective[column];
+    for (std::size_t j = 0; j < gain_.size(); ++j) {
+        const std::size_t position = 2 * j + 2, velocity = 2 * j + 3;
+        entry(position, velocity) = 1;
+        for (std::size_t column = 0; column < n; ++column) entry(velocity, column) = gain_[j] * effective[column];
+        for (const std::size_t row : {std::size_t{1}, velocity}) {
+            if (row == 1 && stuck) continue;
+            entry(row, position) -= stiffness_[j];
+            entry(row, velocity) -= damping_[j];
+        }
     }
     if (corner_ > 0) entry(n - 1, n - 1) = -corner_;
 }
@@ -167,8 +169,7 @@ SlipState ServoPlant::direction(const State& s) const {
     return p_.dry.present() ? s.dry : s.rolling.direction;
 }
 
-// With dry friction the way of the motion is known, and an axis that sticks has none: an element which stopped on its
-// limit must not slip because the modes' motion sums to zero within rounding only.
+// With dry friction the way of the motion is known, and an axis that sticks has none: only the limit ahead matters.
 ServoPlant::Watched ServoPlant::watched(const State& s) const {
     Watched w;
     w.forward = (!p_.dry.present() || s.dry == SlipState::slip_forward) && std::isfinite(s.rolling.forward_limit);
@@ -180,17 +181,10 @@ ServoPlant::Watched ServoPlant::watched(const State& s) const {
 
 void ServoPlant::guards(double t, std::span<const double> x, const State& s, std::span<double> g) const {
     const Watched w = watched(s);
-    // A fall within the rounding of the sums is none: after a reversal an element stands exactly on its limit.
-    double size_of_y = 0, size_of_v = 0;
-    for (std::size_t j = 0; j < bodies(); ++j) {
-        size_of_y += std::abs(x[2 * j]);
-        size_of_v += std::abs(x[2 * j + 1]);
-    }
-    constexpr double rounding = 4 * std::numeric_limits<double>::epsilon();
     const double y = position(x);
-    g[forward_limit] = w.forward ? s.rolling.forward_limit - y + rounding * size_of_y : 1;
-    g[backward_limit] = w.backward ? y - s.rolling.backward_limit + rounding * size_of_y : 1;
-    g[reversal] = w.towards != 0 ? w.towards * velocity(x) + rounding * size_of_v : 1;
+    g[forward_limit] = w.forward ? s.rolling.forward_limit - y : 1;
+    g[backward_limit] = w.backward ? y - s.rolling.backward_limit : 1;
+    g[reversal] = w.towards != 0 ? w.towards * velocity(x) : 1;
     if (!p_.dry.present()) return;
     const double holding = w.release ? holding_force(t, x, s) : 0;
     g[release_forward] = w.release ? p_.dry.static_level - holding : 1;
@@ -215,12 +209,8 @@ void ServoPlant::affine_guards(int n, double t0, double h, std::span<const doubl
 // Takes the velocity of the driven point to exactly zero, by an impulse there.
 void ServoPlant::stop(std::span<double> x) const {
     const double impulse = velocity(x) / total_gain_;
-    for (std::size_t j = 0; j < bodies(); ++j) x[2 * j + 1] -= gain_[j] * impulse;
-    // What rounding left goes to the last body, which always has a gain: its velocity is the last term of the sum, so
-    // that taking it as minus the others' sum leaves no rounding at all.
-    double& last = x[2 * bodies() - 1];
-    last = 0;
-    last = -velocity(x);
+    for (std::size_t j = 0; j < gain_.size(); ++j) x[2 * j + 3] -= gain_[j] * impulse;
+    x[1] = 0;
 }
 
 std::optional<AffinePattern> ServoPlant::affine_pattern(const State& s) const {
@@ -244,9 +234,10 @@ EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x
     case reversal:
         if (p_.dry.present()) set_dry(SlipState::stick);
         p_.rolling.stick(s.rolling, position(x), report);
+        // Zero but for rounding. Made exactly so, elements that now stand on their limit do not slip again at once.
+        stop(x);
         if (p_.dry.present()) {
             // Where the force is beyond the static level, the axis goes straight over into slip the other way.
-            stop(x);
             const double holding = holding_force(t, x, s);
             if (std::abs(holding) > p_.dry.static_level) set_dry(slip_towards(holding));
         }

@@ -19,14 +19,18 @@ struct VibrationMode {
 // The continuous part of a servo axis, eqs. (1), (11)-(17):
 //
 //     y = x0 + sum q_j,  v = y'           the driven point; friction acts there
-//     x0'' = k0 u_e,  q_j'' = k_j u_e - 2 z_j w_j q_j' - w_j^2 q_j
+//     x0'' = k0 u_e,  q_j'' = k_j u_e - r_j,  r_j = 2 z_j w_j q_j' + w_j^2 q_j
 //     u_e = Fm + disturbance - f          effective thrust
 //     f = f_roll(y, v) + D_v v + f_dry    friction
 //     Fm' = w_c (u - Fm)                  current loop, or Fm = u
 //
 // f_dry is set-valued at v = 0: while the axis sticks it is the force that keeps v' = 0,
-//     f_dry = Fm + disturbance - f_roll - sum(2 z_j w_j q_j' + w_j^2 q_j) / sum k_j,
+//     f_dry = Fm + disturbance - f_roll - sum r_j / k,   k = k0 + sum k_j,
 // as long as its magnitude does not exceed the static level. With no mode, u_e = 0 there.
+//
+// The states are x = [y, v, q_1, q_1', ..., Fm]: y and v in place of the rigid body's x0 and x0', with v' = k u_e -
+// sum r_j. Limits and reversals are then falls of single states, and an axis that sticks has v = 0 exactly; as sums
+// over the bodies they would carry the rounding, and the integration error, of every mode.
 class ServoPlant {
   public:
     struct Parameters {
@@ -79,8 +83,8 @@ class ServoPlant {
     std::string guard_name(GuardId guard, const State& s) const;
 
     Outputs outputs(double t, std::span<const double> x, const State& s) const;
-    double position(std::span<const double> x) const;
-    double velocity(std::span<const double> x) const;
+    static double position(std::span<const double> x) { return x[0]; }
+    static double velocity(std::span<const double> x) { return x[1]; }
 
   private:
     enum Guard : GuardId { forward_limit, backward_limit, reversal, release_forward, release_backward };
@@ -93,9 +97,8 @@ class ServoPlant {
     };
     Watched watched(const State& s) const;
 
-    std::size_t bodies() const { return 1 + p_.modes.size(); }
     double thrust(double t, std::span<const double> x, const State& s) const;
-    double restoring(std::span<const double> x) const; // sum(2 z w q' + w^2 q) / sum k [N]
+    double restoring(std::span<const double> x) const; // sum r_j / k [N]
     double smooth_friction(std::span<const double> x, const State& s) const; // f - f_dry [N]
     double holding_force(double t, std::span<const double> x, const State& s) const; // f_dry in stick [N]
     double linear_friction(std::span<const double> x, const State& s) const;
@@ -106,8 +109,8 @@ class ServoPlant {
 
     Parameters p_;
     std::vector<StateVariable> states_;
-    std::vector<double> gain_, damping_, stiffness_; // per body: k_j, 2 z_j w_j, w_j^2; body 0 is rigid
-    double total_gain_ = 0;
+    std::vector<double> gain_, damping_, stiffness_; // per mode: k_j, 2 z_j w_j, w_j^2
+    double total_gain_;                              // k [m/(N s^2)]
     double corner_ = 0; // w_c [rad/s]
 };
 

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <gtest/gtest.h>
 #include <sstream>
 
@@ -150,51 +151,60 @@ struct GoldenCase {
     std::string solver;
     std::vector<std::string> options;
     double position;   // [m]
-    double velocity;   // [m/s]
-    double friction;   // [N]
     double event_time; // [s]
 };
 
 class Golden : public Simulate, public ::testing::WithParamInterface<GoldenCase> {
   protected:
-    void compare(const std::string& name, double amplitude, double frequency_hz) {
-        folder.write("machine.json", golden_table().dump());
-        folder.write("in.csv", record("t,u", {problems::sampled_sine(amplitude, frequency_hz, sample_time, 1001)}));
+    Sheet solve(const Json& machine, const std::string& input) {
+        folder.write("machine.json", machine.dump());
+        folder.write("in.csv", input);
         auto options = GetParam().options;
         options.insert(options.end(), {"--solver", GetParam().solver});
-        const Sheet found = trace("machine.json", options), wanted = golden(name);
+        return trace("machine.json", options);
+    }
+
+    void compare(const Sheet& found, const std::string& name) {
+        const Sheet wanted = golden(name);
         EXPECT_LT(distance(found, wanted, "x"), GetParam().position);
-        EXPECT_LT(distance(found, wanted, "v"), GetParam().velocity);
-        EXPECT_LT(distance(found, wanted, "f"), GetParam().friction);
+        // Within 1/500 s, far below the period of the fastest mode, an error of x is one of v.
+        EXPECT_LT(distance(found, wanted, "v"), 500 * GetParam().position);
+        // The stiffness of the elements that still stick where the table turns, and D_20 and D_v times the velocity.
+        EXPECT_LT(distance(found, wanted, "f"), 3e6 * GetParam().position);
         expect_same_events(Sheet(folder / "events.csv"), golden(name + "_events"), GetParam().event_time);
+    }
+
+    void compare_open_loop(const std::string& name, double amplitude, double frequency_hz) {
+        const auto u = problems::sampled_sine(amplitude, frequency_hz, sample_time, 1001);
+        compare(solve(golden_table(), record("t,u", {u})), name);
     }
 };
 
-TEST_P(Golden, OpenLoopAt15N) { compare("g1", 15, 10); }
-TEST_P(Golden, OpenLoopAt30N) { compare("g2", 30, 34); }
+TEST_P(Golden, OpenLoopAt15N) { compare_open_loop("g1", 15, 10); }
+TEST_P(Golden, OpenLoopAt30N) { compare_open_loop("g2", 30, 34); }
+
+TEST_P(Golden, ClosedLoop) {
+    const auto excitation = problems::sampled_sine(15, 10, sample_time, 1001);
+    const Sheet found =
+        solve(golden_table_in_loop(), record("t,r,exc", {std::vector<double>(1001), excitation}));
+    compare(found, "loop");
+    // What the encoder sees is rounded to 1e-7 m, so the detected positions and the thrust made of them are the same
+    // but for the last digits.
+    EXPECT_LT(distance(found, golden("loop"), "y"), 1e-15);
+    EXPECT_LT(distance(found, golden("loop"), "u"), 1e-9);
+}
 
 const std::vector<std::string> tight = {"--rtol", "1e-10", "--atol", "1e-13"};
 
+// exact: rounding, over 500 restarts and more; the others what they claim at these tolerances. fixed sees an event at
+// the end of its step of 1 us.
 INSTANTIATE_TEST_SUITE_P(Solvers, Golden,
-                         ::testing::Values(GoldenCase{"exact", {}, 1e-12, 1e-10, 1e-8, 1e-12},
-                                           GoldenCase{"erk", tight, 1e-9, 1e-7, 1e-5, 1e-8},
-                                           GoldenCase{"adams", tight, 1e-8, 1e-6, 1e-4, 1e-7},
-                                           GoldenCase{"cvode", tight, 1e-8, 1e-6, 1e-4, 1e-7},
-                                           GoldenCase{"fixed", {"--step", "1e-6"}, 1e-8, 1e-6, 1e-4, 2e-6}),
+                         ::testing::Values(GoldenCase{"exact", {}, 1e-15, 1e-14},
+                                           GoldenCase{"erk", tight, 1e-9, 1e-9},
+                                           GoldenCase{"adams", tight, 1e-8, 1e-8},
+                                           GoldenCase{"cvode", tight, 1e-8, 1e-8},
+                                           GoldenCase{"fixed", {"--step", "1e-6"}, 1e-9, 1.01e-6}),
                          [](const auto& one) { return one.param.solver; });
-
-TEST_F(Simulate, ClosedLoopComesToTheGoldenRun) {
-    folder.write("machine.json", golden_table_in_loop().dump());
-    const auto excitation = problems::sampled_sine(15, 10, sample_time, 1001);
-    folder.write("in.csv", record("t,r,exc", {std::vector<double>(1001), excitation}));
-    const Sheet found = trace("machine.json", tight), wanted = golden("loop");
-    EXPECT_LT(distance(found, wanted, "x"), 1e-9);
-    EXPECT_LT(distance(found, wanted, "v"), 1e-7);
-    EXPECT_LT(distance(found, wanted, "f"), 1e-5);
-    EXPECT_LT(distance(found, wanted, "y"), 1e-15);
-    EXPECT_LT(distance(found, wanted, "u"), 1e-9);
-    expect_same_events(Sheet(folder / "events.csv"), golden("loop_events"), 1e-8);
-}
 
 // ---- files -----------------------------------------------------------------------------------------------------------
 
