@@ -68,7 +68,6 @@ DriveRecord DriveRecord::from_table(const Table& table, const MachineModel& mach
         return column ? column->values : std::vector<double>{};
     };
     require_uniform_time(table, machine.sample_time);
-    if (table.rows() == 0) throw InputError(fmt::format("{}: there are no rows, must be one at least", where));
     DriveRecord record;
     record.t = values("t");
     record.reference = values("r");
@@ -79,6 +78,7 @@ DriveRecord DriveRecord::from_table(const Table& table, const MachineModel& mach
     if (!has_u && !has_loop_input) {
         throw InputError(fmt::format("{}: there is no column u (open loop) nor r or exc (closed loop)", where));
     }
+    if (table.rows() == 0) throw InputError(fmt::format("{}: there are no rows, must be one at least", where));
     if (has_u && (!has_loop_input || !machine.closed_loop || !machine.has_controller())) {
         record.u = values("u");
         record.reference.clear();

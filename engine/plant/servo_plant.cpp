@@ -187,8 +187,8 @@ void ServoPlant::guards(double t, std::span<const double> x, const State& s, std
     g[reversal] = w.towards != 0 ? w.towards * velocity(x) : 1;
     if (!p_.dry.present()) return;
     const double holding = w.release ? holding_force(t, x, s) : 0;
-    g[release_forward] = w.release ? p_.dry.static_level - holding : 1;
-    g[release_backward] = w.release ? p_.dry.static_level + holding : 1;
+    g[release_forward] = w.release ? release_level() - holding : 1;
+    g[release_backward] = w.release ? release_level() + holding : 1;
 }
 
 void ServoPlant::affine_guards(int n, double t0, double h, std::span<const double> c, const State& s,
@@ -231,17 +231,27 @@ EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x
     switch (guard) {
     case forward_limit: p_.rolling.slip(s.rolling, position(x), SlipState::slip_forward, report); break;
     case backward_limit: p_.rolling.slip(s.rolling, position(x), SlipState::slip_backward, report); break;
-    case reversal:
-        if (p_.dry.present()) set_dry(SlipState::stick);
+    case reversal: {
+        // The velocity is zero but for rounding. Where that leaves it on this side it is made exactly zero, lest elements
+        // that now stand on their limit slip again at once; beyond, as at the end of a fixed step, it is right as it is.
+        const bool turned = sign(direction(s)) * velocity(x) <= 0;
+        if (p_.dry.present()) {
+            const double towards = sign(s.dry);
+            stop(x);
+            // A force beyond the level in the direction of motion never let it stop: the velocity is zero, as it is
+            // after a release, and fell below by rounding.
+            if (towards * holding_force(t, x, s) > release_level()) break;
+            set_dry(SlipState::stick);
+        }
         p_.rolling.stick(s.rolling, position(x), report);
-        // Zero but for rounding. Made exactly so, elements that now stand on their limit do not slip again at once.
-        stop(x);
+        if (p_.dry.present() || !turned) stop(x);
         if (p_.dry.present()) {
             // Where the force is beyond the static level, the axis goes straight over into slip the other way.
             const double holding = holding_force(t, x, s);
-            if (std::abs(holding) > p_.dry.static_level) set_dry(slip_towards(holding));
+            if (std::abs(holding) > release_level()) set_dry(slip_towards(holding));
         }
         break;
+    }
     case release_forward:
     case release_backward:
         stop(x);

@@ -104,6 +104,8 @@ class ServoPlant {
     double linear_friction(std::span<const double> x, const State& s) const;
     double constant_force(const State& s) const;
     void motion(std::span<const double> x, double effective, std::span<double> dxdt) const;
+    // The axis is let go a little above the static level, so that rounding does not stop it again at once [N].
+    double release_level() const { return p_.dry.static_level * (1 + 1e-12); }
     void stop(std::span<double> x) const;
     SlipState direction(const State& s) const;
 

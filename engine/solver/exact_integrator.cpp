@@ -35,7 +35,10 @@ Bernstein bernstein(std::span<const double> p) {
 
 // One root in [low, high], the polynomial positive before and negative after it.
 double close_in(std::span<const double> p, double low, double high) {
-    double s = 0.5 * (low + high);
+    // Where the first three terms have it.
+    const double half = 0.5 * p[1], square = p.size() > 2 ? half * half - p[2] * p[0] : 0;
+    const double guess = square > 0 ? p[0] / (std::sqrt(square) - half) : low;
+    double s = guess > low && guess < high ? guess : 0.5 * (low + high);
     for (int round = 0; round < 100; ++round) {
         double value = 0, slope = 0;
         for (std::size_t n = p.size(); n-- > 0;) {
@@ -43,9 +46,16 @@ double close_in(std::span<const double> p, double low, double high) {
             value = value * s + p[n];
         }
         (value >= 0 ? low : high) = s;
-        double next = slope < 0 ? s - value / slope : low;
-        if (!(next > low && next < high)) next = 0.5 * (low + high);
-        if (std::abs(next - s) <= half_ulp || next == low || next == high) return next;
+        const double next = s - value / slope;
+        if (!(slope < 0 && next > low && next < high)) {
+            if (next == low || next == high) return next;
+            const double middle = 0.5 * (low + high);
+            if (middle == low || middle == high) return middle;
+            s = middle;
+            continue;
+        }
+        // Newton's method squares the error: after a step this short it is below rounding.
+        if (std::abs(next - s) < 1e-9) return next;
         s = next;
     }
     return s;
@@ -79,18 +89,133 @@ double search(std::span<const double> p, const Bernstein& b, double low, double 
 } // namespace
 
 double first_fall_below_zero(std::span<const double> p) {
-    // On [0, 1] the polynomial is at least this.
-    double least = p[0];
-    for (std::size_t n = 1; n < p.size(); ++n) least -= std::abs(p[n]);
-    if (least > 0) return none;
+    // p and its slope differ from their first terms by at most these.
+    double end = p[0], others = 0, work_others = 0;
+    for (std::size_t n = 1; n < p.size(); ++n) {
+        end += p[n];
+        others += std::abs(p[n]);
+        if (n > 1) work_others += static_cast<double>(n) * std::abs(p[n]);
+    }
+    if (p[0] > others) return none;
     if (p[0] < 0) return 0;
+    // On the way to its value at the end it neither rises nor falls in between.
+    const bool monotonous = p.size() > 1 && std::abs(p[1]) > work_others * (1 + 1e-12);
+    if (monotonous) {
+        if (p[1] > 0) return none;
+        return p[0] == 0 ? 0 : end < 0 ? close_in(p, 0, 1) : none;
+    }
     return search(p, bernstein(p), 0, 1);
 }
 
+namespace {
+
+// The work of the integrator, on columns of `height` numbers, a multiple of four, in blocks of four. Without fused
+// operations the results are the same bits whichever instructions the processor has. With the height known (Fixed > 0)
+// the loops unroll.
+using Block = double __attribute__((vector_size(32), aligned(8), may_alias));
+constexpr std::size_t block_size = 4;
+
+const Block& block(const double* at) { return *reinterpret_cast<const Block*>(at); }
+Block& block(double* at) { return *reinterpret_cast<Block*>(at); }
+
+// product = matrix x
+template <std::size_t Fixed>
+[[gnu::always_inline]] inline void multiply(const double* matrix, std::size_t columns, std::size_t any_height,
+                                            const double* x, double* product) {
+    const std::size_t height = Fixed ? Fixed : any_height;
+    for (std::size_t row = 0; row < height; row += block_size) {
+        Block even{}, odd{};
+        std::size_t j = 0;
+        for (; j + 1 < columns; j += 2) {
+            even += block(matrix + j * height + row) * x[j];
+            odd += block(matrix + (j + 1) * height + row) * x[j + 1];
+        }
+        if (j < columns) even += block(matrix + j * height + row) * x[j];
+        block(product + row) = even + odd;
+    }
+}
+
+// From c_0 and c_1 on, c_{n+1} = h/(n+1) A c_n, until two terms in a row are below half a unit in the last place of
+// the largest so far. Returns the last n, or 0 where most_terms do not do.
+template <std::size_t Fixed>
+[[gnu::always_inline]] inline int expand(const double* a, std::size_t columns, std::size_t any_height, double h,
+                                         int most_terms, double* terms, double* largest) {
+    const std::size_t height = Fixed ? Fixed : any_height;
+    for (std::size_t row = 0; row < height; row += block_size) {
+        const Block first = block(terms + row) < 0 ? -block(terms + row) : block(terms + row);
+        const Block second = block(terms + height + row) < 0 ? -block(terms + height + row)
+                                                             : block(terms + height + row);
+        block(largest + row) = first > second ? first : second;
+    }
+    bool last_was_small = false;
+    for (int n = 1; n < most_terms; ++n) {
+        double* next = terms + static_cast<std::size_t>(n + 1) * height;
+        multiply<Fixed>(a, columns, height, next - height, next);
+        const double factor = h / (n + 1);
+        long above = 0;
+        for (std::size_t row = 0; row < height; row += block_size) {
+            const Block value = block(next + row) * factor;
+            block(next + row) = value;
+            const Block size = value < 0 ? -value : value;
+            const Block most = size > block(largest + row) ? size : block(largest + row);
+            block(largest + row) = most;
+            const auto exceeds = size > most * half_ulp;
+            above |= exceeds[0] | exceeds[1] | exceeds[2] | exceeds[3];
+        }
+        if (above == 0 && last_was_small) return n + 1;
+        last_was_small = above == 0;
+    }
+    return 0;
+}
+
+// sum c_n s^n
+template <std::size_t Fixed>
+[[gnu::always_inline]] inline void evaluate(const double* terms, int order, std::size_t any_height, double s,
+                                            double* x) {
+    const std::size_t height = Fixed ? Fixed : any_height;
+    for (std::size_t row = 0; row < height; row += block_size) {
+        const double* c = terms + static_cast<std::size_t>(order) * height + row;
+        Block sum = block(c);
+        for (int n = order; n > 0; --n) sum = sum * s + block(c -= height);
+        block(x + row) = sum;
+    }
+}
+
+[[gnu::target_clones("avx2", "default")]]
+void multiply_columns(const double* matrix, std::size_t columns, std::size_t height, const double* x,
+                      double* product) {
+    switch (height) {
+    case 4: return multiply<4>(matrix, columns, 4, x, product);
+    case 8: return multiply<8>(matrix, columns, 8, x, product);
+    default: return multiply<0>(matrix, columns, height, x, product);
+    }
+}
+
+[[gnu::target_clones("avx2", "default")]]
+int expand_columns(const double* a, std::size_t columns, std::size_t height, double h, int most_terms,
+                   double* terms, double* largest) {
+    switch (height) {
+    case 4: return expand<4>(a, columns, 4, h, most_terms, terms, largest);
+    case 8: return expand<8>(a, columns, 8, h, most_terms, terms, largest);
+    default: return expand<0>(a, columns, height, h, most_terms, terms, largest);
+    }
+}
+
+[[gnu::target_clones("avx2", "default")]]
+void evaluate_columns(const double* terms, int order, std::size_t height, double s, double* x) {
+    switch (height) {
+    case 4: return evaluate<4>(terms, order, 4, s, x);
+    case 8: return evaluate<8>(terms, order, 8, s, x);
+    default: return evaluate<0>(terms, order, height, s, x);
+    }
+}
+
+} // namespace
+
 ExactIntegrator::ExactIntegrator(const HybridSystem& system)
-    : system_(system), size_(system.states().size()), guard_count_(system.guard_count()),
-      terms_((most_terms + 1) * size_), guard_terms_((most_terms + 1) * guard_count_), slope_(size_),
-      largest_(size_), polynomial_(most_terms + 1) {
+    : system_(system), size_(system.states().size()), height_((size_ + block_size - 1) / block_size * block_size),
+      guard_count_(system.guard_count()), terms_((most_terms + 1) * height_), work_(height_),
+      guard_terms_((most_terms + 1) * guard_count_), polynomial_(most_terms + 1) {
     if (const auto reason = system.why_not_affine()) {
         throw InputError(fmt::format("solver \"exact\" cannot be used: {}; choose erk, adams or cvode", *reason));
     }
@@ -117,43 +242,48 @@ void ExactIntegrator::restart(SystemState& state) {
 // A and G column by column, as the images of the unit vectors.
 ExactIntegrator::Pattern ExactIntegrator::make_pattern() const {
     Pattern pattern;
-    pattern.a.resize(size_ * size_);
-    pattern.g.resize(guard_count_ * size_);
+    pattern.a.resize(size_ * height_);
+    pattern.g.resize(guard_count_);
     std::vector<double> unit(size_), column(guard_count_);
     for (std::size_t j = 0; j < size_; ++j) {
         unit[j] = 1;
-        system_.affine_derivative(1, 0, 1, unit, *state_->discrete, {pattern.a.data() + j * size_, size_});
+        system_.affine_derivative(1, 0, 1, unit, *state_->discrete, {pattern.a.data() + j * height_, size_});
         system_.affine_guards(1, 0, 1, unit, *state_->discrete, column);
-        for (std::size_t i = 0; i < guard_count_; ++i) pattern.g[i * size_ + j] = column[i];
+        for (std::size_t guard = 0; guard < guard_count_; ++guard) {
+            if (column[guard] != 0) pattern.g[guard].push_back({j, column[guard]});
+        }
         unit[j] = 0;
     }
     return pattern;
 }
 
-// Series of Psi: h sum (hA)^n/(n+1)!, and of the guards along it.
+static double dot(const std::vector<double>& row, std::span<const double> x) {
+    double sum = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) sum += row[i] * x[i];
+    return sum;
+}
+
+// Psi is the series h sum (hA)^n/(n+1)!; the guards' rows along it are those of Reach.
 ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, double h) const {
-    Prepared made{h, std::vector<double>(size_ * size_), std::vector<double>(guard_count_ * size_),
-                  std::vector<double>(guard_count_ * size_), std::vector<double>(guard_count_ * size_)};
-    std::vector<double> term(size_), next(size_);
+    const std::vector<double> zeros(size_);
+    Prepared made{h, Columns(size_ * height_), std::vector<Reach>(guard_count_, Reach{zeros, zeros, zeros})};
+    std::vector<double> power(height_), next(height_);
     for (std::size_t j = 0; j < size_; ++j) {
         // The response to f = e_j: terms h^{n+1}/(n+1)! A^n e_j.
-        std::fill(term.begin(), term.end(), 0.0);
-        term[j] = h;
+        std::fill(power.begin(), power.end(), 0.0);
+        power[j] = h;
         for (int n = 0; n < most_terms; ++n) {
-            for (std::size_t i = 0; i < size_; ++i) made.psi[j * size_ + i] += term[i];
+            for (std::size_t i = 0; i < size_; ++i) made.psi[j * height_ + i] += power[i];
             for (std::size_t guard = 0; guard < guard_count_; ++guard) {
                 double g = 0;
-                for (std::size_t i = 0; i < size_; ++i) g += pattern.g[guard * size_ + i] * term[i];
-                const std::size_t at = guard * size_ + j;
-                if (n == 0) made.first[at] = g;
-                if (n == 1) made.second[at] = g;
-                if (n > 1) made.rest[at] += std::abs(g);
+                for (const auto& [column, value] : pattern.g[guard]) g += value * power[column];
+                Reach& reach = made.reach[guard];
+                if (n == 0) reach.first[j] = g;
+                if (n == 1) reach.second[j] = g;
+                if (n > 1) reach.rest[j] += std::abs(g);
             }
-            std::fill(next.begin(), next.end(), 0.0);
-            for (std::size_t k = 0; k < size_; ++k) {
-                for (std::size_t i = 0; i < size_; ++i) next[i] += pattern.a[k * size_ + i] * term[k];
-            }
-            for (std::size_t i = 0; i < size_; ++i) term[i] = next[i] * h / (n + 2);
+            multiply_columns(pattern.a.data(), size_, height_, power.data(), next.data());
+            for (std::size_t i = 0; i < size_; ++i) power[i] = next[i] * (h / (n + 2));
         }
     }
     return made;
@@ -184,71 +314,63 @@ void ExactIntegrator::remember(double h) {
     }
 }
 
-// Goes over the whole step at once, if no guard can fall in it.
-bool ExactIntegrator::leap(const Prepared& prepared) {
-    auto& x = state_->x;
-    system_.derivative(state_->t, x, *state_->discrete, slope_);
-    system_.guards(state_->t, x, *state_->discrete, {guard_terms_.data(), guard_count_});
-    ++counts_.derivative_evaluations;
-    ++counts_.guard_evaluations;
-    for (std::size_t guard = 0; guard < guard_count_; ++guard) {
-        const double* first_row = prepared.first.data() + guard * size_;
-        const double* second_row = prepared.second.data() + guard * size_;
-        const double* rest_row = prepared.rest.data() + guard * size_;
-        double first = 0, second = 0, rest = 0;
-        for (std::size_t i = 0; i < size_; ++i) {
-            first += first_row[i] * slope_[i];
-            second += second_row[i] * slope_[i];
-            rest += rest_row[i] * std::abs(slope_[i]);
-        }
-        // s and s^2 lie between 0 and 1, so the guard is at least this, up to rounding, which the margin covers.
-        const double least = guard_terms_[guard] + std::min(0.0, first + std::min(0.0, second)) - rest;
-        const double margin = 1e-12 * (std::abs(first) + std::abs(second) + rest);
-        if (!(least > margin)) return false;
-    }
-    for (std::size_t j = 0; j < size_; ++j) {
-        const double* column = prepared.psi.data() + j * size_;
-        for (std::size_t i = 0; i < size_; ++i) x[i] += column[i] * slope_[j];
-    }
-    return true;
-}
-
 // Where a step begins.
 void ExactIntegrator::begin(double h) {
     t0_ = state_->t;
     h_ = h;
     order_ = 0;
-    std::copy(state_->x.begin(), state_->x.end(), terms_.begin());
+    std::copy(state_->x.begin(), state_->x.end(), term(0));
+}
+
+// Goes over the whole step at once, if no guard can fall in it.
+bool ExactIntegrator::leap(const Prepared& prepared) {
+    auto& x = state_->x;
+    const std::span<double> f(work_.data(), size_);
+    system_.derivative(t0_, x, *state_->discrete, f);
+    system_.guards(t0_, x, *state_->discrete, {guard_terms_.data(), guard_count_});
+    ++counts_.derivative_evaluations;
+    ++counts_.guard_evaluations;
+    for (std::size_t guard = 0; guard < guard_count_; ++guard) {
+        if (pattern_->g[guard].empty()) continue; // it does not move
+        const Reach& reach = prepared.reach[guard];
+        const double first = dot(reach.first, f), second = dot(reach.second, f);
+        double rest = 0;
+        for (std::size_t i = 0; i < size_; ++i) rest += reach.rest[i] * std::abs(f[i]);
+        // s and s^2 lie between 0 and 1, so the guard is at least this, up to rounding, which the margin covers.
+        const double least = guard_terms_[guard] + std::min(0.0, first + std::min(0.0, second)) - rest;
+        const double margin = 1e-12 * (std::abs(first) + std::abs(second) + rest);
+        if (!(least > margin)) return false;
+    }
+    multiply_columns(prepared.psi.data(), size_, height_, work_.data(), term(1));
+    for (std::size_t i = 0; i < size_; ++i) x[i] += term(1)[i];
+    return true;
 }
 
 // Fills terms_ for a step h from where it began; false where they do not come to an end.
 bool ExactIntegrator::expand(double h) {
     h_ = h;
     const DiscreteState& d = *state_->discrete;
-    for (std::size_t i = 0; i < size_; ++i) largest_[i] = std::abs(terms_[i]);
+    const auto derive = [&](int n) { // c_{n+1} from c_n and b_n
+        system_.affine_derivative(n, t0_, h, {term(n), size_}, d, {term(n + 1), size_});
+        for (std::size_t i = 0; i < size_; ++i) term(n + 1)[i] *= h / (n + 1);
+        ++counts_.derivative_evaluations;
+    };
+    derive(0);
+    if (pattern_) {
+        order_ = expand_columns(pattern_->a.data(), size_, height_, h, most_terms, terms_.data(), work_.data());
+        return order_ > 0;
+    }
     bool last_was_small = false;
-    for (int n = 0; n < most_terms; ++n) {
-        const double* c = term(n);
-        if (pattern_ && n > 0) {
-            std::fill(slope_.begin(), slope_.end(), 0.0);
-            for (std::size_t j = 0; j < size_; ++j) {
-                const double* column = pattern_->a.data() + j * size_;
-                for (std::size_t i = 0; i < size_; ++i) slope_[i] += column[i] * c[j];
-            }
-        } else {
-            system_.affine_derivative(n, t0_, h, {c, size_}, d, slope_);
-            ++counts_.derivative_evaluations;
-        }
-        double* next = term(n + 1);
-        const double factor = h / (n + 1);
+    for (int n = 1; n < most_terms; ++n) {
+        derive(n);
         bool small = true;
         for (std::size_t i = 0; i < size_; ++i) {
-            next[i] = factor * slope_[i];
-            const double magnitude = std::abs(next[i]);
-            largest_[i] = std::max(largest_[i], magnitude);
-            small = small && magnitude <= half_ulp * largest_[i];
+            const double size = std::abs(term(n + 1)[i]);
+            work_[i] = std::max(n == 1 ? std::max(std::abs(term(0)[i]), std::abs(term(1)[i])) : work_[i], size);
+            small = small && size <= half_ulp * work_[i];
         }
-        if (small && last_was_small) {
+        // b is a polynomial of degree 3 at most in what there is; its terms have all come by then.
+        if (small && last_was_small && n > 5) {
             order_ = n + 1;
             return true;
         }
@@ -262,23 +384,25 @@ double ExactIntegrator::first_fall() {
     const DiscreteState& d = *state_->discrete;
     const auto row = [&](int n) { return guard_terms_.data() + static_cast<std::size_t>(n) * guard_count_; };
     system_.affine_guards(0, t0_, h_, {term(0), size_}, d, {row(0), guard_count_});
-    for (int n = 1; n <= order_; ++n) {
-        if (!pattern_) {
-            system_.affine_guards(n, t0_, h_, {term(n), size_}, d, {row(n), guard_count_});
-            continue;
-        }
-        for (std::size_t guard = 0; guard < guard_count_; ++guard) {
-            double g = 0;
-            for (std::size_t i = 0; i < size_; ++i) g += pattern_->g[guard * size_ + i] * term(n)[i];
-            row(n)[guard] = g;
-        }
+    for (int n = 1; n <= order_ && !pattern_; ++n) {
+        system_.affine_guards(n, t0_, h_, {term(n), size_}, d, {row(n), guard_count_});
     }
     ++counts_.guard_evaluations;
     fallen_.clear();
     double first = none;
     const std::span<double> polynomial(polynomial_.data(), static_cast<std::size_t>(order_) + 1);
     for (GuardId guard = 0; guard < guard_count_; ++guard) {
-        for (std::size_t n = 0; n < polynomial.size(); ++n) polynomial[n] = guard_terms_[n * guard_count_ + guard];
+        if (pattern_ && pattern_->g[guard].empty()) continue; // it does not move
+        polynomial[0] = guard_terms_[guard];
+        for (int n = 1; n <= order_; ++n) {
+            double g = 0;
+            if (pattern_) {
+                for (const auto& [column, value] : pattern_->g[guard]) g += value * term(n)[column];
+            } else {
+                g = row(n)[guard];
+            }
+            polynomial[static_cast<std::size_t>(n)] = g;
+        }
         const double s = first_fall_below_zero(polynomial);
         if (s == none || s > first) continue;
         if (s < first) fallen_.clear();
@@ -288,12 +412,9 @@ double ExactIntegrator::first_fall() {
     return first;
 }
 
-void ExactIntegrator::evaluate(double s, std::span<double> x) const {
-    std::copy_n(term(order_), size_, x.begin());
-    for (int n = order_ - 1; n >= 0; --n) {
-        const double* c = term(n);
-        for (std::size_t i = 0; i < size_; ++i) x[i] = x[i] * s + c[i];
-    }
+void ExactIntegrator::evaluate(double s, std::span<double> x) {
+    evaluate_columns(terms_.data(), order_, height_, s, work_.data());
+    std::copy_n(work_.begin(), size_, x.begin());
 }
 
 Integrator::Progress ExactIntegrator::step(double t_stop) {
@@ -309,8 +430,8 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
     while (!expand(h)) {
         h /= 2;
         if (h > 1e-9 * whole) continue;
-        failure_ = {RunEnd::non_finite, state_->t,
-                    fmt::format("the state is not finite near t = {:.9g} s: the loop may be unstable", state_->t)};
+        failure_ = {RunEnd::non_finite, t0_,
+                    fmt::format("the state is not finite near t = {:.9g} s: the loop may be unstable", t0_)};
         return Progress::failed;
     }
     const double s = first_fall();

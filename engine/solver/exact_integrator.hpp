@@ -32,20 +32,34 @@ class ExactIntegrator final : public Integrator {
     static constexpr int most_terms = 30;
     static constexpr std::size_t most_patterns = 2000, most_lengths = 4;
 
-    // Of a pattern, for steps of one length h. With f the derivative at the beginning:
+    // Columns of states are padded with zeros to `height_` numbers, a multiple of four, which the processor adds and
+    // multiplies at one time.
+    using Columns = std::vector<double>; // (height x columns)
+
+    // A guard's row of G without its zeros.
+    struct Entry {
+        std::size_t column;
+        double value;
+    };
+
+    // How one guard moves in a step, with f the derivative at its beginning: its first and second coefficients are
+    // first f and second f, all further ones together at most rest abs(f).
+    struct Reach {
+        std::vector<double> first, second, rest; // (states)
+    };
+
+    // Of a pattern, for steps of one length h.
     struct Prepared {
         double h;
-        std::vector<double> psi;   // states x states, by columns: x(h) = x + psi f
-        std::vector<double> first; // guards x states: the guards' first and second coefficients are first f, second f
-        std::vector<double> second;
-        std::vector<double> rest; // guards x states: all further ones together are at most rest abs(f)
+        Columns psi; // x(h) = x + psi f
+        std::vector<Reach> reach; // (guards)
     };
 
     // What is known of one A and G.
     struct Pattern {
-        std::vector<double> a; // states x states, by columns
-        std::vector<double> g; // guards x states, by rows
-        std::vector<double> lengths; // met once: worth preparing when met again
+        Columns a;
+        std::vector<std::vector<Entry>> g; // (guards)
+        std::vector<double> lengths;       // met once: worth preparing when met again
         std::vector<Prepared> prepared;
     };
 
@@ -54,25 +68,26 @@ class ExactIntegrator final : public Integrator {
     bool same_length(double a, double b) const;
     const Prepared* prepared_for(double h) const;
     void remember(double h);
-    bool leap(const Prepared& prepared);
     void begin(double h);
+    bool leap(const Prepared& prepared);
     bool expand(double h);
     double first_fall();
-    void evaluate(double s, std::span<double> x) const;
-    double* term(int n) { return terms_.data() + static_cast<std::size_t>(n) * size_; }
-    const double* term(int n) const { return terms_.data() + static_cast<std::size_t>(n) * size_; }
+    void evaluate(double s, std::span<double> x);
+    double* term(int n) { return terms_.data() + static_cast<std::size_t>(n) * height_; }
+    const double* term(int n) const { return terms_.data() + static_cast<std::size_t>(n) * height_; }
 
     const HybridSystem& system_;
-    const std::size_t size_, guard_count_;
+    const std::size_t size_, height_, guard_count_; // states, length of a padded column, guards
     SystemState* state_ = nullptr;
     std::map<AffinePattern, Pattern> patterns_;
     AffinePattern key_{};
     Pattern* pattern_ = nullptr; // the present one; null where b varies
     double t0_ = 0, h_ = 0;      // of the last step [s]
     int order_ = 0;              // of its series; 0: it was a leap
-    std::vector<double> terms_;       // (most_terms + 1) x states: c_n
+    Columns terms_;                   // (height x most_terms + 1): c_n
+    std::vector<double> work_;        // (height)
     std::vector<double> guard_terms_; // (most_terms + 1) x guards
-    std::vector<double> slope_, largest_, polynomial_;
+    std::vector<double> polynomial_;
     RunStatistics counts_;
 };
 

@@ -24,8 +24,8 @@ struct RunStatistics {
     long events = 0;                // guards that fell
     long samples = 0;               // clock instants handled
     long restarts = 0;              // of the integrator, by events and samples
-    double seconds_integrating = 0; // wall time inside the integrator
-    double seconds_events = 0;      // wall time in guards that fell, sampled blocks and observers
+    double seconds_integrating = 0; // wall time inside the integrator, from every 64th step
+    double seconds_events = 0;      // the same in guards that fell, sampled blocks, observers
 
     RunStatistics& operator+=(const RunStatistics& other);
 };

@@ -10,11 +10,26 @@ namespace tribode {
 
 namespace {
 
-using Clock = std::chrono::steady_clock;
+// Adds the wall time of its life to a sum. Reading the clock costs as much as a short step, so only every 64th one of
+// each kind is timed, and counts for all.
+class Stopwatch {
+  public:
+    Stopwatch(double& seconds, unsigned& turn) : seconds_(seconds), on_(turn++ % every == 0) {
+        if (on_) start_ = std::chrono::steady_clock::now();
+    }
+    ~Stopwatch() {
+        if (!on_) return;
+        seconds_ += every * std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    }
+    Stopwatch(const Stopwatch&) = delete;
+    Stopwatch& operator=(const Stopwatch&) = delete;
 
-double seconds_since(Clock::time_point start) {
-    return std::chrono::duration<double>(Clock::now() - start).count();
-}
+  private:
+    static constexpr unsigned every = 64;
+    double& seconds_;
+    const bool on_;
+    std::chrono::steady_clock::time_point start_;
+};
 
 // Times nearer than rounding are one instant.
 bool same_instant(double a, double b) {
@@ -81,14 +96,13 @@ RunOutcome Simulator::advance_to(double t_end) {
             state_.t = t_stop;
             restart_needed_ = true;
         } else {
-            const auto start = Clock::now();
+            const Stopwatch watch(statistics_.seconds_integrating, steps_timed_);
             if (restart_needed_) {
                 integrator_->restart(state_);
                 ++statistics_.restarts;
                 restart_needed_ = false;
             }
             progress = integrator_->step(t_stop);
-            statistics_.seconds_integrating += seconds_since(start);
         }
         if (progress == Integrator::Progress::failed) {
             const RunOutcome& failure = integrator_->failure();
@@ -106,7 +120,7 @@ RunOutcome Simulator::advance_to(double t_end) {
 
 // Steps 1 to 5 of the class comment.
 void Simulator::handle_instant(bool guards_fell) {
-    const auto start = Clock::now();
+    const Stopwatch watch(statistics_.seconds_events, instants_timed_);
     collect_due_clocks();
     if (observer_ && !due_.empty()) observer_->left_limit(state_);
 
@@ -117,7 +131,6 @@ void Simulator::handle_instant(bool guards_fell) {
         if (observer_) observer_->sampled(id, k, state_);
     }
     if (ok && !due_.empty() && restart_needed_) settle_guards(nullptr);
-    statistics_.seconds_events += seconds_since(start);
 }
 
 // Handles the guards reported by the integrator, if any, then all that are below zero, until none is.

@@ -74,6 +74,7 @@ class Simulator {
     std::vector<double> output_grid_;
     std::size_t next_output_ = 0;
     SystemState output_state_;
+    unsigned steps_timed_ = 0, instants_timed_ = 0; // of which every 64th is
     bool started_ = false;
     bool restart_needed_ = true;
     double chatter_start_ = 0; // begin of the present window [s]

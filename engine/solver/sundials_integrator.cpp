@@ -23,7 +23,10 @@ void SundialsIntegrator::check(int flag, const char* function) {
 }
 
 SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverOptions& options)
-    : system_(system), size_(system.states().size()), found_(system.guard_count()), guard_values_(system.guard_count()),
+    : system_(system),
+      size_(system.states().size()),
+      found_(system.guard_count()),
+      guard_values_(system.guard_count()),
       x_between_(size_) {
     check(SUNContext_Create(nullptr, &context_), "SUNContext_Create");
     // A system of clocks alone has no states, which the library does not allow: it gets one that rests.
@@ -67,8 +70,8 @@ int SundialsIntegrator::guard_callback(double t, N_Vector x, double* g, void* se
     return 0;
 }
 
-int SundialsIntegrator::jacobian_callback(double t, N_Vector x, N_Vector, SUNMatrix matrix, void* self, N_Vector,
-                                          N_Vector, N_Vector) {
+int SundialsIntegrator::jacobian_callback(double t, N_Vector x, N_Vector, SUNMatrix matrix, void* self,
+                                          N_Vector, N_Vector, N_Vector) {
     auto& me = *static_cast<SundialsIntegrator*>(self);
     ++me.counts_.jacobian_evaluations;
     SUNMatZero(matrix);
@@ -126,45 +129,51 @@ Integrator::Progress SundialsIntegrator::step(double t_stop) {
     return result == Native::stopped ? Progress::stopped : Progress::stepped;
 }
 
-bool SundialsIntegrator::some_guard_below_zero(double t, std::span<const double> x) {
-    ++counts_.guard_evaluations;
-    system_.guards(t, x, *state_->discrete, guard_values_);
-    return std::any_of(guard_values_.begin(), guard_values_.end(), [](double g) { return g < 0; });
-}
-
-// The library takes a guard that is zero at a restart as it finds it a tenth of the first step later: one that leaves
-// zero downwards, or is back below it by then, is not reported. Such a fall is looked for by bisection in the step.
+// The library takes a guard that is zero at a restart as it finds it a tenth of the first step later: one
+// that leaves zero downwards, or is back below it by then, is not reported. Such a fall is looked for by
+// bisection in the step.
 bool SundialsIntegrator::look_for_missed_fall(double t_before) {
-    if (!some_guard_below_zero(state_->t, state_->x)) return false;
-    double calm = t_before, fallen = state_->t;
-    while (fallen - calm > time_resolution(fallen)) {
-        const double middle = calm + (fallen - calm) / 2;
-        interpolate(middle, x_between_);
-        if (some_guard_below_zero(middle, x_between_)) {
-            fallen = middle;
-            state_->x = x_between_;
-        } else {
-            calm = middle;
-        }
-    }
-    state_->t = fallen;
-    some_guard_below_zero(fallen, state_->x);
+    const auto look_at_guards = [&](double t, std::span<const double> x) {
+        ++counts_.guard_evaluations;
+        system_.guards(t, x, *state_->discrete, guard_values_);
+    };
+    const auto below_zero = [&](GuardId guard) { return guard_values_[guard] < 0; };
+    look_at_guards(state_->t, state_->x);
     fallen_.clear();
     for (GuardId guard = 0; guard < guard_values_.size(); ++guard) {
-        if (guard_values_[guard] < 0) fallen_.push_back(guard);
+        if (below_zero(guard)) fallen_.push_back(guard);
     }
+    if (fallen_.empty()) return false;
+
+    double calm = t_before, after = state_->t;
+    while (after - calm > time_resolution(after)) {
+        const double middle = calm + (after - calm) / 2;
+        interpolate(middle, x_between_);
+        look_at_guards(middle, x_between_);
+        if (std::none_of(fallen_.begin(), fallen_.end(), below_zero)) {
+            calm = middle;
+            continue;
+        }
+        after = middle;
+        state_->x = x_between_;
+        // Those that fall later are left to the next step.
+        std::erase_if(fallen_, [&](GuardId guard) { return !below_zero(guard); });
+    }
+    state_->t = after;
     return true;
 }
 
 void SundialsIntegrator::record_failure(double t) {
     if (met_non_finite_) {
-        failure_ = {RunEnd::non_finite, t,
-                    fmt::format("the derivative is not finite near t = {:.9g} s: the loop may be unstable", t)};
+        failure_ = {
+            RunEnd::non_finite, t,
+            fmt::format("the derivative is not finite near t = {:.9g} s: the loop may be unstable", t)};
     } else {
-        failure_ = {RunEnd::step_too_small, t,
-                    fmt::format("the integrator cannot go on at t = {:.9g} s ({}); loosen the tolerances or choose "
-                                "another solver",
-                                t, last_message_)};
+        failure_ = {
+            RunEnd::step_too_small, t,
+            fmt::format("the integrator cannot go on at t = {:.9g} s ({}); loosen the tolerances or choose "
+                        "another solver",
+                        t, last_message_.empty() ? "no step gets on in time" : last_message_)};
     }
 }
 

@@ -39,8 +39,8 @@ class SundialsIntegrator : public Integrator {
     virtual void native_roots(int* found) const = 0;
     virtual long native_rejected_steps() const = 0; // since the counters of the library were last zeroed
     virtual bool counters_restart() const = 0;      // whether native_restart zeroes them
-    // The step size worth keeping for the next restart, after a step that was the first since the last one or not,
-    // and was cut short by t_stop or not.
+    // The step size worth keeping for the next restart, after a step that was the first since the last one or
+    // not, and was cut short by t_stop or not.
     virtual double kept_step(bool first, bool cut) const = 0;
 
     // Throws on any flag of a set-up call that is not success: our own bug or no memory.
@@ -48,8 +48,8 @@ class SundialsIntegrator : public Integrator {
 
     static int derivative_callback(double t, N_Vector x, N_Vector dxdt, void* self);
     static int guard_callback(double t, N_Vector x, double* g, void* self);
-    static int jacobian_callback(double t, N_Vector x, N_Vector fx, SUNMatrix matrix, void* self, N_Vector, N_Vector,
-                                 N_Vector);
+    static int jacobian_callback(double t, N_Vector x, N_Vector fx, SUNMatrix matrix, void* self, N_Vector,
+                                 N_Vector, N_Vector);
     static void message_callback(int code, const char* module, const char* function, char* text, void* self);
 
     const HybridSystem& system_;
@@ -63,7 +63,6 @@ class SundialsIntegrator : public Integrator {
     std::span<const double> values(N_Vector v) const { return {N_VGetArrayPointer(v), size_}; }
     void record_failure(double t);
     bool look_for_missed_fall(double t_before);
-    bool some_guard_below_zero(double t, std::span<const double> x);
 
     SystemState* state_ = nullptr;
     std::vector<int> found_;

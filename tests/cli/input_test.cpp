@@ -14,10 +14,10 @@ class Input : public ::testing::Test {
         folder.write("in.csv", "t,u\n0,0\n0.0005,1\n0.001,1\n");
     }
 
-    void expect_refused(const std::string& machine, const std::string& input, const std::vector<std::string>& parts,
-                        const std::vector<std::string>& more = {}) {
-        std::vector<std::string> arguments = {"simulate", "--machine", machine, "--input", input, "-o", "out.csv",
-                                              "--events", "events.csv"};
+    void expect_refused(const std::string& machine, const std::string& input,
+                        const std::vector<std::string>& parts, const std::vector<std::string>& more = {}) {
+        std::vector<std::string> arguments = {"simulate", "--machine", machine,    "--input",   input,
+                                              "-o",       "out.csv",   "--events", "events.csv"};
         arguments.insert(arguments.end(), more.begin(), more.end());
         const auto before = files_in(folder.path());
         expect_sentence(run(arguments, {.folder = folder.path()}), 2, parts);
@@ -80,7 +80,8 @@ TEST_F(Input, ANumberThatIsNotFiniteIsRefusedWithItsLine) {
 }
 
 TEST_F(Input, TextInARecordIsRefusedWithItsLine) {
-    expect_record_refused("t,u\n0,0\n0.0005,one\n", {"wrong.csv:3", "column u", "\"one\"", "must be a number"});
+    expect_record_refused("t,u\n0,0\n0.0005,one\n",
+                          {"wrong.csv:3", "column u", "\"one\"", "must be a number"});
     expect_record_refused("t,u\n0,0\n0.0005\n", {"wrong.csv:3", "1 value", "2"});
 }
 
@@ -94,7 +95,8 @@ TEST_F(Input, TimeThatDoesNotIncreaseIsRefused) {
 }
 
 TEST_F(Input, AnotherSampleTimeIsRefused) {
-    expect_record_refused("t,u\n0,0\n0.0004,1\n0.0008,1\n", {"wrong.csv:3", "t = 4e-04 s", "expected 0.0005 s", "another sample time"});
+    expect_record_refused("t,u\n0,0\n0.0004,1\n0.0008,1\n",
+                          {"wrong.csv:3", "t = 4e-04 s", "expected 0.0005 s", "another sample time"});
 }
 
 TEST_F(Input, ARecordWithoutInputIsRefused) {
@@ -105,17 +107,20 @@ TEST_F(Input, ARecordWithoutInputIsRefused) {
 }
 
 TEST_F(Input, AnUnknownColumnIsRefused) {
-    expect_record_refused("t,u,excc\n0,0,0\n0.0005,1,0\n", {"wrong.csv", "\"excc\"", "did you mean \"exc\"?"});
+    expect_record_refused("t,u,excc\n0,0,0\n0.0005,1,0\n",
+                          {"wrong.csv", "\"excc\"", "did you mean \"exc\"?"});
 }
 
 TEST_F(Input, AnUnknownSolverIsRefusedWithThoseThereAre) {
-    expect_refused("mass.json", "in.csv", {"\"rk45\"", "exact", "erk", "adams", "cvode", "fixed"}, {"--solver", "rk45"});
+    expect_refused("mass.json", "in.csv", {"\"rk45\"", "exact", "erk", "adams", "cvode", "fixed"},
+                   {"--solver", "rk45"});
 }
 
 TEST_F(Input, TolerancesAndStepMustBePositive) {
     expect_refused("mass.json", "in.csv", {"--rtol", "-1", "positive"}, {"--rtol", "-1"});
     expect_refused("mass.json", "in.csv", {"--atol", "0", "positive"}, {"--atol", "0"});
-    expect_refused("mass.json", "in.csv", {"--step", "-0.001", "positive"}, {"--solver", "fixed", "--step", "-1e-3"});
+    expect_refused("mass.json", "in.csv", {"--step", "-0.001", "positive"},
+                   {"--solver", "fixed", "--step", "-1e-3"});
     expect_refused("mass.json", "in.csv", {"--step", "0", "positive"}, {"--solver", "fixed", "--step", "0"});
 }
 

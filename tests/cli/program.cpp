@@ -66,7 +66,8 @@ bool take_rights_away() {
 } // namespace
 
 Program::Program(const std::vector<std::string>& arguments, const Surroundings& surroundings)
-    : give_up_(std::chrono::steady_clock::now() + surroundings.patience), out_(file_without_name()) {
+    : give_up_(std::chrono::steady_clock::now() + surroundings.patience),
+      out_(file_without_name()) {
     if (surroundings.errors_to_terminal) {
         terminal_ = new_terminal(err_);
     } else {

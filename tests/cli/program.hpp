@@ -11,11 +11,11 @@ namespace tribode::cli {
 
 // Where and how the program is started.
 struct Surroundings {
-    std::filesystem::path folder;          // working folder
-    std::size_t largest_file = 0;          // limit of a file's size [bytes]; 0: none
-    bool as_nobody = false;                // a superuser gives up all rights first
-    bool errors_to_terminal = false;       // standard error is a terminal
-    std::chrono::seconds patience{120};    // then the program is killed
+    std::filesystem::path folder;       // working folder
+    std::size_t largest_file = 0;       // limit of a file's size [bytes]; 0: none
+    bool as_nobody = false;             // a superuser gives up all rights first
+    bool errors_to_terminal = false;    // standard error is a terminal
+    std::chrono::seconds patience{120}; // then the program is killed
 };
 
 // How it ended.
@@ -28,7 +28,8 @@ struct Ending {
 // The program while it runs. Started with fork and exec, without a shell in between.
 class Program {
   public:
-    static constexpr int cannot_start = 127; // exit code where there is no such program, or no right to run it
+    // Exit code where there is no such program, or no right to run it.
+    static constexpr int cannot_start = 127;
 
     Program(const std::vector<std::string>& arguments, const Surroundings& surroundings);
     ~Program(); // kills what still runs
@@ -63,7 +64,8 @@ std::vector<std::string> files_in(const std::filesystem::path& folder);
 
 std::string text_of(const std::filesystem::path& file);
 
-// Expects this exit code and, as all there is on standard error, one sentence of the program with these parts.
+// Expects this exit code and, as all there is on standard error, one sentence of the program with these
+// parts.
 void expect_sentence(const Ending& ending, int exit_code, const std::vector<std::string>& parts);
 
 } // namespace tribode::cli

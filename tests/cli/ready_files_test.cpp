@@ -22,9 +22,12 @@ std::vector<std::string> ready_files(const std::string& folder) {
 }
 
 // A name that a test may have.
-std::string stem_of(const ::testing::TestParamInfo<std::string>& file) { return fs::path(file.param).stem().string(); }
+std::string stem_of(const ::testing::TestParamInfo<std::string>& file) {
+    return fs::path(file.param).stem().string();
+}
 
-// ---- scripts and samples ---------------------------------------------------------------------------------------------
+// ---- scripts and samples
+// ---------------------------------------------------------------------------------------------
 
 // What the header of each says it leaves.
 const std::map<std::string, std::vector<std::string>> results = {
@@ -58,7 +61,8 @@ TEST_P(ReadyScript, RunsQuicklyAndLeavesItsResults) {
 INSTANTIATE_TEST_SUITE_P(Scripts, ReadyScript, ::testing::ValuesIn(ready_files("scripts")), stem_of);
 INSTANTIATE_TEST_SUITE_P(Samples, ReadyScript, ::testing::ValuesIn(ready_files("docs/samples")), stem_of);
 
-// ---- models ----------------------------------------------------------------------------------------------------------
+// ---- models
+// ----------------------------------------------------------------------------------------------------------
 
 class ReadyModel : public ::testing::TestWithParam<std::string> {};
 
@@ -83,14 +87,15 @@ TEST_P(ReadyModel, FollowsASmallStepOfItsReference) {
     const auto last_row = text.substr(text.rfind('\n', text.size() - 2) + 1);
     double t = 0, r = 0, u = 0, y = 0;
     ASSERT_EQ(std::sscanf(last_row.c_str(), "%lf,%lf,%lf,%lf", &t, &r, &u, &y), 4) << last_row;
-    // Friction without an integrator leaves 20.4 N/(kp kv) = 1.5e-5 m in the cascade; after 2 s the loops with one
-    // have less.
+    // Friction without an integrator leaves 20.4 N/(kp kv) = 1.5e-5 m in the cascade; after 2 s the loops
+    // with one have less.
     EXPECT_NEAR(y, 1e-3, 2e-5);
 }
 
 INSTANTIATE_TEST_SUITE_P(Models, ReadyModel, ::testing::ValuesIn(ready_files("models")), stem_of);
 
-// ---- tests written in Lua --------------------------------------------------------------------------------------------
+// ---- tests written in Lua
+// --------------------------------------------------------------------------------------------
 
 class LuaTest : public ::testing::TestWithParam<std::string> {};
 
@@ -109,10 +114,11 @@ TEST(LuaTests, AFailedAssertionFails) {
     expect_sentence(run({"run", "s.lua", "-o", "out"}, {.folder = folder.path()}), 2, {"sums"});
 }
 
-// ---- the claim of the comparison --------------------------------------------------------------------------------------
+// ---- the claim of the comparison
+// --------------------------------------------------------------------------------------
 
-// At 15 N: the proposed analysis comes to the truth, FRA-1 sees the friction as inertia, stiffness and damping of the
-// plant, FRA-2 loses gain to the delay.
+// At 15 N: the proposed analysis comes to the truth, FRA-1 sees the friction as inertia, stiffness and
+// damping of the plant, FRA-2 loses gain to the delay.
 TEST(FraComparison, OnlyTheProposedAnalysisComesToTheTruth) {
     const TemporaryFolder folder;
     const auto script = fs::path(TRIBODE_SOURCE_DIR) / "scripts/fra_comparison.lua";
@@ -125,9 +131,11 @@ TEST(FraComparison, OnlyTheProposedAnalysisComesToTheTruth) {
         return identified.at(analysis).at(name).get<double>() / identified.at("truth").at(name).get<double>();
     };
     // The claim: 3 %; 8 % for the small damping of the second mode, on which few frequencies lie.
-    for (const auto* name : {"k0", "k1", "f1_hz", "zeta1", "k2", "f2_hz"}) EXPECT_NEAR(ratio("Proposed", name), 1, 0.03);
+    for (const auto* name : {"k0", "k1", "f1_hz", "zeta1", "k2", "f2_hz"})
+        EXPECT_NEAR(ratio("Proposed", name), 1, 0.03);
     EXPECT_NEAR(ratio("Proposed", "zeta2"), 1, 0.08);
-    for (const auto* name : {"k0", "k1", "f1_hz", "zeta1", "zeta2"}) EXPECT_GT(ratio("FRA-1", name), 1) << name;
+    for (const auto* name : {"k0", "k1", "f1_hz", "zeta1", "zeta2"})
+        EXPECT_GT(ratio("FRA-1", name), 1) << name;
     for (const auto* name : {"k0", "k1", "k2"}) EXPECT_LT(ratio("FRA-2", name), 1) << name;
     for (const auto* name : {"zeta1", "zeta2"}) EXPECT_GT(ratio("FRA-2", name), 1) << name;
     // The description's own numbers stand beside them.

@@ -57,7 +57,8 @@ class Sheet {
 constexpr double sample_time = 5e-4;
 
 // k Ts as text, in the five digits a user would write, and the values of a column.
-std::string record(const std::string& header, const std::vector<std::vector<double>>& columns, double start = 0) {
+std::string record(const std::string& header, const std::vector<std::vector<double>>& columns,
+                   double start = 0) {
     std::string text = header + "\n";
     for (std::size_t k = 0; k < columns.front().size(); ++k) {
         char t[32];
@@ -112,9 +113,12 @@ class Simulate : public ::testing::Test {
     TemporaryFolder folder;
 };
 
-// ---- golden runs -----------------------------------------------------------------------------------------------------
+// ---- golden runs
+// -----------------------------------------------------------------------------------------------------
 
-Sheet golden(const std::string& name) { return Sheet(fs::path(TRIBODE_SOURCE_DIR) / "tests/golden" / (name + ".csv")); }
+Sheet golden(const std::string& name) {
+    return Sheet(fs::path(TRIBODE_SOURCE_DIR) / "tests/golden" / (name + ".csv"));
+}
 
 // Largest distance from the golden run, at every tenth sample instant.
 double distance(const Sheet& found, const Sheet& golden, const std::string& column) {
@@ -154,6 +158,8 @@ struct GoldenCase {
     double event_time; // [s]
 };
 
+void PrintTo(const GoldenCase& one, std::ostream* out) { *out << one.solver; }
+
 class Golden : public Simulate, public ::testing::WithParamInterface<GoldenCase> {
   protected:
     Sheet solve(const Json& machine, const std::string& input) {
@@ -169,7 +175,8 @@ class Golden : public Simulate, public ::testing::WithParamInterface<GoldenCase>
         EXPECT_LT(distance(found, wanted, "x"), GetParam().position);
         // Within 1/500 s, far below the period of the fastest mode, an error of x is one of v.
         EXPECT_LT(distance(found, wanted, "v"), 500 * GetParam().position);
-        // The stiffness of the elements that still stick where the table turns, and D_20 and D_v times the velocity.
+        // The stiffness of the elements that still stick where the table turns, and D_20 and D_v times the
+        // velocity.
         EXPECT_LT(distance(found, wanted, "f"), 3e6 * GetParam().position);
         expect_same_events(Sheet(folder / "events.csv"), golden(name + "_events"), GetParam().event_time);
     }
@@ -188,16 +195,16 @@ TEST_P(Golden, ClosedLoop) {
     const Sheet found =
         solve(golden_table_in_loop(), record("t,r,exc", {std::vector<double>(1001), excitation}));
     compare(found, "loop");
-    // What the encoder sees is rounded to 1e-7 m, so the detected positions and the thrust made of them are the same
-    // but for the last digits.
+    // What the encoder sees is rounded to 1e-7 m, so the detected positions and the thrust made of them are
+    // the same but for the last digits.
     EXPECT_LT(distance(found, golden("loop"), "y"), 1e-15);
     EXPECT_LT(distance(found, golden("loop"), "u"), 1e-9);
 }
 
 const std::vector<std::string> tight = {"--rtol", "1e-10", "--atol", "1e-13"};
 
-// exact: rounding, over 500 restarts and more; the others what they claim at these tolerances. fixed sees an event at
-// the end of its step of 1 us.
+// exact: rounding, over 500 restarts and more; the others what they claim at these tolerances. fixed sees an
+// event at the end of its step of 1 us.
 INSTANTIATE_TEST_SUITE_P(Solvers, Golden,
                          ::testing::Values(GoldenCase{"exact", {}, 1e-15, 1e-14},
                                            GoldenCase{"erk", tight, 1e-9, 1e-9},
@@ -206,11 +213,53 @@ INSTANTIATE_TEST_SUITE_P(Solvers, Golden,
                                            GoldenCase{"fixed", {"--step", "1e-6"}, 1e-9, 1.01e-6}),
                          [](const auto& one) { return one.param.solver; });
 
-// ---- files -----------------------------------------------------------------------------------------------------------
+// ---- solvers
+// ---------------------------------------------------------------------------------------------------------
+
+class Solvers : public Simulate {
+  protected:
+    Solvers() {
+        folder.write("affine.json", golden_table().dump());
+        Json machine = golden_table();
+        machine["friction"]["coulomb"] = 2;
+        machine["friction"]["stribeck"] = {{"static", 3}, {"velocity", 0.01}};
+        folder.write("stribeck.json", machine.dump());
+        folder.write("in.csv", record("t,u", {problems::sampled_sine(15, 10, sample_time, 200)}));
+    }
+};
+
+TEST_F(Solvers, TheDefaultIsExactWherePossibleElseErk) {
+    EXPECT_EQ(trace("affine.json").rows(), trace("affine.json", {"--solver", "exact"}).rows());
+    EXPECT_EQ(trace("stribeck.json").rows(), trace("stribeck.json", {"--solver", "erk"}).rows());
+}
+
+TEST_F(Solvers, ExactIsRefusedWithTheReasonWhereAMachineIsNotAffine) {
+    expect_sentence(simulate("stribeck.json", {"--solver", "exact"}), 2, {"\"exact\"", "Stribeck", "erk"});
+    EXPECT_FALSE(fs::exists(folder / "out.csv"));
+}
+
+TEST_F(Solvers, TolerancesDoNothingForExactAndFixed) {
+    for (const std::string solver : {"exact", "fixed"}) {
+        EXPECT_EQ(trace("affine.json", {"--solver", solver}).rows(),
+                  trace("affine.json", {"--solver", solver, "--rtol", "0.1", "--atol", "0.1"}).rows());
+    }
+    EXPECT_NE(trace("affine.json", {"--solver", "erk"}).rows(),
+              trace("affine.json", {"--solver", "erk", "--rtol", "1e-3"}).rows());
+}
+
+TEST_F(Solvers, TheDefaultStepOfFixedIsATenthOfTheSampleTime) {
+    const auto plain = trace("affine.json", {"--solver", "fixed"});
+    EXPECT_EQ(trace("affine.json", {"--solver", "fixed", "--step", "5e-5"}).rows(), plain.rows());
+    EXPECT_NE(trace("affine.json", {"--solver", "fixed", "--step", "2e-5"}).rows(), plain.rows());
+}
+
+// ---- files
+// -----------------------------------------------------------------------------------------------------------
 
 TEST_F(Simulate, EveryNumberIsTheShortestTextThatReadsBackToTheSameDouble) {
     folder.write("machine.json", golden_table_in_loop().dump());
-    folder.write("in.csv", record("t,r,exc", {std::vector<double>(200, 1e-6), std::vector<double>(200, 9.0)}));
+    folder.write("in.csv",
+                 record("t,r,exc", {std::vector<double>(200, 1e-6), std::vector<double>(200, 9.0)}));
     const Sheet found = trace("machine.json");
     EXPECT_EQ(found.header(), (std::vector<std::string>{"t", "r", "u", "y", "x", "v", "f"}));
     ASSERT_EQ(found.rows().size(), 200u);
@@ -270,7 +319,8 @@ TEST_F(Simulate, DescriptionsInLuaAndJsonAreTheSameMachine) {
     EXPECT_EQ(trace("machine.lua").rows(), trace("machine.json").rows());
 }
 
-// ---- open loop, closed loop ------------------------------------------------------------------------------------------
+// ---- open loop, closed loop
+// ------------------------------------------------------------------------------------------
 
 TEST_F(Simulate, AThrustRecordRunsOpenLoopAlsoForAMachineInClosedLoop) {
     Json machine = golden_table_in_loop();
@@ -315,7 +365,8 @@ TEST_F(Simulate, AnUnstableLoopEndsEarlyAndKeepsWhatWasReached) {
     folder.write("machine.json", R"({"rigid_gain_per_kg": 0.1, "controller": {"type": "pid", "kp": -1e9}})");
     folder.write("in.csv", record("t,r", {std::vector<double>(2000, 1e-3)}));
     expect_sentence(simulate("machine.json"), 3, {"not finite", "t = ", "unstable", "out.csv.partial.csv"});
-    EXPECT_EQ(files_in(folder.path()), (std::vector<std::string>{"in.csv", "machine.json", "out.csv.partial.csv"}));
+    EXPECT_EQ(files_in(folder.path()),
+              (std::vector<std::string>{"in.csv", "machine.json", "out.csv.partial.csv"}));
     const Sheet partial(folder / "out.csv.partial.csv");
     EXPECT_GT(partial.rows().size(), 10u);
     EXPECT_LT(partial.rows().size(), 2000u);

@@ -31,8 +31,8 @@ TEST_F(Usage, HelpIsGivenForTheProgramAndEachCommand) {
 
 TEST_F(Usage, HelpOfSimulateNamesEveryOption) {
     const auto help = run({"simulate", "--help"}, {.folder = folder.path()}).out;
-    for (const auto* option : {"--machine", "--input", "--out", "--events", "--solver", "--rtol", "--atol", "--step",
-                               "--seed", "--columns", "--scale"}) {
+    for (const auto* option : {"--machine", "--input", "--out", "--events", "--solver", "--rtol", "--atol",
+                               "--step", "--seed", "--columns", "--scale"}) {
         EXPECT_NE(help.find(option), std::string::npos) << option;
     }
 }
@@ -62,7 +62,8 @@ TEST_F(Usage, AMisspeltOptionIsRefusedWithTheNearestOne) {
     expect_refused({"simulate", "--machine", "m.lua", "--inptu", "i.csv", "-o", "o.csv"},
                    {"--inptu", "did you mean \"--input\"?"});
     expect_refused({"run", "s.lua", "--quik"}, {"--quik", "did you mean \"--quick\"?"});
-    expect_refused({"run", "s.lua", "--max-instruction=7"}, {"--max-instruction ", "did you mean \"--max-instructions\"?"});
+    expect_refused({"run", "s.lua", "--max-instruction=7"},
+                   {"--max-instruction ", "did you mean \"--max-instructions\"?"});
 }
 
 TEST_F(Usage, AMissingOptionIsNamed) {
@@ -86,8 +87,9 @@ TEST_F(Usage, TextWhereAnOptionNeedsANumberIsRefused) {
 class Quiet : public ::testing::Test {
   protected:
     Quiet() {
-        folder.write("s.lua", "local tb = require 'tribode'\n"
-                              "tb.sweep { machine = tb.machine 'models/bare_mass.lua', frequency_hz = { 50, 60 } }\n");
+        folder.write("s.lua",
+                     "local tb = require 'tribode'\n"
+                     "tb.sweep { machine = tb.machine 'models/bare_mass.lua', frequency_hz = { 50, 60 } }\n");
         folder.write("machine.json", R"({"rigid_gain_per_kg": 0.1})");
         folder.write("in.csv", "t,u\n0,1\n0.0005,1\n0.001,1\n");
     }

@@ -17,7 +17,8 @@ Json block_with_modes() {
 
 class Coulomb : public testing::TestWithParam<Method> {};
 INSTANTIATE_TEST_SUITE_P(Methods, Coulomb,
-                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::fixed),
+                         testing::Values(Method::exact, Method::erk, Method::adams, Method::bdf,
+                                         Method::fixed),
                          [](const auto& test) { return name_of(test.param); });
 
 SolverOptions tight(Method method) {
@@ -140,12 +141,14 @@ TEST_P(CoulombOracle, stick_slip_is_that_of_the_oracle) {
     const auto u = pushes(c.amplitude);
     const auto exact = problems::solve_exactly(p, u);
     ASSERT_GT(exact.events.size(), 10u);
-    for (const Method method : {Method::erk, Method::adams, Method::bdf}) {
+    for (const Method method : {Method::exact, Method::erk, Method::adams, Method::bdf}) {
         const auto run =
             run_open_loop(description_of(p), u,
                           {.method = method, .relative_tolerance = 1e-10, .absolute_tolerance = 1e-14});
         // The bounds of the smooth runs of these methods, trajectory_test.cpp.
-        EXPECT_LT(largest_difference(run.trace.x, exact.x), method == Method::erk ? 1e-9 : 1e-8)
+        EXPECT_LT(largest_difference(run.trace.x, exact.x), method == Method::exact ? 1e-13
+                                                            : method == Method::erk ? 1e-9
+                                                                                    : 1e-8)
             << name_of(method);
         EXPECT_LT(largest_time_difference(run.events, exact.events), 1e-6)
             << name_of(method); // v passes zero slowly

@@ -37,9 +37,12 @@ class EnergyMeter final : public Observer {
     std::vector<double> friction_loss; // work of the friction that is not in its springs [J]
 
   private:
-    // sum over bodies of (q'^2 + w^2 q^2)/(2 k)
+    // sum over bodies of (q'^2 + w^2 q^2)/(2 k); the velocity of the rigid body is what the modes leave of
+    // the point's
     double motion_energy(std::span<const double> x) const {
-        double sum = x[1] * x[1] / (2 * machine_.rigid_gain);
+        double rigid = x[1], sum = 0;
+        for (std::size_t j = 0; j < machine_.modes.size(); ++j) rigid -= x[3 + 2 * j];
+        sum += rigid * rigid / (2 * machine_.rigid_gain);
         for (std::size_t j = 0; j < machine_.modes.size(); ++j) {
             const double omega = 2 * std::numbers::pi * machine_.modes[j].freq_hz, q = x[2 + 2 * j],
                          v = x[3 + 2 * j];
