@@ -16,6 +16,11 @@ static std::uint64_t random_bits(std::uint64_t seed, std::uint64_t stream, std::
     return mix(mix(mix(seed + golden) + stream + golden) + index * golden + golden);
 }
 
+std::uint64_t derived_seed(std::uint64_t seed, std::uint64_t index) {
+    constexpr std::uint64_t stream = 0x5eed; // apart from the streams that a run draws from
+    return random_bits(seed, stream, index);
+}
+
 double uniform(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {
     // The upper 52 bits, in the middle of their cell: with one bit more the last middle would round to 1.
     return (static_cast<double>(random_bits(seed, stream, index) >> 12) + 0.5) * 0x1p-52;

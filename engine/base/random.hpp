@@ -7,6 +7,9 @@ namespace tribode {
 // drawn by itself, in any order, on any thread. SplitMix64 finaliser [Steele 2014] and the Box-Muller transform.
 double standard_normal(std::uint64_t seed, std::uint64_t stream, std::uint64_t index);
 
+// A seed of its own for run `index` of a batch or sweep: runs of different seeds share none.
+std::uint64_t derived_seed(std::uint64_t seed, std::uint64_t index);
+
 // A number in (0, 1), as above.
 double uniform(std::uint64_t seed, std::uint64_t stream, std::uint64_t index);
 

@@ -1,6 +1,7 @@
 #include "experiment/frequency_sweep.hpp"
 #include "analysis/sine_fit.hpp"
 #include "base/error.hpp"
+#include "base/random.hpp"
 #include "base/text.hpp"
 #include "control/discrete_transfer_function.hpp"
 #include "control/sampled_friction.hpp"
@@ -141,13 +142,14 @@ long periods_to_measure(const SweepOptions& options, double frequency) {
 }
 
 void check(const MachineModel& machine, const SweepOptions& options) {
-    const double nyquist = 0.5 / machine.sample_time;
+    // Nearer to the Nyquist frequency sine and cosine cannot be told apart within a few periods.
+    const double highest = 0.45 / machine.sample_time;
     double previous = 0;
     for (const double f : options.frequency_hz) {
-        if (!(f > previous) || !(f < nyquist)) {
-            throw InputError(fmt::format("frequency {} Hz, must be ascending and between 0 and the Nyquist frequency "
-                                         "{} Hz",
-                                         to_text(f), to_text(nyquist)));
+        if (!(f > previous) || !(f <= highest)) {
+            throw InputError(fmt::format("frequency {} Hz, must be ascending and between 0 and {} Hz (0.45 of the "
+                                         "sampling rate)",
+                                         to_text(f), to_text(highest)));
         }
         previous = f;
     }
@@ -160,7 +162,7 @@ void check(const MachineModel& machine, const SweepOptions& options) {
 SweepPoint run_point(const MachineModel& machine, const SweepOptions& options, std::size_t index,
                      const RunControl& control) {
     const double frequency = options.frequency_hz[index];
-    SinglePoint run(machine, options, frequency, options.seed + index, control);
+    SinglePoint run(machine, options, frequency, derived_seed(options.seed, index), control);
     RunOutcome outcome = run.settle();
     if (outcome.ok()) outcome = run.measure(periods_to_measure(options, frequency));
     SweepPoint point;

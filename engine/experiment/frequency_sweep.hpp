@@ -27,7 +27,7 @@ constexpr std::size_t analysis_count = 3;
 inline const std::array<std::string, analysis_count> analysis_names = {"FRA-1", "FRA-2", "Proposed"};
 
 struct SweepOptions {
-    std::vector<double> frequency_hz; // ascending, below the Nyquist frequency
+    std::vector<double> frequency_hz; // ascending, up to 0.45 of the sampling rate
     double amplitude = 15;            // A of the excitation A sin(2 pi f t), added to the controller's output [N]
     // Settling: after settle_periods and settle_time, whichever is later, the phasors of u and y over two windows in
     // a row must agree within settle_tolerance; given up after settle_time_limit.

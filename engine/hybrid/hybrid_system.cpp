@@ -8,6 +8,8 @@ bool HybridSystem::jacobian(double, std::span<const double>, const DiscreteState
     return false;
 }
 
+void HybridSystem::linear_part(std::span<double>) const {}
+
 std::optional<std::string> HybridSystem::why_not_affine() const {
     return "its equations are not known to be affine between events";
 }

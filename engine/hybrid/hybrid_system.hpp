@@ -16,7 +16,8 @@ using ClockId = std::size_t;
 struct StateVariable {
     std::string name;
     std::string unit;
-    double scale = 1; // its absolute tolerance is scale times the run's: 1 for a position, for which atol is in metres
+    std::optional<std::size_t> rate; // the state that is its derivative: a position's velocity
+    double scale = 1;                // its absolute tolerance is scale times the run's: 1 for a position, for which atol is in metres
 };
 
 // Sample instants are offset + k period with an integer k >= 0, never a running sum.
@@ -82,6 +83,10 @@ class HybridSystem {
 
     // Sample instant k of the clock.
     virtual EventEffect on_sample(ClockId clock, long k, SystemState& state) const = 0;
+
+    // The part L of f = L x + rest that a discretization by zero-order hold takes in, into a column-major square matrix
+    // preset to zero; zero where the system knows none.
+    virtual void linear_part(std::span<double> matrix) const;
 
     // Why the system is not piecewise affine; nothing where it is: between events, at constant d,
     //     dx/dt = A x + b(t),  g = G x + h(t),

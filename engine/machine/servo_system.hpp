@@ -76,6 +76,7 @@ class ServoSystem final : public HybridSystem {
     bool jacobian(double t, std::span<const double> x, const DiscreteState& d,
                   std::span<double> matrix) const override;
     void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const override;
+    void linear_part(std::span<double> matrix) const override { plant_.linear_part(matrix); }
     std::optional<std::string> why_not_affine() const override { return plant_.why_not_affine(); }
     void affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
                            std::span<double> coefficient) const override;

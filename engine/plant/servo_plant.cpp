@@ -18,8 +18,8 @@ constexpr double force_scale = 1e6;
 
 ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total_gain_(p_.rigid_gain) {
     const auto add_states = [&](const std::string& name) {
-        states_.push_back({name + " position", "m", 1.0});
-        states_.push_back({name + " velocity", "m/s", velocity_scale});
+        states_.push_back({name + " position", "m", states_.size() + 1, 1.0});
+        states_.push_back({name + " velocity", "m/s", std::nullopt, velocity_scale});
     };
     add_states("driven point");
     for (const auto& mode : p_.modes) {
@@ -31,7 +31,7 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
         total_gain_ += mode.gain;
     }
     if (p_.current_loop_hz > 0) {
-        states_.push_back({"thrust", "N", force_scale});
+        states_.push_back({"thrust", "N", std::nullopt, force_scale});
         corner_ = two_pi * p_.current_loop_hz;
     }
     assert(total_gain_ > 0);
@@ -110,6 +110,18 @@ void ServoPlant::derivative(double t, std::span<const double> x, const State& s,
     motion(x, effective, dxdt);
     if (stuck) dxdt[1] = 0; // exactly
     if (corner_ > 0) dxdt.back() = corner_ * (s.input(t) - x.back());
+}
+
+void ServoPlant::linear_part(std::span<double> matrix) const {
+    const std::size_t n = states_.size();
+    std::vector<double> unit(n);
+    for (std::size_t j = 0; j < n; ++j) {
+        unit[j] = 1;
+        const std::span<double> column = matrix.subspan(j * n, n);
+        motion(unit, corner_ > 0 ? unit[n - 1] : 0.0, column);
+        if (corner_ > 0) column[n - 1] = -corner_ * unit[n - 1];
+        unit[j] = 0;
+    }
 }
 
 std::optional<std::string> ServoPlant::why_not_affine() const {

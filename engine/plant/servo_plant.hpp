@@ -73,6 +73,8 @@ class ServoPlant {
     void derivative(double t, std::span<const double> x, const State& s, std::span<double> dxdt) const;
     void jacobian(std::span<const double> x, const State& s, std::span<double> matrix) const;
     void guards(double t, std::span<const double> x, const State& s, std::span<double> g) const;
+    // Driven point, modes and current loop without any friction.
+    void linear_part(std::span<double> matrix) const;
     std::optional<std::string> why_not_affine() const;
     void affine_derivative(int n, double t0, double h, std::span<const double> c, const State& s,
                            std::span<double> coefficient) const;

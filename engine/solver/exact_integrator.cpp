@@ -342,6 +342,10 @@ bool ExactIntegrator::leap(const Prepared& prepared) {
         if (!(least > margin)) return false;
     }
     multiply_columns(prepared.psi.data(), size_, height_, work_.data(), term(1));
+    // A machine without guards that move would leap on and on where its loop is unstable.
+    for (std::size_t i = 0; i < size_; ++i) {
+        if (!std::isfinite(x[i] + term(1)[i])) return false;
+    }
     for (std::size_t i = 0; i < size_; ++i) x[i] += term(1)[i];
     return true;
 }
@@ -358,7 +362,8 @@ bool ExactIntegrator::expand(double h) {
     derive(0);
     if (pattern_) {
         order_ = expand_columns(pattern_->a.data(), size_, height_, h, most_terms, terms_.data(), work_.data());
-        return order_ > 0;
+        // A comparison with what is not a number hides it; in the last term it still stands.
+        return order_ > 0 && std::all_of(term(order_), term(order_) + size_, [](double c) { return std::isfinite(c); });
     }
     bool last_was_small = false;
     for (int n = 1; n < most_terms; ++n) {

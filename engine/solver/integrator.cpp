@@ -3,7 +3,7 @@
 #include "solver/cvode_integrator.hpp"
 #include "solver/erk_integrator.hpp"
 #include "solver/exact_integrator.hpp"
-#include "solver/rk4_integrator.hpp"
+#include "solver/fixed_step_integrator.hpp"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -11,7 +11,8 @@
 namespace tribode {
 
 const std::vector<std::string>& SolverOptions::method_names() {
-    static const std::vector<std::string> names = {"auto", "exact", "erk", "adams", "cvode", "fixed"};
+    static const std::vector<std::string> names = {"auto",  "exact", "erk",                 "adams", "cvode",
+                                                   "fixed", "euler", "semi_implicit_euler", "zoh"};
     return names;
 }
 
@@ -31,6 +32,8 @@ Method method_named(const std::string& name) {
     throw InputError(fmt::format("solver \"{}\" is not known, must be one of {}", name, fmt::join(names, ", ")));
 }
 
+bool has_fixed_step(Method method) { return method >= Method::fixed; }
+
 Method resolved(Method method, const HybridSystem& system) {
     if (method != Method::automatic) return method;
     return system.why_not_affine() ? Method::erk : Method::exact;
@@ -43,9 +46,12 @@ std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const So
     case Method::erk: return std::make_unique<ErkIntegrator>(system, options);
     case Method::adams:
     case Method::bdf: return std::make_unique<CvodeIntegrator>(system, options);
-    case Method::fixed: break;
+    case Method::fixed:
+    case Method::euler:
+    case Method::semi_implicit_euler:
+    case Method::zoh: break;
     }
-    return std::make_unique<Rk4Integrator>(system, options.fixed_step);
+    return std::make_unique<FixedStepIntegrator>(system, options.method, options.fixed_step);
 }
 
 } // namespace tribode

@@ -43,14 +43,18 @@ class Integrator {
     RunOutcome failure_;
 };
 
-// The ways to integrate. Names as the user writes them.
+// The ways to integrate. The first six locate events and serve for results; the fixed-step ones are there to be compared
+// with them: they look at the guards after each step only, as one would write it on a signal processor.
 enum class Method {
     automatic, // exact where the system is piecewise affine, else erk: the default; the user writes auto
-    exact, // Taylor series to rounding error, for systems that are piecewise affine
-    erk,   // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE
-    adams, // Adams-Moulton with functional iteration, CVODE
-    bdf,   // backward differentiation formulas with Newton iteration, CVODE; the user writes cvode
-    fixed  // classical Runge-Kutta of order 4 with a fixed step; guards are looked at after each step only
+    exact,     // Taylor series to rounding error, for systems that are piecewise affine
+    erk,       // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE
+    adams,     // Adams-Moulton with functional iteration, CVODE
+    bdf,       // backward differentiation formulas with Newton iteration, CVODE; the user writes cvode
+    fixed,     // classical Runge-Kutta of order 4 with a fixed step
+    euler,     // explicit Euler with a fixed step
+    semi_implicit_euler, // velocities first, then positions with the new velocities
+    zoh // the linear part discretized by zero-order hold, all else frozen at the value of the step's beginning
 };
 
 // Which method, and how exactly.
@@ -58,9 +62,9 @@ struct SolverOptions {
     Method method = Method::automatic;
     double relative_tolerance = 1e-8;
     double absolute_tolerance = 1e-12; // [m] for positions; other states: times their scale
-    double fixed_step = 5e-5;          // [s] of fixed
+    double fixed_step = 5e-5;          // [s] of fixed, euler, semi_implicit_euler, zoh
 
-    static const std::vector<std::string>& method_names(); // auto, exact, erk, adams, cvode, fixed
+    static const std::vector<std::string>& method_names(); // as the user writes them, in the order of Method
 
     // Fields solver, relative_tolerance, absolute_tolerance_m, fixed_step_s; absent ones stay as they are.
     void read(FieldReader& fields);
@@ -68,6 +72,9 @@ struct SolverOptions {
 
 std::string name_of(Method method);
 Method method_named(const std::string& name); // throws InputError
+
+// Whether the method has a fixed step, and no error control.
+bool has_fixed_step(Method method);
 
 // What `automatic` means for this system; any other method as it is.
 Method resolved(Method method, const HybridSystem& system);

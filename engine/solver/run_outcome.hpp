@@ -3,7 +3,7 @@
 
 namespace tribode {
 
-enum class RunEnd { reached, interrupted, chattering, step_too_small, too_much_work, non_finite };
+enum class RunEnd { reached, interrupted, chattering, step_too_small, non_finite };
 
 // How a run ended: a value, for what a run may legitimately meet. An empty message means success.
 struct RunOutcome {

@@ -30,6 +30,9 @@ class Simulator {
     Simulator(const HybridSystem& system, const SolverOptions& options, SystemState start,
               const RunControl& control = {});
 
+    Simulator(const Simulator&) = delete; // the integrator points into the state
+    Simulator& operator=(const Simulator&) = delete;
+
     // Integrates to t_end [s] and handles everything due up to and including it. Stopping there and going on leaves
     // the numbers as they would have been where t_end is a sample instant.
     // Once it has failed, the run stays where it is and every further call returns the same outcome.
@@ -44,7 +47,7 @@ class Simulator {
     RunStatistics statistics() const;
 
     // Chattering: more than this many falls of guards within the window.
-    static constexpr long chatter_limit = 5000;
+    static constexpr long chatter_limit = 20000;
     static constexpr double chatter_window = 1e-3; // [s]
 
   private:

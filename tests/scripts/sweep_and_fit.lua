@@ -64,7 +64,7 @@ local function refused(message, options)
   assert(not ok and text:find(message, 1, true), text)
 end
 refused("at least one frequency", { machine = machine })
-refused("Nyquist frequency 1000 Hz", { machine = machine, frequency_hz = { 20, 1000 } })
+refused("0.45 of the sampling rate", { machine = machine, frequency_hz = { 20, 1000 } })
 refused("amplitude_N = 0", { machine = machine, frequency_hz = { 20 }, amplitude_N = 0 })
 local open = tb.machine "models/bare_mass.lua"
 open.controller = nil
