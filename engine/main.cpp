@@ -1,6 +1,7 @@
 #include "base/error.hpp"
 #include "base/run_control.hpp"
 #include "base/text.hpp"
+#include "experiment/comparison.hpp"
 #include "experiment/simulation.hpp"
 #include "machine/machine_model.hpp"
 #include "record/csv.hpp"
@@ -14,6 +15,7 @@
 #include <csignal>
 #include <cstdio>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <optional>
 #include <thread>
 #include <unistd.h>
@@ -107,29 +109,20 @@ std::map<std::string, std::string> pairs_of(const std::string& text, const char*
     return pairs;
 }
 
-struct SimulateCommand {
-    std::string machine, input, output, events, columns, scale;
-    std::string solver = name_of(SolverOptions{}.method);
-    SolverOptions options;
-    std::optional<double> step; // default Ts/10
-    std::uint64_t seed = 0;
+// A machine and the record that drives it, as simulate and compare take them.
+struct MachineAndRecord {
+    std::string machine, input, columns, scale;
 
-    void add_to(CLI::App& app, Common& common) {
+    void add_to(CLI::App& app) {
         app.add_option("--machine", machine, "machine description, .lua or .json")->required();
         app.add_option("--input", input, "CSV with t,u (open loop) or t,r,exc (closed loop)")->required();
-        app.add_option("-o,--out", output, "CSV to write: t,r,u,y,x,v,f")->required();
-        app.add_option("--events", events, "CSV to write: t,element,kind");
-        app.add_option("--solver", solver, "auto (default: exact where possible, else erk), exact, erk, adams, cvode, fixed");
-        app.add_option("--rtol", options.relative_tolerance, "relative tolerance (default 1e-8)");
-        app.add_option("--atol", options.absolute_tolerance, "absolute tolerance in metres (default 1e-12)");
-        app.add_option("--step", step, "step of the fixed solver in seconds (default Ts/10)");
-        app.add_option("--seed", seed, "seed of the noise (default 0)");
         app.add_option("--columns", columns, "names in the input, e.g. t=t_s,u=u_V");
         app.add_option("--scale", scale, "factors that bring input columns to SI, e.g. u=35.15");
-        app.add_flag("--quiet", common.quiet, "no progress display");
     }
 
-    Table read_input() const {
+    MachineModel model() const { return MachineModel::from_description(read_description(machine), machine); }
+
+    DriveRecord record(const MachineModel& model) const {
         const auto names = pairs_of(columns, "--columns");
         CsvOptions wanted;
         for (const auto& [ours, theirs] : names) wanted.columns.push_back(theirs);
@@ -148,13 +141,36 @@ struct SimulateCommand {
                 for (double& value : column.values) value *= *factor;
             }
         }
-        return table;
+        return DriveRecord::from_table(table, model, input);
+    }
+};
+
+struct SimulateCommand {
+    MachineAndRecord what;
+    std::string output, events;
+    std::string solver = name_of(SolverOptions{}.method);
+    SolverOptions options;
+    double step = 0; // 0: Ts/10
+    std::uint64_t seed = 0;
+
+    void add_to(CLI::App& app, Common& common) {
+        what.add_to(app);
+        app.add_option("-o,--out", output, "CSV to write: t,r,u,y,x,v,f")->required();
+        app.add_option("--events", events, "CSV to write: t,element,kind");
+        app.add_option("--solver", solver,
+                       fmt::format("{} (default auto: exact where possible, else erk)",
+                                   fmt::join(SolverOptions::method_names(), ", ")));
+        app.add_option("--rtol", options.relative_tolerance, "relative tolerance (default 1e-8)");
+        app.add_option("--atol", options.absolute_tolerance, "absolute tolerance in metres (default 1e-12)");
+        app.add_option("--step", step, "step of the fixed-step solvers in seconds (default Ts/10)");
+        app.add_option("--seed", seed, "seed of the noise (default 0)");
+        app.add_flag("--quiet", common.quiet, "no progress display");
     }
 
     int run(const Common& common) {
-        const MachineModel model = MachineModel::from_description(read_description(machine), machine);
+        const MachineModel model = what.model();
         options.method = method_named(solver);
-        options.fixed_step = step.value_or(model.sample_time / 10);
+        options.fixed_step = step > 0 ? step : model.sample_time / 10;
         for (const auto& [name, value] : {std::pair{"--rtol", options.relative_tolerance},
                                           {"--atol", options.absolute_tolerance},
                                           {"--step", options.fixed_step}}) {
@@ -162,8 +178,7 @@ struct SimulateCommand {
                 throw InputError(fmt::format("{} {}: must be positive and finite", name, to_text(value)));
             }
         }
-        const auto record = DriveRecord::from_table(read_input(), model, input);
-        const Simulation result = simulate(model, record, options, seed, common.control());
+        const Simulation result = simulate(model, what.record(model), options, seed, common.control());
         if (!result.outcome.ok()) {
             // What was reached is kept, but not under the name of a whole result.
             const std::string partial = output + ".partial.csv";
@@ -173,6 +188,33 @@ struct SimulateCommand {
         }
         write_csv(output, to_table(result.trace));
         if (!events.empty()) write_file(events, to_csv(result.events));
+        return done;
+    }
+};
+
+struct CompareCommand {
+    MachineAndRecord what;
+    std::string output = "results/compare";
+    ComparisonOptions options;
+
+    void add_to(CLI::App& app, Common& common) {
+        what.add_to(app);
+        app.add_option("-o,--out", output, "folder of table and plots (default results/compare)");
+        app.add_option("--seed", options.seed, "seed of the noise (default 0)");
+        app.add_flag("--quiet", common.quiet, "no progress display");
+    }
+
+    int run(const Common& common) {
+        const MachineModel model = what.model();
+        const DriveRecord record = what.record(model);
+        RunFolder folder(output);
+        const Comparison comparison = compare(model, record, options, common.control());
+        write_comparison(comparison, model, folder);
+        fmt::print("{}\n", comparison.text());
+        folder.write_manifest({{"program", "tribode compare"},
+                               {"machine", model.hash()},
+                               {"input", {{"file", what.input}, {"sha256", sha256(read_file(what.input))}}},
+                               {"seed", options.seed}});
         return done;
     }
 };
@@ -265,10 +307,13 @@ int main(int argc, char** argv) {
     app.require_subcommand(1);
     Common common;
     SimulateCommand simulate_command;
+    CompareCommand compare_command;
     RunCommand run_command;
     auto* simulate_app = app.add_subcommand("simulate", "one machine under a recorded input");
+    auto* compare_app = app.add_subcommand("compare", "one machine and one input through every method");
     auto* run_app = app.add_subcommand("run", "an experiment script in Lua");
     simulate_command.add_to(*simulate_app, common);
+    compare_command.add_to(*compare_app, common);
     run_command.add_to(*run_app, common);
     for (auto* command : {simulate_app, run_app}) command->set_version_flag("--version", "tribode " + version());
     try {
@@ -279,7 +324,9 @@ int main(int argc, char** argv) {
         return report(usage_problem(app, problem), wrong_input);
     }
     try {
-        return simulate_app->parsed() ? simulate_command.run(common) : run_command.run(common);
+        if (simulate_app->parsed()) return simulate_command.run(common);
+        if (compare_app->parsed()) return compare_command.run(common);
+        return run_command.run(common);
     } catch (const InputError& problem) {
         return report(problem.what(), wrong_input);
     } catch (const EndedEarly& problem) {

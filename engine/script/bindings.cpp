@@ -3,6 +3,7 @@
 #include "base/error.hpp"
 #include "base/field_reader.hpp"
 #include "base/text.hpp"
+#include "experiment/comparison.hpp"
 #include "experiment/frequency_sweep.hpp"
 #include "experiment/simulation.hpp"
 #include "machine/machine_model.hpp"
@@ -109,9 +110,8 @@ Json load_machine(ScriptRun& run, const Json& arguments) {
     return run.machine(file, argument);
 }
 
-Json simulate_machine(ScriptRun& run, const Json& arguments) {
-    FieldReader fields(arguments, "tb.simulate");
-    const MachineModel machine = machine_of(fields);
+// The input of a run: lists u, or r and exc, one entry a sample; y where the start is fitted.
+DriveRecord drive_of(FieldReader& fields, const MachineModel& machine, const char* function) {
     Table table;
     for (const char* name : {"u", "r", "exc", "y"}) {
         const auto values = fields.numbers(name, "", Allowed::finite, {});
@@ -120,11 +120,17 @@ Json simulate_machine(ScriptRun& run, const Json& arguments) {
     std::vector<double> t(table.rows());
     for (std::size_t k = 0; k < t.size(); ++k) t[k] = static_cast<double>(k) * machine.sample_time;
     table.add("t", "s", std::move(t));
+    return DriveRecord::from_table(table, machine, function);
+}
+
+Json simulate_machine(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.simulate");
+    const MachineModel machine = machine_of(fields);
+    const DriveRecord record = drive_of(fields, machine, "tb.simulate");
     SolverOptions solver;
     solver.read(fields);
     const auto seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, 0));
     fields.finish();
-    const auto record = DriveRecord::from_table(table, machine, "tb.simulate");
     const Simulation result = simulate(machine, record, solver, seed, run.control());
     if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
     run.note_work({{"function", "simulate"}, {"machine", machine.hash()}, {"solver", name_of(result.method)},
@@ -138,6 +144,30 @@ Json simulate_machine(ScriptRun& run, const Json& arguments) {
         json["events"].push_back({{"t", event.t},
                                   {"element", event.subject},
                                   {"kind", std::string(name_of(static_cast<SlipState>(event.kind)))}});
+    }
+    return json;
+}
+
+Json compare_methods(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.compare");
+    const MachineModel machine = machine_of(fields);
+    const DriveRecord record = drive_of(fields, machine, "tb.compare");
+    ComparisonOptions options;
+    options.read(fields);
+    fields.finish();
+    const Comparison comparison = compare(machine, record, options, run.control());
+    write_comparison(comparison, machine, run.folder());
+    run.note_work({{"function", "compare"}, {"machine", machine.hash()}, {"seed", options.seed}});
+    Json json{{"text", comparison.text()}, {"findings", comparison.findings()}, {"methods", Json::array()}};
+    for (const auto& m : comparison.methods) {
+        json["methods"].push_back({{"name", m.name},
+                                   {"ok", m.outcome.ok()},
+                                   {"max_difference", m.max_difference},
+                                   {"rms_difference", m.rms_difference},
+                                   {"events_found", m.events_found},
+                                   {"events_missed", m.events_missed},
+                                   {"events_extra", m.events_extra},
+                                   {"seconds", m.seconds}});
     }
     return json;
 }
@@ -315,6 +345,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("options", [&run](const Json& a) { return run.options(a); });
     lua.add_function("machine", [&run](const Json& a) { return load_machine(run, a); });
     lua.add_function("simulate", [&run](const Json& a) { return simulate_machine(run, a); });
+    lua.add_function("compare", [&run](const Json& a) { return compare_methods(run, a); });
     lua.add_function("sweep", [&run](const Json& a) { return sweep(run, a); });
     lua.add_function("single_frequency", [&run](const Json& a) { return single_frequency(run, a); });
     lua.add_function("plant_response", plant_response);

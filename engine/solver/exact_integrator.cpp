@@ -267,13 +267,19 @@ static double dot(const std::vector<double>& row, std::span<const double> x) {
 ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, double h) const {
     const std::vector<double> zeros(size_);
     Prepared made{h, Columns(size_ * height_), std::vector<Reach>(guard_count_, Reach{zeros, zeros, zeros})};
-    std::vector<double> power(height_), next(height_);
+    std::vector<double> power(height_), next(height_), largest(height_);
+    bool comes_to_end = true;
     for (std::size_t j = 0; j < size_; ++j) {
         // The response to f = e_j: terms h^{n+1}/(n+1)! A^n e_j.
         std::fill(power.begin(), power.end(), 0.0);
+        std::fill(largest.begin(), largest.end(), 0.0);
         power[j] = h;
         for (int n = 0; n < most_terms; ++n) {
-            for (std::size_t i = 0; i < size_; ++i) made.psi[j * height_ + i] += power[i];
+            for (std::size_t i = 0; i < size_; ++i) {
+                made.psi[j * height_ + i] += power[i];
+                largest[i] = std::max(largest[i], std::abs(power[i]));
+                if (n >= most_terms - 2 && !(std::abs(power[i]) <= half_ulp * largest[i])) comes_to_end = false;
+            }
             for (std::size_t guard = 0; guard < guard_count_; ++guard) {
                 double g = 0;
                 for (const auto& [column, value] : pattern.g[guard]) g += value * power[column];
@@ -286,6 +292,8 @@ ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, doubl
             for (std::size_t i = 0; i < size_; ++i) power[i] = next[i] * (h / (n + 2));
         }
     }
+    // From rest any length comes to an end at once; from elsewhere this one does not.
+    if (!comes_to_end) made.psi.clear();
     return made;
 }
 
@@ -314,16 +322,25 @@ void ExactIntegrator::remember(double h) {
     }
 }
 
-// Where a step begins.
-void ExactIntegrator::begin(double h) {
+// Where a step begins. Returns its whole length.
+double ExactIntegrator::begin(double t_stop) {
     t0_ = state_->t;
-    h_ = h;
+    lag_ = behind_;
+    h_ = t_stop - t0_ + lag_;
     order_ = 0;
     std::copy(state_->x.begin(), state_->x.end(), term(0));
+    return h_;
+}
+
+// Where its series ends, which makes up the lag: at a fall at once, time stands still.
+void ExactIntegrator::end(double t) {
+    state_->t = std::max(t, t0_);
+    behind_ = 0;
 }
 
 // Goes over the whole step at once, if no guard can fall in it.
 bool ExactIntegrator::leap(const Prepared& prepared) {
+    if (prepared.psi.empty()) return false;
     auto& x = state_->x;
     const std::span<double> f(work_.data(), size_);
     system_.derivative(t0_, x, *state_->discrete, f);
@@ -423,12 +440,12 @@ void ExactIntegrator::evaluate(double s, std::span<double> x) {
 }
 
 Integrator::Progress ExactIntegrator::step(double t_stop) {
-    const double whole = t_stop - state_->t;
+    const double whole = begin(t_stop);
     ++counts_.steps;
-    begin(whole);
     const Prepared* prepared = prepared_for(whole);
     if (prepared && leap(*prepared)) {
         state_->t = t_stop;
+        behind_ = whole - prepared->h;
         return Progress::stopped;
     }
     double h = whole;
@@ -442,11 +459,11 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
     const double s = first_fall();
     if (s != none) {
         evaluate(s, state_->x);
-        state_->t = s == 1 && h == whole ? t_stop : t0_ + s * h;
+        end(s == 1 && h == whole ? t_stop : t0_ + (s * h - lag_));
         return Progress::guard_fell;
     }
     evaluate(1, state_->x);
-    state_->t = h == whole ? t_stop : t0_ + h;
+    end(h == whole ? t_stop : t0_ + (h - lag_));
     if (h != whole) return Progress::stepped;
     if (!prepared) remember(whole);
     return Progress::stopped;
@@ -455,7 +472,7 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
 void ExactIntegrator::interpolate(double t, std::span<double> x) {
     // A leap left no series; it converges, because Psi was made of the same terms.
     if (order_ == 0) expand(h_);
-    evaluate((t - t0_) / h_, x);
+    evaluate((t - t0_ + lag_) / h_, x);
 }
 
 } // namespace tribode

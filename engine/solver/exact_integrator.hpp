@@ -51,7 +51,7 @@ class ExactIntegrator final : public Integrator {
     // Of a pattern, for steps of one length h.
     struct Prepared {
         double h;
-        Columns psi; // x(h) = x + psi f
+        Columns psi; // x(h) = x + psi f; empty: too long for its series
         std::vector<Reach> reach; // (guards)
     };
 
@@ -68,7 +68,8 @@ class ExactIntegrator final : public Integrator {
     bool same_length(double a, double b) const;
     const Prepared* prepared_for(double h) const;
     void remember(double h);
-    void begin(double h);
+    double begin(double t_stop);
+    void end(double t);
     bool leap(const Prepared& prepared);
     bool expand(double h);
     double first_fall();
@@ -83,6 +84,9 @@ class ExactIntegrator final : public Integrator {
     AffinePattern key_{};
     Pattern* pattern_ = nullptr; // the present one; null where b varies
     double t0_ = 0, h_ = 0;      // of the last step [s]
+    // A leap takes a length for another that rounding made of it. Lest these differences add up, x counts as that of the
+    // time state.t - behind_, and the next step, longer by this, makes up for it; lag_ is that of the last step's beginning.
+    double behind_ = 0, lag_ = 0; // [s]
     int order_ = 0;              // of its series; 0: it was a leap
     Columns terms_;                   // (height x most_terms + 1): c_n
     std::vector<double> work_;        // (height)
