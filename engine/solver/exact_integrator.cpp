@@ -109,11 +109,11 @@ double first_fall_below_zero(std::span<const double> p) {
 
 namespace {
 
-// The work of the integrator, on columns of `height` numbers, a multiple of four, in blocks of four. Without fused
+// The work of the integrator, on columns of `height` numbers, a multiple of eight, in blocks of eight. Without fused
 // operations the results are the same bits whichever instructions the processor has. With the height known (Fixed > 0)
 // the loops unroll.
-using Block = double __attribute__((vector_size(32), aligned(8), may_alias));
-constexpr std::size_t block_size = 4;
+using Block = double __attribute__((vector_size(64), aligned(8), may_alias));
+constexpr std::size_t block_size = 8;
 
 const Block& block(const double* at) { return *reinterpret_cast<const Block*>(at); }
 Block& block(double* at) { return *reinterpret_cast<Block*>(at); }
@@ -147,23 +147,25 @@ template <std::size_t Fixed>
                                                              : block(terms + height + row);
         block(largest + row) = first > second ? first : second;
     }
+    constexpr int least_terms = 6; // no step of interest ends before; looking costs as much as a term
     bool last_was_small = false;
     for (int n = 1; n < most_terms; ++n) {
         double* next = terms + static_cast<std::size_t>(n + 1) * height;
         multiply<Fixed>(a, columns, height, next - height, next);
         const double factor = h / (n + 1);
-        long above = 0;
         for (std::size_t row = 0; row < height; row += block_size) {
             const Block value = block(next + row) * factor;
             block(next + row) = value;
             const Block size = value < 0 ? -value : value;
-            const Block most = size > block(largest + row) ? size : block(largest + row);
-            block(largest + row) = most;
-            const auto exceeds = size > most * half_ulp;
-            above |= exceeds[0] | exceeds[1] | exceeds[2] | exceeds[3];
+            block(largest + row) = size > block(largest + row) ? size : block(largest + row);
         }
-        if (above == 0 && last_was_small) return n + 1;
-        last_was_small = above == 0;
+        if (n < least_terms) continue;
+        // From the last state on: the amplifier's, where there is one, which is slow to end.
+        std::size_t state = columns;
+        while (state > 0 && std::abs(next[state - 1]) <= half_ulp * largest[state - 1]) --state;
+        const bool small = state == 0;
+        if (small && last_was_small) return n + 1;
+        last_was_small = small;
     }
     return 0;
 }
@@ -181,30 +183,27 @@ template <std::size_t Fixed>
     }
 }
 
-[[gnu::target_clones("avx2", "default")]]
+[[gnu::target_clones("avx512f", "avx2", "default")]]
 void multiply_columns(const double* matrix, std::size_t columns, std::size_t height, const double* x,
                       double* product) {
     switch (height) {
-    case 4: return multiply<4>(matrix, columns, 4, x, product);
     case 8: return multiply<8>(matrix, columns, 8, x, product);
     default: return multiply<0>(matrix, columns, height, x, product);
     }
 }
 
-[[gnu::target_clones("avx2", "default")]]
+[[gnu::target_clones("avx512f", "avx2", "default")]]
 int expand_columns(const double* a, std::size_t columns, std::size_t height, double h, int most_terms,
                    double* terms, double* largest) {
     switch (height) {
-    case 4: return expand<4>(a, columns, 4, h, most_terms, terms, largest);
     case 8: return expand<8>(a, columns, 8, h, most_terms, terms, largest);
     default: return expand<0>(a, columns, height, h, most_terms, terms, largest);
     }
 }
 
-[[gnu::target_clones("avx2", "default")]]
+[[gnu::target_clones("avx512f", "avx2", "default")]]
 void evaluate_columns(const double* terms, int order, std::size_t height, double s, double* x) {
     switch (height) {
-    case 4: return evaluate<4>(terms, order, 4, s, x);
     case 8: return evaluate<8>(terms, order, 8, s, x);
     default: return evaluate<0>(terms, order, height, s, x);
     }
@@ -299,7 +298,7 @@ ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, doubl
 
 // Sample instants are rounded, so equal lengths differ by that much.
 bool ExactIntegrator::same_length(double a, double b) const {
-    return std::abs(a - b) <= 0x1p-50 * (std::abs(state_->t) + std::abs(a));
+    return std::abs(a - b) <= 0x1p-51 * (std::abs(state_->t) + std::abs(a));
 }
 
 const ExactIntegrator::Prepared* ExactIntegrator::prepared_for(double h) const {
@@ -310,16 +309,27 @@ const ExactIntegrator::Prepared* ExactIntegrator::prepared_for(double h) const {
     return nullptr;
 }
 
-// A length met for the second time in a pattern will be met again.
-void ExactIntegrator::remember(double h) {
-    if (!pattern_ || pattern_->prepared.size() == most_lengths) return;
-    auto& lengths = pattern_->lengths;
-    const bool again = std::any_of(lengths.begin(), lengths.end(), [&](double l) { return same_length(l, h); });
-    if (again) {
-        pattern_->prepared.push_back(prepare(*pattern_, h));
-    } else if (lengths.size() < 2 * most_lengths) {
-        lengths.push_back(h);
+// Whether steps of this length come again: those from sample to sample do, those between events do not.
+bool ExactIntegrator::is_regular(double h) {
+    const auto same = [&](double length) { return same_length(length, h); };
+    if (std::any_of(regular_.begin(), regular_.end(), same)) return true;
+    if (regular_.size() == most_regular) return false;
+    if (std::any_of(recent_.begin(), recent_.end(), same)) {
+        regular_.push_back(h);
+        return true;
     }
+    if (recent_.size() < most_recent) {
+        recent_.push_back(h);
+    } else {
+        recent_[next_recent_++ % most_recent] = h;
+    }
+    return false;
+}
+
+// A pattern that has met a regular length for the second time will meet it again: that pays for preparing.
+void ExactIntegrator::learn(double h) {
+    if (!pattern_ || !is_regular(h)) return;
+    if (++pattern_->series > 1) pattern_->prepared.push_back(prepare(*pattern_, h));
 }
 
 // Where a step begins. Returns its whole length.
@@ -332,10 +342,10 @@ double ExactIntegrator::begin(double t_stop) {
     return h_;
 }
 
-// Where its series ends, which makes up the lag: at a fall at once, time stands still.
-void ExactIntegrator::end(double t) {
-    state_->t = std::max(t, t0_);
-    behind_ = 0;
+// Where its series ends, x being that of t0_ + span: at a fall at once, time does not run back by the lag.
+void ExactIntegrator::end(double span) {
+    state_->t = t0_ + std::max(span, 0.0);
+    behind_ = std::max(-span, 0.0);
 }
 
 // Goes over the whole step at once, if no guard can fall in it.
@@ -412,10 +422,11 @@ double ExactIntegrator::first_fall() {
     ++counts_.guard_evaluations;
     fallen_.clear();
     double first = none;
-    const std::span<double> polynomial(polynomial_.data(), static_cast<std::size_t>(order_) + 1);
     for (GuardId guard = 0; guard < guard_count_; ++guard) {
         if (pattern_ && pattern_->g[guard].empty()) continue; // it does not move
-        polynomial[0] = guard_terms_[guard];
+        // On the whole step it is at least its first term less the size of all others: mostly far above zero.
+        polynomial_[0] = guard_terms_[guard];
+        double others = 0;
         for (int n = 1; n <= order_; ++n) {
             double g = 0;
             if (pattern_) {
@@ -423,9 +434,11 @@ double ExactIntegrator::first_fall() {
             } else {
                 g = row(n)[guard];
             }
-            polynomial[static_cast<std::size_t>(n)] = g;
+            polynomial_[static_cast<std::size_t>(n)] = g;
+            others += std::abs(g);
         }
-        const double s = first_fall_below_zero(polynomial);
+        if (polynomial_[0] > others) continue;
+        const double s = first_fall_below_zero({polynomial_.data(), static_cast<std::size_t>(order_) + 1});
         if (s == none || s > first) continue;
         if (s < first) fallen_.clear();
         first = s;
@@ -459,13 +472,15 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
     const double s = first_fall();
     if (s != none) {
         evaluate(s, state_->x);
-        end(s == 1 && h == whole ? t_stop : t0_ + (s * h - lag_));
+        end(s * h - lag_);
+        if (s == 1 && h == whole) state_->t = t_stop;
         return Progress::guard_fell;
     }
     evaluate(1, state_->x);
-    end(h == whole ? t_stop : t0_ + (h - lag_));
+    end(h - lag_);
     if (h != whole) return Progress::stepped;
-    if (!prepared) remember(whole);
+    state_->t = t_stop;
+    if (!prepared) learn(whole);
     return Progress::stopped;
 }
 

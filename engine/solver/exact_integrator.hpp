@@ -30,7 +30,7 @@ class ExactIntegrator final : public Integrator {
 
   private:
     static constexpr int most_terms = 30;
-    static constexpr std::size_t most_patterns = 2000, most_lengths = 4;
+    static constexpr std::size_t most_patterns = 2000, most_regular = 4, most_recent = 8;
 
     // Columns of states are padded with zeros to `height_` numbers, a multiple of four, which the processor adds and
     // multiplies at one time.
@@ -59,7 +59,7 @@ class ExactIntegrator final : public Integrator {
     struct Pattern {
         Columns a;
         std::vector<std::vector<Entry>> g; // (guards)
-        std::vector<double> lengths;       // met once: worth preparing when met again
+        int series = 0; // steps of a regular length that were not prepared
         std::vector<Prepared> prepared;
     };
 
@@ -67,9 +67,10 @@ class ExactIntegrator final : public Integrator {
     Prepared prepare(const Pattern& pattern, double h) const;
     bool same_length(double a, double b) const;
     const Prepared* prepared_for(double h) const;
-    void remember(double h);
+    bool is_regular(double h);
+    void learn(double h);
     double begin(double t_stop);
-    void end(double t);
+    void end(double span);
     bool leap(const Prepared& prepared);
     bool expand(double h);
     double first_fall();
@@ -83,9 +84,11 @@ class ExactIntegrator final : public Integrator {
     std::map<AffinePattern, Pattern> patterns_;
     AffinePattern key_{};
     Pattern* pattern_ = nullptr; // the present one; null where b varies
+    std::vector<double> regular_, recent_; // step lengths that come again, and those met last [s]
+    std::size_t next_recent_ = 0;
     double t0_ = 0, h_ = 0;      // of the last step [s]
-    // A leap takes a length for another that rounding made of it. Lest these differences add up, x counts as that of the
-    // time state.t - behind_, and the next step, longer by this, makes up for it; lag_ is that of the last step's beginning.
+    // A leap takes a length for one that differs by rounding. Lest these differences add up, x counts as that of the time
+    // state.t - behind_, and the next step makes up for it; lag_ is what the last step began with.
     double behind_ = 0, lag_ = 0; // [s]
     int order_ = 0;              // of its series; 0: it was a leap
     Columns terms_;                   // (height x most_terms + 1): c_n

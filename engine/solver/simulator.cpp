@@ -44,7 +44,7 @@ Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, c
 
 Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, SystemState start,
                      const RunControl& control)
-    : system_(system), control_(control), state_(std::move(start)), integrator_(make_integrator(system, options)),
+    : system_(system), clocks_(system.clocks()), control_(control), state_(std::move(start)), integrator_(make_integrator(system, options)),
       guard_values_(system.guard_count()), output_state_(state_), chatter_start_(state_.t) {
     if (!state_.next_sample.empty()) return; // a snapshot of another run
     for (const auto& clock : system.clocks()) {
@@ -180,7 +180,7 @@ bool Simulator::handle_guard(GuardId guard) {
 double Simulator::next_sample_instant() const {
     double earliest = std::numeric_limits<double>::infinity();
     for (ClockId id = 0; id < state_.next_sample.size(); ++id) {
-        earliest = std::min(earliest, system_.clocks()[id].instant(state_.next_sample[id]));
+        earliest = std::min(earliest, clocks_[id].instant(state_.next_sample[id]));
     }
     return earliest;
 }
@@ -188,7 +188,7 @@ double Simulator::next_sample_instant() const {
 void Simulator::collect_due_clocks() {
     due_.clear();
     for (ClockId id = 0; id < state_.next_sample.size(); ++id) {
-        const double instant = system_.clocks()[id].instant(state_.next_sample[id]);
+        const double instant = clocks_[id].instant(state_.next_sample[id]);
         if (instant <= state_.t || same_instant(instant, state_.t)) due_.push_back({id, state_.next_sample[id]++});
     }
 }

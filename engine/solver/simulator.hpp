@@ -65,6 +65,7 @@ class Simulator {
     void fail(RunEnd end, std::string message);
 
     const HybridSystem& system_;
+    const std::vector<SampleClock>& clocks_;
     RunControl control_;
     SystemState state_;
     std::unique_ptr<Integrator> integrator_;
