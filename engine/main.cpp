@@ -124,13 +124,16 @@ struct MachineAndRecord {
 
     DriveRecord record(const MachineModel& model) const {
         const auto names = pairs_of(columns, "--columns");
-        CsvOptions wanted;
-        for (const auto& [ours, theirs] : names) wanted.columns.push_back(theirs);
-        Table table = read_csv(input, wanted);
+        Table table = read_csv(input);
         for (const auto& [ours, theirs] : names) {
+            table[theirs]; // a name that is not there is refused
             for (auto& column : table.columns) {
                 if (column.name == theirs) column.name = ours;
             }
+        }
+        // A record with names of its own may hold more than is asked for.
+        if (!names.empty()) {
+            std::erase_if(table.columns, [](const Column& column) { return !DriveRecord::is_column(column.name); });
         }
         for (const auto& [name, text] : pairs_of(scale, "--scale")) {
             const auto factor = parse_number(text);
@@ -315,7 +318,7 @@ int main(int argc, char** argv) {
     simulate_command.add_to(*simulate_app, common);
     compare_command.add_to(*compare_app, common);
     run_command.add_to(*run_app, common);
-    for (auto* command : {simulate_app, run_app}) command->set_version_flag("--version", "tribode " + version());
+    for (auto* command : {simulate_app, compare_app, run_app}) command->set_version_flag("--version", "tribode " + version());
     try {
         app.parse(argc, argv);
     } catch (const CLI::Success& help_or_version) {

@@ -72,6 +72,10 @@ const Json* FieldReader::find(std::string_view key) {
     return it == fields_->end() || it->is_null() ? nullptr : &*it;
 }
 
+bool FieldReader::is_note(std::string_view key) {
+    return std::find(notes.begin(), notes.end(), key) != notes.end();
+}
+
 bool FieldReader::has(std::string_view key) const {
     if (!fields_->is_object()) return false;
     const auto it = fields_->find(key);
@@ -198,7 +202,7 @@ void FieldReader::finish() const {
     if (!fields_->is_object()) return;
     for (const auto& [key, value] : fields_->items()) {
         if (std::find(known_.begin(), known_.end(), key) != known_.end()) continue;
-        if (std::find(notes.begin(), notes.end(), key) != notes.end()) continue;
+        if (is_note(key)) continue;
         fail(key, "is not a known field" + suggestion(key, known_));
     }
 }

@@ -28,6 +28,9 @@ class FieldReader {
 
     bool has(std::string_view key) const;
 
+    // Whether the key names a note.
+    static bool is_note(std::string_view key);
+
     double number(std::string_view key, std::string_view unit, Allowed allowed);                  // required
     double number(std::string_view key, std::string_view unit, Allowed allowed, double fallback); // optional
     std::optional<double> optional_number(std::string_view key, std::string_view unit, Allowed allowed);

@@ -80,7 +80,7 @@ void compare_positions(MethodResult& m, const ServoTrace& exact) {
     m.diverged = !m.outcome.ok() || m.max_difference > 10 * size;
 }
 
-// Each event of the reference takes the nearest one of its element and kind that is not taken yet.
+// Each event of the reference takes the earliest one of its element and kind within reach that is not taken yet.
 void compare_events(MethodResult& m, const EventLog& exact, const EventLog& own, double window) {
     std::map<std::pair<int, int>, std::vector<double>> times;
     for (const auto& event : own) times[{event.subject, event.kind}].push_back(event.t);
@@ -109,10 +109,11 @@ std::optional<double> strongest_frequency(const DriveRecord& record, double ts) 
     if (!varies(input) || input.size() < 50) return std::nullopt;
     const double length = static_cast<double>(input.size()) * ts;
     const auto rest = [&](double f) { return fit_sine(input, ts, f, 0).residual_rms; };
-    // Frequencies a third of the resolution apart, three thousand at most, then closing in on the least rest.
+    // Frequencies a third of the resolution apart, from two periods in the record on, three thousand at most, then
+    // closing in on the least rest. A single step looks much like one period of a square wave.
     const double step = 1 / (3 * length);
     double best = 0, least = std::numeric_limits<double>::infinity();
-    for (int i = 3; i < 3000 && i * step < 0.2 / ts; ++i) {
+    for (int i = 6; i < 3000 && i * step < 0.2 / ts; ++i) {
         if (const double r = rest(i * step); r < least) {
             least = r;
             best = i * step;
@@ -138,9 +139,9 @@ void compare_phasors(MethodResult& m, const ServoTrace& exact, double frequency,
     const long periods = periods_within(exact.x.size() - half, ts, frequency);
     if (periods < 1) return;
     const Window window = whole_periods(half, periods, ts, frequency);
-    const auto phasor = [&](const std::vector<double>& x) {
+    const auto phasor = [&](const std::vector<double>& x) { // an axis in open loop drifts
         return fit_sine(std::span(x).subspan(window.first, std::min(window.count, x.size() - window.first)), ts,
-                        frequency, static_cast<double>(window.first) * ts, 3)
+                        frequency, static_cast<double>(window.first) * ts, 3, Drift::linear)
             .fundamental();
     };
     const std::complex<double> ratio = phasor(m.trace.x) / phasor(exact.x);
@@ -245,7 +246,7 @@ Comparison compare(const MachineModel& machine, const DriveRecord& record, const
 
     EventLog exact_events, events;
     run(result.exact, machine, record, options.seed, control, exact_events);
-    if (!result.exact.outcome.ok()) throw Error("the reference ended early: " + result.exact.outcome.message);
+    if (!result.exact.outcome.ok()) throw EndedEarly("the reference ended early: " + result.exact.outcome.message);
     result.exact.events_found = static_cast<long>(exact_events.size());
 
     // One after another on one thread: their processor times are to be compared.

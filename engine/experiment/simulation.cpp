@@ -56,9 +56,13 @@ Drive drive_of(const MachineModel& machine, const DriveRecord& record) {
 
 } // namespace
 
+bool DriveRecord::is_column(const std::string& name) {
+    return std::find(known_columns.begin(), known_columns.end(), name) != known_columns.end();
+}
+
 DriveRecord DriveRecord::from_table(const Table& table, const MachineModel& machine, const std::string& where) {
     for (const auto& column : table.columns) {
-        if (std::find(known_columns.begin(), known_columns.end(), column.name) == known_columns.end()) {
+        if (!is_column(column.name)) {
             throw InputError(fmt::format("{}: column \"{}\" is not known{}", where, column.name,
                                          suggestion(column.name, known_columns)));
         }

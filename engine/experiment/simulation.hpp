@@ -20,6 +20,9 @@ struct DriveRecord {
 
     bool closed_loop() const { return u.empty(); }
 
+    // Whether a record may have a column of this name: t, u, r, exc, y, and x, v, f, which are passed over.
+    static bool is_column(const std::string& name);
+
     // Columns t, then u (open loop) or r and exc (closed loop; one of the two may be absent and is zero then). Where a
     // record has u and r, the machine's closed_loop decides. Throws InputError on other columns, on a time column that
     // is not uniform with the machine's sample time, and on what the machine cannot do.

@@ -29,8 +29,8 @@ struct SampleClock {
     double instant(long k) const { return offset + static_cast<double>(k) * period; }
 };
 
-// One entry of the event log: at time t, `subject` (an element, a body) took on the state `kind`. What the numbers
-// mean is the system's: HybridSystem::subject_name and kind_name.
+// One entry of the event log: at time t, `subject` (an element, a body) took on the state `kind`. What the numbers mean
+// each system says; for a servo machine see ServoPlant.
 struct Event {
     double t; // [s]
     int subject;

@@ -125,6 +125,35 @@ ServoPlant::Parameters MachineModel::plant_parameters() const {
     return {rigid_gain, modes, RollingFriction(elements), dry, viscous, current_loop_hz};
 }
 
-std::string MachineModel::hash() const { return sha256(description.dump()); }
+// The fields in order of their names, notes left out, numbers as doubles: however a machine was written, it is the same.
+static void append_canonical(std::string& text, const Json& value) {
+    if (value.is_object()) {
+        std::map<std::string, const Json*> fields;
+        for (const auto& [key, field] : value.items()) {
+            if (!FieldReader::is_note(key) && !field.is_null()) fields[key] = &field;
+        }
+        for (const auto& [key, field] : fields) {
+            text += key + "{";
+            append_canonical(text, *field);
+            text += "}";
+        }
+    } else if (value.is_array()) {
+        for (const auto& entry : value) {
+            text += "[";
+            append_canonical(text, entry);
+            text += "]";
+        }
+    } else if (value.is_number()) {
+        append_text(text, value.get<double>());
+    } else {
+        text += value.dump();
+    }
+}
+
+std::string MachineModel::hash() const {
+    std::string text;
+    append_canonical(text, description);
+    return sha256(text);
+}
 
 } // namespace tribode

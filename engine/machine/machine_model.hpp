@@ -59,7 +59,7 @@ struct MachineModel {
     ServoPlant::Parameters plant_parameters() const;
     bool has_controller() const { return !std::holds_alternative<std::monostate>(controller); }
 
-    // SHA-256 of the description: the same machine gives the same text.
+    // SHA-256 of the fields: the same for the same machine, however it was written.
     std::string hash() const;
 };
 

@@ -256,7 +256,7 @@ EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x
             set_dry(SlipState::stick);
         }
         p_.rolling.stick(s.rolling, position(x), report);
-        if (p_.dry.present() || !turned) stop(x);
+        if (!turned) stop(x);
         if (p_.dry.present()) {
             // Where the force is beyond the static level, the axis goes straight over into slip the other way.
             const double holding = holding_force(t, x, s);
