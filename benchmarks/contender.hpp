@@ -15,30 +15,32 @@ struct Run {
 };
 
 // A way to run a scenario.
-struct Method {
+struct Contender {
     std::string name;
     std::function<Run(const Scenario&)> run;
 };
 
 // Through the engine, with an observer that keeps the position; the exact solver first.
-std::vector<Method> engine_methods();
+std::vector<Contender> engine_methods();
 // The exact solver as `tribode simulate` calls it: seven columns, and the log of events.
-Method engine_with_all_columns();
+Contender engine_with_all_columns();
 
 // What one would write without the engine (by_hand/).
 //   RK4     7 states, classical Runge-Kutta with `divisions` steps a sample; events are not located
 //   ARKODE  7 states, explicit Runge-Kutta of order 5, events by two root functions, step size kept over restarts
 //   CVODE   27 states, called anew at every sample; no events, elements stop in the right side
-Method rk4_by_hand(int divisions);
-Method arkode_by_hand(double relative_tolerance);
+Contender rk4_by_hand(int divisions);
+Contender arkode_by_hand(double relative_tolerance);
 enum class Multistep { adams, bdf };
-Method cvode_by_hand(Multistep family, double relative_tolerance);
+Contender cvode_by_hand(Multistep family, double relative_tolerance);
 
 // One line of the table: a method and what it runs.
 struct Entry {
     std::string scenario, method;
     std::function<Run()> run;
     const Reference* reference = nullptr; // null: the error is not measured
+
+    std::string name() const { return scenario + "/" + method; }
 };
 
 } // namespace tribode::bench

@@ -1,14 +1,12 @@
 #include "contender.hpp"
 
-#include "base/error.hpp"
 #include "experiment/simulation.hpp"
+#include "machine_of.hpp"
 #include "solver/simulator.hpp"
 
 #include <fmt/format.h>
 
 namespace tribode::bench {
-
-namespace {
 
 MachineModel machine_of(const Scenario& scenario) {
     const problems::ServoProblem& table = scenario.table;
@@ -29,11 +27,15 @@ MachineModel machine_of(const Scenario& scenario) {
     return machine;
 }
 
+namespace {
+
 Drive drive_of(const Scenario& scenario) {
     if (scenario.loop) {
         return ClosedLoop{[&](long k) { return LoopInput{0, scenario.excitation(static_cast<std::size_t>(k))}; }};
     }
-    return OpenLoop{[&](long k) { return std::array{scenario.excitation(static_cast<std::size_t>(k)), 0.0, 0.0, 0.0}; }};
+    return OpenLoop{[&](long k) {
+        return std::array{scenario.excitation(static_cast<std::size_t>(k)), 0.0, 0.0, 0.0};
+    }};
 }
 
 class Positions final : public Observer {
@@ -55,37 +57,39 @@ Run run_in_engine(const Scenario& scenario, const SolverOptions& solver) {
     return {std::move(positions.x), static_cast<long>(scenario.samples), statistics.steps, statistics.events};
 }
 
-Method method(std::string name, const SolverOptions& solver) {
+Contender method(std::string name, const SolverOptions& solver) {
     return {std::move(name), [solver](const Scenario& scenario) { return run_in_engine(scenario, solver); }};
 }
 
 } // namespace
 
-std::vector<Method> engine_methods() {
-    using Way = tribode::Method;
-    std::vector<Method> all = {method("exact", {.method = Way::exact})};
+std::vector<Contender> engine_methods() {
+    using Way = Method;
+    std::vector<Contender> all = {method("exact", {.method = Way::exact})};
     for (const Way way : {Way::erk, Way::adams, Way::bdf}) {
         for (const double tolerance : {1e-6, 1e-8}) {
-            all.push_back(method(fmt::format("{} {:.0e}", name_of(way), tolerance),
-                                 {.method = way, .relative_tolerance = tolerance, .absolute_tolerance = 1e-3 * tolerance}));
+            all.push_back(
+                method(fmt::format("{} {:.0e}", name_of(way), tolerance),
+                       {.method = way, .relative_tolerance = tolerance, .absolute_tolerance = 1e-3 * tolerance}));
         }
     }
     for (const Way way : {Way::fixed, Way::semi_implicit_euler, Way::zoh, Way::euler}) {
         for (const double step : {50e-6, 5e-6}) {
-            all.push_back(method(fmt::format("{} {:g} us", name_of(way), 1e6 * step), {.method = way, .fixed_step = step}));
+            all.push_back(
+                method(fmt::format("{} {:g} us", name_of(way), 1e6 * step), {.method = way, .fixed_step = step}));
         }
     }
     return all;
 }
 
-Method engine_with_all_columns() {
+Contender engine_with_all_columns() {
     return {"exact, all columns", [](const Scenario& scenario) {
                 DriveRecord record;
                 for (std::size_t k = 0; k <= scenario.samples; ++k) {
                     record.t.push_back(static_cast<double>(k) * scenario.table.sample_time);
                     (scenario.loop ? record.excitation : record.u).push_back(scenario.excitation(k));
                 }
-                Simulation result = simulate(machine_of(scenario), record, {.method = tribode::Method::exact}, 0);
+                Simulation result = simulate(machine_of(scenario), record, {.method = Method::exact}, 0);
                 return Run{std::move(result.trace.x), static_cast<long>(scenario.samples), result.statistics.steps,
                            result.statistics.events};
             }};

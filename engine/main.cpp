@@ -318,7 +318,9 @@ int main(int argc, char** argv) {
     simulate_command.add_to(*simulate_app, common);
     compare_command.add_to(*compare_app, common);
     run_command.add_to(*run_app, common);
-    for (auto* command : {simulate_app, compare_app, run_app}) command->set_version_flag("--version", "tribode " + version());
+    for (auto* command : {simulate_app, compare_app, run_app}) {
+        command->set_version_flag("--version", "tribode " + version());
+    }
     try {
         app.parse(argc, argv);
     } catch (const CLI::Success& help_or_version) {

@@ -73,7 +73,7 @@ Run run_arkode(const Scenario& scenario, double relative_tolerance) {
 
 } // namespace
 
-Method arkode_by_hand(double relative_tolerance) {
+Contender arkode_by_hand(double relative_tolerance) {
     return {fmt::format("ARKODE {:.0e} by hand", relative_tolerance),
             [relative_tolerance](const Scenario& scenario) { return run_arkode(scenario, relative_tolerance); }};
 }

@@ -21,8 +21,7 @@ class FullTable {
   public:
     static constexpr std::size_t bodies = 3, elements = 20, first_element = 7, size = first_element + elements;
 
-    explicit FullTable(const problems::ServoProblem& table)
-        : table_(table), lag_(2 * std::numbers::pi * table.lag_hz) {
+    explicit FullTable(const problems::ServoProblem& table) : table_(table), lag_(2 * std::numbers::pi * table.lag_hz) {
         for (std::size_t i = 0; i < elements; ++i) limit_[i] = table.elements.at(i).F / table.elements[i].K;
         for (std::size_t j = 1; j < bodies; ++j) omega_[j] = 2 * std::numbers::pi * table.modes.at(j - 1).freq_hz;
     }
@@ -47,8 +46,8 @@ class FullTable {
         for (std::size_t j = 1; j < bodies; ++j) {
             const auto& mode = table_.modes[j - 1];
             dxdt[2 * j] = x[2 * j + 1];
-            dxdt[2 * j + 1] = mode.gain * effective - 2 * mode.zeta * omega_[j] * x[2 * j + 1] -
-                              omega_[j] * omega_[j] * x[2 * j];
+            dxdt[2 * j + 1] =
+                mode.gain * effective - 2 * mode.zeta * omega_[j] * x[2 * j + 1] - omega_[j] * omega_[j] * x[2 * j];
         }
         dxdt[6] = lag_ * (reference - x[6]);
     }
@@ -122,7 +121,7 @@ Run run_cvode(const Scenario& scenario, Multistep family, double relative_tolera
 
 } // namespace
 
-Method cvode_by_hand(Multistep family, double relative_tolerance) {
+Contender cvode_by_hand(Multistep family, double relative_tolerance) {
     return {fmt::format("CVODE {} {:.0e} by hand", family == Multistep::bdf ? "BDF" : "Adams", relative_tolerance),
             [=](const Scenario& scenario) { return run_cvode(scenario, family, relative_tolerance); }};
 }

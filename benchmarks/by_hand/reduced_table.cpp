@@ -7,7 +7,8 @@
 namespace tribode::bench {
 
 ReducedTable::ReducedTable(const problems::ServoProblem& table)
-    : lag_(2 * std::numbers::pi * table.lag_hz), viscous_(table.viscous) {
+    : lag_(2 * std::numbers::pi * table.lag_hz),
+      viscous_(table.viscous) {
     gain_[0] = table.rigid_gain;
     for (std::size_t j = 1; j < bodies; ++j) {
         const auto& mode = table.modes.at(j - 1);

@@ -47,7 +47,7 @@ Run run_rk4(const Scenario& scenario, int divisions) {
 
 } // namespace
 
-Method rk4_by_hand(int divisions) {
+Contender rk4_by_hand(int divisions) {
     return {fmt::format("RK4 {} us by hand", 500.0 / divisions),
             [divisions](const Scenario& scenario) { return run_rk4(scenario, divisions); }};
 }

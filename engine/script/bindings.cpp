@@ -1,14 +1,20 @@
 #include "script/bindings.hpp"
+#include "analysis/delay_estimation.hpp"
+#include "analysis/friction_identification.hpp"
 #include "analysis/modal_fit.hpp"
 #include "base/error.hpp"
 #include "base/field_reader.hpp"
 #include "base/text.hpp"
+#include "design/feedforward.hpp"
+#include "control/discrete_transfer_function.hpp"
 #include "experiment/comparison.hpp"
 #include "experiment/frequency_sweep.hpp"
+#include "experiment/positioning.hpp"
 #include "experiment/simulation.hpp"
 #include "machine/machine_model.hpp"
 #include "record/csv.hpp"
 #include "record/hdf5.hpp"
+#include "record/json_file.hpp"
 #include "record/plot.hpp"
 
 #include <cmath>
@@ -26,8 +32,8 @@ MachineModel machine_of(FieldReader& fields) {
     return MachineModel::from_description(description, fields.name_of("machine"));
 }
 
-FrequencyResponse response_of(FieldReader& fields) {
-    FieldReader table = fields.table("response", true);
+FrequencyResponse response_of(FieldReader& fields, const char* key = "response") {
+    FieldReader table = fields.table(key, true);
     FrequencyResponse response;
     response.frequency_hz = table.numbers("frequency_hz", "Hz", Allowed::positive, {});
     const auto real = table.numbers("real", "", Allowed::finite, {});
@@ -35,7 +41,7 @@ FrequencyResponse response_of(FieldReader& fields) {
     for (const char* shown : {"gain_db", "phase_deg"}) table.numbers(shown, "", Allowed::finite, {});
     table.finish();
     if (real.size() != response.size() || imag.size() != response.size()) {
-        fields.fail("response", fmt::format("has {} frequencies, {} real and {} imaginary parts, must have as many of "
+        fields.fail(key, fmt::format("has {} frequencies, {} real and {} imaginary parts, must have as many of "
                                             "each",
                                             response.size(), real.size(), imag.size()));
     }
@@ -73,6 +79,25 @@ Json to_json(const ServoTrace& trace) {
     Json table;
     for (const auto& column : to_table(trace).columns) table[column.name] = column.values;
     return table;
+}
+
+Json to_json(const StabilityMargins& margins) {
+    const auto or_null = [](const std::optional<double>& value) { return value ? Json(*value) : Json(nullptr); };
+    return {{"gain_margin", or_null(margins.gain_margin)},
+            {"gain_reduction_margin", or_null(margins.gain_reduction_margin)},
+            {"phase_crossover_hz", or_null(margins.phase_crossover_hz)},
+            {"phase_margin_deg", or_null(margins.phase_margin_deg)},
+            {"gain_crossover_hz", or_null(margins.gain_crossover_hz)},
+            {"modulus_margin", margins.modulus_margin}};
+}
+
+// As tb.write_csv takes them.
+Json columns_of(const Table& table) {
+    Json columns = Json::array();
+    for (const auto& column : table.columns) {
+        columns.push_back({{"name", column.name}, {"unit", column.unit}, {"values", column.values}});
+    }
+    return columns;
 }
 
 // A list of {name=, unit=, values=}.
@@ -192,11 +217,7 @@ Json sweep(ScriptRun& run, const Json& arguments) {
                                      "on from there",
                                      result.points.size(), options.frequency_hz.size()));
     }
-    Json json;
-    json["columns"] = Json::array();
-    for (const auto& column : result.table().columns) {
-        json["columns"].push_back({{"name", column.name}, {"unit", column.unit}, {"values", column.values}});
-    }
+    Json json{{"columns", columns_of(result.table())}};
     for (std::size_t a = 0; a < analysis_count; ++a) json["responses"][analysis_names[a]] = to_json(result.response(a));
     json["warnings"] = result.warnings();
     json["statistics"] = to_json(result.statistics());
@@ -278,7 +299,134 @@ Json remove_delay(const Json& arguments) {
     return to_json(response.remove_delay(delay));
 }
 
+// Frequency by frequency: the delay model of a sweep, as the sampled block has it.
+Json delay_model_response(const Json& arguments) {
+    FieldReader fields(arguments, "tb.delay_model_response");
+    const double delay = fields.number("delay_s", "s", Allowed::non_negative);
+    const int order = static_cast<int>(fields.integer("delay_order", 1, 10, SweepOptions{}.delay_order));
+    const double sample_time = fields.number("sample_time_s", "s", Allowed::positive);
+    FrequencyResponse response;
+    response.frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, {});
+    fields.finish();
+    const auto model = DiscreteTransferFunction::pade_delay(delay, order, sample_time);
+    for (const double f : response.frequency_hz) response.value.push_back(model.response(f, sample_time));
+    return to_json(response);
+}
+
+Json proposed(const Json& arguments) {
+    FieldReader fields(arguments, "tb.proposed_response");
+    const FrequencyResponse fra1 = response_of(fields, "fra1"), fra2 = response_of(fields, "fra2");
+    const double delay = fields.number("delay_s", "s", Allowed::finite);
+    fields.finish();
+    return to_json(proposed_response(fra1, fra2, delay));
+}
+
+Json loop_delay(const Json& arguments) {
+    FieldReader fields(arguments, "tb.estimate_delay");
+    const FrequencyResponse fra1 = response_of(fields, "fra1"), fra2 = response_of(fields, "fra2");
+    const double f_min = fields.number("f_min_hz", "Hz", Allowed::positive);
+    const double f_max = fields.number("f_max_hz", "Hz", Allowed::positive);
+    const double expected = fields.number("expected_s", "s", Allowed::finite, 0);
+    fields.finish();
+    const DelayEstimate estimate = estimate_delay(fra1, fra2, f_min, f_max, expected);
+    return {{"delay_s", estimate.delay},
+            {"spread_s", estimate.spread},
+            {"frequency_hz", estimate.frequency_hz},
+            {"delays_s", estimate.delays}};
+}
+
+// ---- friction ----------------------------------------------------------------------------------------------------
+
+std::vector<MaxwellSlipElement> elements_of(FieldReader& fields) {
+    std::vector<MaxwellSlipElement> elements;
+    fields.each("elements", [&](FieldReader& element) {
+        elements.push_back({element.number("K", "N/m", Allowed::positive), element.number("F", "N", Allowed::positive),
+                            element.number("D", "N s/m", Allowed::non_negative, 0)});
+    });
+    return elements;
+}
+
+Json identify_friction(const Json& arguments) {
+    FieldReader fields(arguments, "tb.fit_friction");
+    const auto position = fields.numbers("position", "m", Allowed::finite, {});
+    const auto force = fields.numbers("force", "N", Allowed::finite, {});
+    FrictionFitOptions options;
+    options.read(fields);
+    fields.finish();
+    const FrictionFit fit = fit_friction(position, force, options, "tb.fit_friction");
+    Json json{{"elements", Json::array()}, {"residual_rms", fit.residual_rms}, {"residual_max", fit.residual_max}};
+    for (const auto& element : fit.elements) {
+        json["elements"].push_back({{"K", element.stiffness}, {"F", element.level}, {"D", element.damping}});
+    }
+    return json;
+}
+
+Json friction_force(const Json& arguments) {
+    FieldReader fields(arguments, "tb.friction_force");
+    const auto elements = elements_of(fields);
+    const auto position = fields.numbers("position", "m", Allowed::finite, {});
+    fields.finish();
+    return rolling_force(elements, position);
+}
+
+// ---- positioning -------------------------------------------------------------------------------------------------
+
+Json feedforward(const Json& arguments) {
+    FieldReader fields(arguments, "tb.feedforward");
+    const ModalModel model = modal_model_from_json(fields.value("model"), "tb.feedforward");
+    FeedforwardOptions options;
+    options.read(fields);
+    FrequencyResponse response{fields.numbers("frequency_hz", "Hz", Allowed::positive, {}), {}};
+    fields.finish();
+    const Feedforward designed = design_feedforward(model, options);
+    for (const double f : response.frequency_hz) response.value.push_back(designed.thrust_response(f));
+    Json json = to_json(designed);
+    json["response"] = to_json(response);
+    return json;
+}
+
+Json positioning(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.positioning");
+    const MachineModel machine = machine_of(fields);
+    const Feedforward designed = feedforward_from_json(fields.value("feedforward"), "tb.positioning");
+    PositioningOptions options;
+    options.read(fields);
+    fields.finish();
+    const PositioningResult result = run_positioning(machine, designed, options, run.control());
+    run.note_work({{"function", "positioning"}, {"machine", machine.hash()}, {"feedforward", designed.method},
+                   {"delay_s", options.delay}, {"seed", options.seed}, {"statistics", to_json(result.statistics)}});
+    Json json = to_json(result.trace);
+    json["error"] = result.error;
+    json["tracking_error"] = result.tracking_error;
+    json["rmse_m"] = result.rmse;
+    json["max_error_m"] = result.max_error;
+    json["settling_s"] = result.settling_time ? Json(*result.settling_time) : Json(nullptr);
+    json["peak_thrust_N"] = result.peak_thrust;
+    json["peak_position_m"] = result.peak_position;
+    json["within_rating"] = result.within_rating;
+    json["within_stroke"] = result.within_stroke;
+    json["spectrum"] = {{"frequency_hz", result.spectrum_hz}, {"amplitude_m", result.spectrum}};
+    json["columns"] = columns_of(result.table());
+    json["statistics"] = to_json(result.statistics);
+    return json;
+}
+
+Json loop_margins(const Json& arguments) {
+    FieldReader fields(arguments, "tb.loop_margins");
+    const MachineModel machine = machine_of(fields);
+    fields.finish();
+    return to_json(positioning_margins(machine));
+}
+
 // ---- results -----------------------------------------------------------------------------------------------------
+
+Json read_json_file(const ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
+    FieldReader fields(arguments, "tb.read_json");
+    const auto path = run.find_file(fields.text("file"));
+    fields.finish();
+    access.check_read(path);
+    return read_json(path);
+}
 
 Json write_csv_file(ScriptRun& run, const Json& arguments) {
     FieldReader fields(arguments, "tb.write_csv");
@@ -354,6 +502,15 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("fit_modal", fit_modal);
     lua.add_function("phase_delay", read_phase_delay);
     lua.add_function("remove_delay", remove_delay);
+    lua.add_function("proposed_response", proposed);
+    lua.add_function("estimate_delay", loop_delay);
+    lua.add_function("delay_model_response", delay_model_response);
+    lua.add_function("fit_friction", identify_friction);
+    lua.add_function("friction_force", friction_force);
+    lua.add_function("feedforward", feedforward);
+    lua.add_function("positioning", [&run](const Json& a) { return positioning(run, a); });
+    lua.add_function("loop_margins", loop_margins);
+    lua.add_function("read_json", [&run, &lua](const Json& a) { return read_json_file(run, lua.access(), a); });
     lua.add_function("write_csv", [&run](const Json& a) { return write_csv_file(run, a); });
     lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });
     lua.add_function("write_json", [&run](const Json& a) { return write_json_file(run, a); });

@@ -47,7 +47,7 @@ class Simulator {
     RunStatistics statistics() const;
 
     // Chattering: more than this many falls of guards within the window.
-    static constexpr long chatter_limit = 20000;
+    static constexpr long chatter_limit = 5000;
     static constexpr double chatter_window = 1e-3; // [s]
 
   private:

@@ -34,6 +34,10 @@ const std::map<std::string, std::vector<std::string>> results = {
     {"fra_comparison",
      {"bode.png", "bode.svg", "error.png", "error.svg", "identified.json", "manifest.json", "responses.csv",
       "responses.h5", "signals.csv", "signals.png", "signals.svg"}},
+    {"method_comparison",
+     {"comparison.csv", "cost.csv", "differences.png", "differences.svg", "findings.txt", "hysteresis.png",
+      "hysteresis.svg", "manifest.json", "methods.json", "trajectories.png", "trajectories.svg",
+      "work_precision.png", "work_precision.svg"}},
     {"half_friction", {"manifest.json"}},
     {"first_script", {"hysteresis.csv", "hysteresis.png", "hysteresis.svg", "manifest.json"}},
 };

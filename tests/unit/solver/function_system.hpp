@@ -36,7 +36,7 @@ class FunctionSystem final : public HybridSystem {
     mutable long slope_calls = 0, guard_calls = 0, matrix_calls = 0;
 
     const std::vector<StateVariable>& states() const override {
-        variables_.assign(start.size(), StateVariable{"x", "m", 1.0});
+        variables_.assign(start.size(), StateVariable{"x", "m"});
         return variables_;
     }
     const std::vector<SampleClock>& clocks() const override { return sample_clocks; }

@@ -212,7 +212,7 @@ TEST(SolverOptions, are_read_from_fields_and_refuse_nonsense) {
     EXPECT_EQ(options.absolute_tolerance, SolverOptions{}.absolute_tolerance);
     EXPECT_EQ(options.fixed_step, 1e-4);
     for (const Json& wrong :
-         {Json{{"solver", "euler"}}, Json{{"relative_tolerance", 0}}, Json{{"fixed_step_s", -1}}}) {
+         {Json{{"solver", "ode45"}}, Json{{"relative_tolerance", 0}}, Json{{"fixed_step_s", -1}}}) {
         FieldReader reader(wrong, "run");
         EXPECT_THROW(SolverOptions{}.read(reader), InputError) << wrong;
     }

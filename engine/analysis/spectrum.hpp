@@ -1,0 +1,17 @@
+#pragma once
+#include <cstddef>
+#include <vector>
+
+namespace tribode {
+
+// Amplitude spectrum of a piece of a signal: mean removed, Hann window w,
+//
+//     A(f) = 2 abs(sum_k w_k (x_k - mean) e^{-j 2 pi f k Ts}) / sum_k w_k.
+//
+// A lasting vibration shows with its amplitude at its frequency, in the unit of x; one that decays shows with a mean
+// over the window. Lines are 4/(n Ts) wide, whatever the grid of frequencies [Hz]. Throws InputError with less
+// than 4 samples.
+std::vector<double> amplitude_spectrum(const std::vector<double>& x, double sample_time,
+                                       const std::vector<double>& frequency_hz);
+
+} // namespace tribode
