@@ -153,7 +153,7 @@ struct SimulateCommand {
     std::string output, events;
     std::string solver = name_of(SolverOptions{}.method);
     SolverOptions options;
-    double step = 0; // 0: Ts/10
+    std::optional<double> step; // none: Ts/10 [s]
     std::uint64_t seed = 0;
 
     void add_to(CLI::App& app, Common& common) {
@@ -173,7 +173,7 @@ struct SimulateCommand {
     int run(const Common& common) {
         const MachineModel model = what.model();
         options.method = method_named(solver);
-        options.fixed_step = step > 0 ? step : model.sample_time / 10;
+        options.fixed_step = step.value_or(model.sample_time / 10);
         for (const auto& [name, value] : {std::pair{"--rtol", options.relative_tolerance},
                                           {"--atol", options.absolute_tolerance},
                                           {"--step", options.fixed_step}}) {

@@ -62,7 +62,7 @@ local function identify()
       local delay = tb.phase_delay { response = response, at_hz = 120 }
       response = tb.remove_delay { response = response, delay_s = delay }
     end
-    models[name] = tb.fit_modal { response = response, modes = #machine.modes }
+    models[name] = tb.fit_modal { response = response, modes = #(machine.modes or {}) }
   end
   return models
 end
@@ -72,7 +72,7 @@ tb.write_json { file = "identified.json", value = identified }
 
 -- ---- the runs -----------------------------------------------------------------------------------------------------
 
-local gain_frequencies = tb.logspace(1, 500, tb.quick and 200 or 1000)
+local gain_frequencies = tb.logspace(1, 500, 1000)
 
 local function run(file, name, model, design, delay_s)
   local wanted = {
@@ -248,12 +248,13 @@ local function spectra(runs)
   end
   return list
 end
+local shown = { 1e-4, 10 } -- 0.1 nm, far below an encoder step, to 10 um
 tb.plot {
   file = "spectrum",
   title = string.format("Residual vibration after %g ms", option.duration * 1e3),
   panels = {
-    { title = "Models of Table III", y_label = "Amplitude [um]", y_log = true, series = spectra(paper_runs) },
-    { title = "Models identified here", y_label = "Amplitude [um]", y_log = true, series = spectra(identified_runs) },
-    { title = "Feedforwards", x_label = "Frequency [Hz]", y_label = "Amplitude [um]", y_log = true, series = spectra(designs) },
+    { y_label = "Table III [um]", y_log = true, y_range = shown, series = spectra(paper_runs) },
+    { y_label = "Identified here [um]", y_log = true, y_range = shown, series = spectra(identified_runs), legend = "none" },
+    { x_label = "Frequency [Hz]", y_label = "Feedforwards [um]", y_log = true, y_range = shown, series = spectra(designs) },
   },
 }

@@ -125,7 +125,7 @@ TEST_F(Input, TolerancesAndStepMustBePositive) {
 }
 
 TEST_F(Input, ColumnsAndScalesMustFitTheRecord) {
-    expect_refused("mass.json", "in.csv", {"in.csv:1", "u_V"}, {"--columns", "t=t,u=u_V"});
+    expect_refused("mass.json", "in.csv", {"in.csv", "u_V"}, {"--columns", "t=t,u=u_V"});
     expect_refused("mass.json", "in.csv", {"--columns", "\"u_V\"", "name=value"}, {"--columns", "u_V"});
     expect_refused("mass.json", "in.csv", {"--scale u=big", "must be a number"}, {"--scale", "u=big"});
     expect_refused("mass.json", "in.csv", {"no column r"}, {"--scale", "r=2"});
