@@ -75,6 +75,8 @@ std::vector<Contender> engine_methods() {
     }
     for (const Way way : {Way::fixed, Way::semi_implicit_euler, Way::zoh, Way::euler}) {
         for (const double step : {50e-6, 5e-6}) {
+            // There Euler's method is beyond its limit of stability while the elements stick.
+            if (way == Way::euler && step > 5e-6) continue;
             all.push_back(
                 method(fmt::format("{} {:g} us", name_of(way), 1e6 * step), {.method = way, .fixed_step = step}));
         }

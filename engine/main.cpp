@@ -191,6 +191,13 @@ struct SimulateCommand {
         }
         write_csv(output, to_table(result.trace));
         if (!events.empty()) write_file(events, to_csv(result.events));
+        if (!common.quiet) {
+            const RunStatistics& n = result.statistics;
+            fmt::print("{} samples with {}: {} events, {} steps ({} rejected), {} derivative evaluations, {} restarts, "
+                       "{:.3g} s integrating, {:.3g} s in events and samples\n",
+                       result.trace.t.size(), name_of(result.method), n.events, n.steps, n.rejected_steps,
+                       n.derivative_evaluations, n.restarts, n.seconds_integrating, n.seconds_events);
+        }
         return done;
     }
 };

@@ -15,11 +15,10 @@ namespace tribode {
 FrequencyResponse proposed_response(const FrequencyResponse& fra1, const FrequencyResponse& fra2, double delay);
 
 struct DelayEstimate {
-    double delay = 0; // median over the band [s]
-    double spread =
-        0; // of the single frequencies: 1.48 times the median deviation, the standard deviation of normal ones
+    double delay = 0;                 // median over the band [s]
+    double spread = 0;                // 1.48 times the median deviation from it, as large as a standard deviation [s]
     std::vector<double> frequency_hz; // of the band
-    std::vector<double> delays;       // read at each [s]; NaN where friction takes all of the thrust
+    std::vector<double> delays;       // read at each [s]; NaN where abs(Fh) >= abs(U)
 };
 
 // The L for which the proposed response has the phase -180 deg, of a mass: at each frequency

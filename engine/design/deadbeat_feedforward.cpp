@@ -55,8 +55,8 @@ Feedforward deadbeat_feedforward(const ModalModel& model, const MoveTask& task, 
                                      to_text(task.duration), end, plant.order()));
     }
     const auto taps = deadbeat_taps(plant, end - plant.order() + 1, smoothness);
-    return {"deadbeat", task, step_response(product(plant.numerator(), taps), task.distance, task.length()),
-            step_response(product(plant.denominator(), taps), task.distance, task.length())};
+    return {"deadbeat", task, step_response(plant.times_numerator(taps), task.distance, task.length()),
+            step_response(plant.times_denominator(taps), task.distance, task.length())};
 }
 
 } // namespace tribode

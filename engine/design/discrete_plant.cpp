@@ -46,16 +46,26 @@ DiscretePlant::DiscretePlant(const ModalModel& model, double sample_time) : samp
     if (model.rigid_gain != 0) sections_.push_back(rigid_section(model.rigid_gain, sample_time));
     for (const auto& mode : model.modes) sections_.push_back(mode_section(mode, sample_time));
     if (sections_.empty()) throw InputError("the model has neither a rigid gain nor a mode, must have one of them");
-    denominator_ = {1};
-    numerator_.assign(order() + 1, 0.0);
+    numerator_ = times_numerator({1});
+    denominator_ = times_denominator({1});
+}
+
+std::vector<double> DiscretePlant::times_numerator(const std::vector<double>& sequence) const {
+    std::vector<double> sum(sequence.size() + order());
     for (std::size_t i = 0; i < sections_.size(); ++i) {
-        std::vector<double> term = {0, sections_[i].b1, sections_[i].b2};
+        std::vector<double> term = sequence;
         for (std::size_t j = 0; j < sections_.size(); ++j) {
             if (j != i) term = product(term, {1, sections_[j].a1, sections_[j].a2});
         }
-        for (std::size_t n = 0; n < term.size(); ++n) numerator_[n] += term[n];
-        denominator_ = product(denominator_, {1, sections_[i].a1, sections_[i].a2});
+        term = product(term, {0, sections_[i].b1, sections_[i].b2});
+        for (std::size_t n = 0; n < term.size(); ++n) sum[n] += term[n];
     }
+    return sum;
+}
+
+std::vector<double> DiscretePlant::times_denominator(std::vector<double> sequence) const {
+    for (const auto& section : sections_) sequence = product(sequence, {1, section.a1, section.a2});
+    return sequence;
 }
 
 std::vector<std::complex<double>> DiscretePlant::poles() const {

@@ -28,6 +28,10 @@ class DiscretePlant {
     // Coefficients of ascending powers of z^-1, from z^0: N begins with 0, D with 1; both have order() + 1.
     const std::vector<double>& numerator() const { return numerator_; }     // [m/N]
     const std::vector<double>& denominator() const { return denominator_; }
+    // N(z) and D(z) times a sequence (a polynomial of z^-1), factor by factor. On a smooth sequence that is more exact than
+    // the coefficients are: D is a difference of high order, small at all low frequencies.
+    std::vector<double> times_numerator(const std::vector<double>& sequence) const;
+    std::vector<double> times_denominator(std::vector<double> sequence) const;
     std::size_t order() const { return 2 * sections_.size(); }
 
     std::vector<std::complex<double>> poles() const; // of the sections, in their order

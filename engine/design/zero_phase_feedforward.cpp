@@ -47,9 +47,10 @@ Feedforward zero_phase_feedforward(const ModalModel& model, const MoveTask& task
     for (const double b : bu) static_gain += b;
     std::vector<double> below = with_zeros(cancelled);
     for (double& b : below) b *= plant.numerator()[1];
-    DiscreteTransferFunction inverse(plant.denominator(), below);
+    DiscreteTransferFunction inverse({1.0}, below);
 
     Feedforward result{"zero_phase", task, {}, {}};
+    std::vector<double> filtered; // Bu(z)/Bu(1)^2 r_d[k+1]
     for (std::size_t k = 0; k < task.length(); ++k) {
         double ahead = 0, both = 0; // Bu(z) r_d[k+1], Bu(z) Bu(z^-1) r_d[k]
         for (std::size_t i = 0; i < bu.size(); ++i) {
@@ -58,8 +59,10 @@ Feedforward zero_phase_feedforward(const ModalModel& model, const MoveTask& task
             for (std::size_t j = 0; j < bu.size(); ++j) both += bu[i] * bu[j] * demanded(now - static_cast<long>(j));
         }
         result.reference.push_back(both / (static_gain * static_gain));
-        result.thrust.push_back(inverse.step(ahead / (static_gain * static_gain)));
+        filtered.push_back(ahead / (static_gain * static_gain));
     }
+    filtered = plant.times_denominator(std::move(filtered));
+    for (std::size_t k = 0; k < task.length(); ++k) result.thrust.push_back(inverse.step(filtered[k]));
     return result;
 }
 

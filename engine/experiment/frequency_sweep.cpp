@@ -1,4 +1,5 @@
 #include "experiment/frequency_sweep.hpp"
+#include "analysis/periodic_friction.hpp"
 #include "analysis/sine_fit.hpp"
 #include "base/error.hpp"
 #include "base/random.hpp"
@@ -50,12 +51,30 @@ class LoopSignals final : public Observer {
     DiscreteTransferFunction delay_model_;
 };
 
+// A: what the actuator makes of a phasor of u, with hold, dead time and thrust lag.
+std::complex<double> actuator_response(const MachineModel& machine, double frequency) {
+    const double half_turn = pi * frequency * machine.sample_time;
+    const double late = half_turn + 2 * pi * frequency * machine.input_delay;
+    std::complex<double> response = std::polar(std::sin(half_turn) / half_turn, -late);
+    if (machine.current_loop_hz > 0) response /= std::complex(1.0, frequency / machine.current_loop_hz);
+    return response;
+}
+
+std::complex<double> improved_response(const MachineModel& machine, double frequency, std::complex<double> thrust,
+                                       std::vector<std::complex<double>> position) {
+    for (std::size_t n = 0; n < position.size(); ++n) {
+        position[n] *= std::polar(1.0, 2 * pi * static_cast<double>(n + 1) * frequency * machine.output_delay);
+    }
+    const auto friction = friction_phasor(position, frequency, machine.elements, machine.viscous);
+    return position.front() / (actuator_response(machine, frequency) * thrust - friction);
+}
+
 // One frequency: the run and its windows.
 class SinglePoint {
   public:
     SinglePoint(const MachineModel& machine, const SweepOptions& options, double frequency, std::uint64_t seed,
                 const RunControl& control)
-        : options_(options), frequency_(frequency), ts_(machine.sample_time),
+        : machine_(machine), options_(options), frequency_(frequency), ts_(machine.sample_time),
           system_(machine, ClosedLoop{[this](long k) { return LoopInput{0.0, excitation(k)}; }}, seed),
           simulator_(system_, options.solver, control), signals_(machine, options) {
         simulator_.observe(&signals_);
@@ -98,6 +117,7 @@ class SinglePoint {
             point.response[a] = y.fundamental() / fit(signals_.input[a]).fundamental();
             point.coherence[a] = coherence(cut(signals_.input[a]), cut(signals_.position), ts_, frequency_);
         }
+        if (options_.improved) point.improved = improved_response(machine_, frequency_, u.fundamental(), y.harmonics);
         point.thrust = u.fundamental();
         point.position = y.fundamental();
         point.thrust_distortion = u.total_harmonic_distortion();
@@ -128,6 +148,7 @@ class SinglePoint {
         return fit_sine(cut(signal), ts_, frequency_, static_cast<double>(window_.first) * ts_, options_.harmonics);
     }
 
+    const MachineModel& machine_;
     const SweepOptions& options_;
     double frequency_, ts_;
     ServoSystem system_;
@@ -190,6 +211,7 @@ void SweepOptions::read(FieldReader& fields) {
     harmonics = static_cast<int>(fields.integer("harmonics", 1, 50, harmonics));
     delay = fields.number("delay_s", "s", Allowed::non_negative, delay);
     delay_order = static_cast<int>(fields.integer("delay_order", 1, 10, delay_order));
+    improved = fields.boolean("improved", improved);
     seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, static_cast<long>(seed)));
     solver.read(fields);
 }
@@ -289,6 +311,16 @@ FrequencyResponse SweepResult::response(std::size_t analysis) const {
     return response;
 }
 
+FrequencyResponse SweepResult::improved() const {
+    FrequencyResponse response;
+    for (const auto& point : points) {
+        if (!point.improved) continue;
+        response.frequency_hz.push_back(point.frequency_hz);
+        response.value.push_back(*point.improved);
+    }
+    return response;
+}
+
 RunStatistics SweepResult::statistics() const {
     RunStatistics all;
     for (const auto& point : points) all += point.statistics;
@@ -325,6 +357,10 @@ Table SweepResult::table() const {
         column(prefix[a] + "_real_m_per_N", "m/N", [a](const SweepPoint& p) { return p.response[a].real(); });
         column(prefix[a] + "_imag_m_per_N", "m/N", [a](const SweepPoint& p) { return p.response[a].imag(); });
         column(prefix[a] + "_coherence", "", [a](const SweepPoint& p) { return p.coherence[a]; });
+    }
+    if (std::ranges::any_of(points, [](const SweepPoint& p) { return p.improved.has_value(); })) {
+        column("improved_real_m_per_N", "m/N", [](const SweepPoint& p) { return p.improved->real(); });
+        column("improved_imag_m_per_N", "m/N", [](const SweepPoint& p) { return p.improved->imag(); });
     }
     column("u_amplitude_N", "N", [](const SweepPoint& p) { return std::abs(p.thrust); });
     column("y_amplitude_m", "m", [](const SweepPoint& p) { return std::abs(p.position); });

@@ -26,6 +26,7 @@ Json to_json(const SweepPoint& p) {
         json["response"].push_back(to_json(p.response[a]));
         json["coherence"].push_back(p.coherence[a]);
     }
+    if (p.improved) json["improved"] = to_json(*p.improved);
     json["thrust"] = to_json(p.thrust);
     json["position"] = to_json(p.position);
     json["distortion"] = {p.thrust_distortion, p.position_distortion};
@@ -45,6 +46,7 @@ SweepPoint point_of(const Json& json) {
         p.response[a] = complex_of(json.at("response").at(a));
         p.coherence[a] = number_of(json.at("coherence").at(a));
     }
+    if (json.contains("improved")) p.improved = complex_of(json.at("improved"));
     p.thrust = complex_of(json.at("thrust"));
     p.position = complex_of(json.at("position"));
     p.thrust_distortion = number_of(json.at("distortion").at(0));
@@ -80,6 +82,7 @@ SweepCheckpoint::SweepCheckpoint(std::filesystem::path path, const MachineModel&
                           o.harmonics,
                           o.delay,
                           o.delay_order,
+                          o.improved,
                           name_of(o.solver.method),
                           o.solver.relative_tolerance,
                           o.solver.absolute_tolerance,

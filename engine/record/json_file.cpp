@@ -3,6 +3,7 @@
 #include "record/output_file.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <fmt/format.h>
 #include <set>
 #include <sstream>
@@ -38,7 +39,9 @@ Json read_json(const std::filesystem::path& path) {
     // The reader takes one character at a time, so the stream stands right behind what it has just read.
     const auto fail = [&](const std::string& problem) {
         const auto position = stream.rdbuf()->pubseekoff(0, std::ios::cur, std::ios::in);
-        const std::string_view read(text.data(), std::min(text.size(), static_cast<std::size_t>(position)));
+        std::string_view read(text.data(), std::min(text.size(), static_cast<std::size_t>(position)));
+        // The end of a number is known by what follows it, which may stand on the next line.
+        while (!read.empty() && std::isspace(static_cast<unsigned char>(read.back()))) read.remove_suffix(1);
         const auto line = std::count(read.begin(), read.end(), '\n') + 1;
         const auto column = read.size() - (read.rfind('\n') + 1);
         throw InputError(fmt::format("{}:{}:{}: {}", path.string(), line, std::max(column, std::size_t{1}), problem));

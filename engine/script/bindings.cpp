@@ -219,6 +219,7 @@ Json sweep(ScriptRun& run, const Json& arguments) {
     }
     Json json{{"columns", columns_of(result.table())}};
     for (std::size_t a = 0; a < analysis_count; ++a) json["responses"][analysis_names[a]] = to_json(result.response(a));
+    if (options.improved) json["responses"]["Improved"] = to_json(result.improved());
     json["warnings"] = result.warnings();
     json["statistics"] = to_json(result.statistics());
     return json;

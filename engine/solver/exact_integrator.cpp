@@ -399,7 +399,7 @@ bool ExactIntegrator::expand(double h) {
         for (std::size_t i = 0; i < size_; ++i) {
             const double size = std::abs(term(n + 1)[i]);
             work_[i] = std::max(n == 1 ? std::max(std::abs(term(0)[i]), std::abs(term(1)[i])) : work_[i], size);
-            small = small && size <= half_ulp * work_[i];
+            small = small && size <= half_ulp * work_[i] && std::isfinite(size);
         }
         // b is a polynomial of degree 3 at most in what there is; its terms have all come by then.
         if (small && last_was_small && n > 5) {

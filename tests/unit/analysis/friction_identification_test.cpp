@@ -5,7 +5,6 @@
 
 #include <cmath>
 #include <gtest/gtest.h>
-#include <numeric>
 
 namespace tribode {
 namespace {
@@ -32,11 +31,6 @@ std::vector<double> nested_loops() {
                     1e-5 * std::sin(2 * M_PI * 31.7 * t));
     }
     return y;
-}
-
-double level_of(const std::vector<MaxwellSlipElement>& elements) {
-    return std::accumulate(elements.begin(), elements.end(), 0.0,
-                           [](double sum, const MaxwellSlipElement& e) { return sum + e.level; });
 }
 
 double rms_difference(const std::vector<double>& a, const std::vector<double>& b) {

@@ -21,10 +21,11 @@ constexpr double ts = 5e-4; // [s]
 const ModalModel table{94.28e-3, {{13.08e-3, 33.32, 2.48e-2}, {5.27e-3, 82.22, 3.22e-3}}};
 
 // The section by the other road: x'' = gain u - 2 zeta w x' - w^2 x with u held, by the exponential of the matrix with
-// the input as a third state.
+// the input as a third state. The second is x'/w, so that the matrix is balanced.
 std::vector<double> positions_by_matrix_exponential(double gain, double w, double zeta, const std::vector<double>& u) {
     Eigen::Matrix3d a;
-    a << 0, 1, 0, -w * w, -2 * zeta * w, gain, 0, 0, 0;
+    const double scale = w > 0 ? w : 1;
+    a << 0, scale, 0, -w * w / scale, -2 * zeta * w, gain / scale, 0, 0, 0;
     const Eigen::Matrix3d step = (a * ts).exp();
     Eigen::Vector3d x = Eigen::Vector3d::Zero();
     std::vector<double> positions;
@@ -86,8 +87,8 @@ TEST(DiscretePlant, TheQuotientOfThePolynomialsIsTheSumOfTheSections) {
             above = above * d + plant.numerator()[i];
             below = below * d + plant.denominator()[i];
         }
-        // D is about 1e-5 of its largest coefficient at 20 Hz, N less so.
-        EXPECT_LT(std::abs(above / below / plant.response(f) - 1.0), 1e-9) << f;
+        // D is 2e-6 at 20 Hz and less at 33 Hz, its coefficients go to 20: rounding of these over that.
+        EXPECT_LT(std::abs(above / below / plant.response(f) - 1.0), 1e-7) << f;
     }
 }
 

@@ -1,0 +1,67 @@
+#include "record/plot.hpp"
+#include "record/output_file.hpp"
+#include "unit/script/messages.hpp"
+#include "unit/script/temporary_folder.hpp"
+
+#include <cmath>
+#include <cstdlib>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+namespace tribode {
+namespace {
+
+TEST(Plot, WritesPngAndSvgAndTheSamePlotGivesTheSameBytes) {
+    const TemporaryFolder folder;
+    Plot plot{.title = "It's a \"title\" with \\ and _", .panels = {{.x_label = "f [Hz]", .y_label = "g [dB]", .x_log = true}}};
+    plot.panels[0].series.push_back({.name = "a_b '{x}'", .x = {1, 10, 100}, .y = {0, std::nan(""), 3}});
+    draw_plot(folder / "a", plot);
+    draw_plot(folder / "b", plot);
+    EXPECT_TRUE(read_file(folder / "a.png").starts_with("\x89PNG"));
+    EXPECT_NE(read_file(folder / "a.svg").find("<svg"), std::string::npos);
+    EXPECT_EQ(read_file(folder / "a.png"), read_file(folder / "b.png"));
+    EXPECT_EQ(read_file(folder / "a.svg"), read_file(folder / "b.svg"));
+}
+
+TEST(Plot, DataWithNothingToSeeStillGiveAxes) {
+    const TemporaryFolder folder;
+    Plot plot;
+    plot.panels.push_back({}); // no series
+    plot.panels.push_back({.series = {{.name = "none"}, {.name = "one", .x = {2}, .y = {3}}}});
+    plot.panels.push_back({.series = {{.name = "constant", .x = {1, 2}, .y = {5, 5}}}});
+    plot.panels.push_back({.x_log = true, .y_log = true, .series = {{.name = "negative", .x = {-1, 0}, .y = {-1, 1}}}});
+    draw_plot(folder / "x", plot);
+    EXPECT_TRUE(std::filesystem::exists(folder / "x.png"));
+}
+
+TEST(Plot, RefusesWhatDoesNotFit) {
+    Plot plot{.title = "p"};
+    plot.panels.push_back({.series = {{.name = "s", .x = {1, 2}, .y = {1}}}});
+    EXPECT_EQ(problem_of([&] { draw_plot("x", plot); }),
+              "input: plot \"p\", series \"s\": x has 2 values and y 1, must be equal");
+    const auto refused = [](const char* json) {
+        return problem_of([&] { plot_from_json(Json::parse(json), "tb.plot"); });
+    };
+    EXPECT_EQ(refused(R"({"panels": [{"series": [{"colour": "#000000"}]}]})"),
+              "input: tb.plot: panels[1].series[1].colour is not a known field (did you mean \"color\"?)");
+    EXPECT_NE(refused(R"({"panels": [{"series": [{"color": "red"}]}]})").find("must be #rrggbb"), std::string::npos);
+    EXPECT_NE(refused(R"({"panels": [{"x_range": [2, 1]}]})").find("must be {lowest, highest}"), std::string::npos);
+    EXPECT_NE(refused(R"({"panels": [{"legend": "left"}]})").find("must be one of above"), std::string::npos);
+    EXPECT_EQ(refused(R"({"title": "t", "panels": [{"series": [{"x": [1], "y": [2], "style": "points"}]}]})"), "none: ");
+}
+
+TEST(Plot, SaysThatGnuplotIsMissing) {
+    const pid_t child = fork();
+    if (child == 0) {
+        setenv("PATH", "/nowhere", 1);
+        const std::string problem = problem_of([] { draw_plot("x", {.panels = {{}}}); });
+        _exit(problem.find("gnuplot") != std::string::npos && problem.starts_with("input: ") ? 0 : 1);
+    }
+    int status = 0;
+    waitpid(child, &status, 0);
+    EXPECT_EQ(status, 0);
+}
+
+} // namespace
+} // namespace tribode
