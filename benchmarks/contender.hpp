@@ -16,7 +16,7 @@ struct Run {
 
 // A way to run a scenario.
 struct Contender {
-    std::string name;
+    std::string name; // without a comma
     std::function<Run(const Scenario&)> run;
 };
 

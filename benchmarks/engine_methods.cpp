@@ -1,5 +1,6 @@
 #include "contender.hpp"
 
+#include "base/error.hpp"
 #include "experiment/simulation.hpp"
 #include "machine_of.hpp"
 #include "solver/simulator.hpp"
@@ -52,7 +53,8 @@ Run run_in_engine(const Scenario& scenario, const SolverOptions& solver) {
     Simulator simulator(system, solver);
     Positions positions(scenario.samples + 1);
     simulator.observe(&positions);
-    simulator.advance_to(static_cast<double>(scenario.samples) * scenario.table.sample_time);
+    const RunOutcome outcome = simulator.advance_to(static_cast<double>(scenario.samples) * scenario.table.sample_time);
+    if (!outcome.ok()) throw Error(outcome.message);
     const RunStatistics statistics = simulator.statistics();
     return {std::move(positions.x), static_cast<long>(scenario.samples), statistics.steps, statistics.events};
 }
@@ -85,13 +87,14 @@ std::vector<Contender> engine_methods() {
 }
 
 Contender engine_with_all_columns() {
-    return {"exact, all columns", [](const Scenario& scenario) {
+    return {"exact with all columns", [](const Scenario& scenario) {
                 DriveRecord record;
                 for (std::size_t k = 0; k <= scenario.samples; ++k) {
                     record.t.push_back(static_cast<double>(k) * scenario.table.sample_time);
                     (scenario.loop ? record.excitation : record.u).push_back(scenario.excitation(k));
                 }
                 Simulation result = simulate(machine_of(scenario), record, {.method = Method::exact}, 0);
+                if (!result.outcome.ok()) throw Error(result.outcome.message);
                 return Run{std::move(result.trace.x), static_cast<long>(scenario.samples), result.statistics.steps,
                            result.statistics.events};
             }};

@@ -10,9 +10,7 @@
 
 #include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <fmt/format.h>
-#include <memory>
 
 namespace tribode::bench {
 
@@ -64,7 +62,7 @@ Entry pure_loop(const std::vector<Scenario>& scenarios, const Contender& contend
 std::vector<Entry> all_entries(const std::vector<Reference>& references) {
     const std::vector<Contender> engine = engine_methods();
     const Contender& exact = engine.front();
-    const Contender &rk4 = rk4_by_hand(10), &fine_rk4 = rk4_by_hand(100), &arkode = arkode_by_hand(1e-6);
+    const Contender rk4 = rk4_by_hand(10), fine_rk4 = rk4_by_hand(100), arkode = arkode_by_hand(1e-6);
     std::vector<Entry> entries;
     for (const auto& [scenario, reference] : {std::pair(s1(), &references[0]), std::pair(s2(), &references[1])}) {
         for (const Contender& contender : engine) entries.push_back(entry(scenario, contender, reference));
@@ -79,12 +77,12 @@ std::vector<Entry> all_entries(const std::vector<Reference>& references) {
         entries.push_back({"S3 analysed", name_of(method), [method] { return analysed_sweep(method); }});
     }
     for (const unsigned workers : {1u, 2u}) {
-        entries.push_back({"judged sweep", fmt::format("exact, {} worker{}", workers, workers == 1 ? "" : "s"),
+        entries.push_back({"judged sweep", fmt::format("exact {} worker{}", workers, workers == 1 ? "" : "s"),
                            [workers] { return judged_sweep(workers); }});
     }
     for (const std::size_t count : {20, 200, 2000}) {
         Entry e = entry(with_elements(count), exact, nullptr);
-        e.method += fmt::format(", {} elements", count);
+        e.method += fmt::format(" {} elements", count);
         entries.push_back(std::move(e));
     }
     return entries;

@@ -39,7 +39,8 @@ StabilityMargins stability_margins(const std::function<std::complex<double>(doub
                 margins.gain_margin = -1 / real;
                 margins.phase_crossover_hz = f_before + part * (f - f_before);
             }
-            if (real <= -1) margins.gain_reduction_margin = std::max(margins.gain_reduction_margin.value_or(0), -1 / real);
+            if (real <= -1)
+                margins.gain_reduction_margin = std::max(margins.gain_reduction_margin.value_or(0), -1 / real);
         }
         const double level_before = std::log(std::abs(before)), level = std::log(std::abs(now));
         if (level_before * level <= 0 && level_before != level) {

@@ -12,7 +12,8 @@ namespace tribode {
 std::vector<double> amplitude_spectrum(const std::vector<double>& x, double sample_time,
                                        const std::vector<double>& frequency_hz) {
     using std::numbers::pi;
-    if (x.size() < 4) throw InputError(fmt::format("a spectrum of {} samples was asked for, must be 4 or more", x.size()));
+    if (x.size() < 4)
+        throw InputError(fmt::format("a spectrum of {} samples was asked for, must be 4 or more", x.size()));
     const double mean = std::accumulate(x.begin(), x.end(), 0.0) / static_cast<double>(x.size());
     std::vector<double> weighted(x.size());
     double weights = 0;

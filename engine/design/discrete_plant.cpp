@@ -11,9 +11,7 @@ namespace {
 
 using std::numbers::pi;
 
-DiscretePlant::Section rigid_section(double gain, double ts) {
-    return {gain * ts * ts / 2, gain * ts * ts / 2, -2, 1};
-}
+DiscretePlant::Section rigid_section(double gain, double ts) { return {gain * ts * ts / 2, gain * ts * ts / 2, -2, 1}; }
 
 // k/(s^2 + 2 zeta w s + w^2) behind a hold. With a = zeta w Ts, q = (1 - zeta^2)(w Ts)^2 and
 // C = cos(sqrt q), S = sin(sqrt q)/sqrt q (hyperbolic for q < 0):

@@ -26,7 +26,7 @@ class DiscretePlant {
     const std::vector<Section>& sections() const { return sections_; }
 
     // Coefficients of ascending powers of z^-1, from z^0: N begins with 0, D with 1; both have order() + 1.
-    const std::vector<double>& numerator() const { return numerator_; }     // [m/N]
+    const std::vector<double>& numerator() const { return numerator_; } // [m/N]
     const std::vector<double>& denominator() const { return denominator_; }
     // N(z) and D(z) times a sequence (a polynomial of z^-1), factor by factor. On a smooth sequence that is more exact than
     // the coefficients are: D is a difference of high order, small at all low frequencies.
@@ -34,8 +34,8 @@ class DiscretePlant {
     std::vector<double> times_denominator(std::vector<double> sequence) const;
     std::size_t order() const { return 2 * sections_.size(); }
 
-    std::vector<std::complex<double>> poles() const; // of the sections, in their order
-    std::vector<std::complex<double>> zeros() const; // of z^order N(z)
+    std::vector<std::complex<double>> poles() const;          // of the sections, in their order
+    std::vector<std::complex<double>> zeros() const;          // of z^order N(z)
     std::complex<double> response(double frequency_hz) const; // [m/N]; from the sections
 
     // Position at the instants 0 .. n-1 for thrust[k] held from instant k to the next, from rest.

@@ -36,9 +36,9 @@ struct Feedforward {
 struct FeedforwardOptions {
     std::string method = "deadbeat"; // one of methods()
     MoveTask task;
-    int smoothness = 1;         // deadbeat: order of the difference of u_ff of which the squares are least, 1 to 4
-    std::string shaper = "zv";  // input_shaping: "zv" or "zvd"
-    int shaped_modes = 0;       // input_shaping: how many, from the lowest; 0: all
+    int smoothness = 1;        // deadbeat: order of the difference of u_ff of which the squares are least, 1 to 4
+    std::string shaper = "zv"; // input_shaping: "zv" or "zvd"
+    int shaped_modes = 0;      // input_shaping: how many, from the lowest; 0: all
 
     static const std::vector<std::string>& methods(); // deadbeat, zero_phase, s_curve, input_shaping
 

@@ -40,7 +40,9 @@ void require_rigid(const ModalModel& model, const char* method) {
 } // namespace
 
 SCurve::SCurve(double distance, double duration)
-    : distance_(distance), duration_(duration), snap_(distance / (8 * std::pow(duration / 8, 4))) {}
+    : distance_(distance),
+      duration_(duration),
+      snap_(distance / (8 * std::pow(duration / 8, 4))) {}
 
 // The snap jumps by these multiples of S at i h; its n-fold integral is the sum of jump (t - i h)^n / n!.
 double SCurve::integral(int times, double t) const {

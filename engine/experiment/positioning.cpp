@@ -24,13 +24,15 @@ const PidSettings& pid_of(const MachineModel& machine) {
 void check(const MachineModel& machine, const MoveTask& task, const PositioningOptions& options) {
     pid_of(machine);
     if (std::abs(task.sample_time / machine.sample_time - 1) > 1e-9) {
-        throw InputError(fmt::format("positioning: the feedforward has the sample time {} s, must be the machine's {} s",
-                                     to_text(task.sample_time), to_text(machine.sample_time)));
+        throw InputError(
+            fmt::format("positioning: the feedforward has the sample time {} s, must be the machine's {} s",
+                        to_text(task.sample_time), to_text(machine.sample_time)));
     }
     constexpr double least_tail = 4; // samples after the move, for its spectrum
     if (options.duration < task.duration + least_tail * task.sample_time) {
-        throw InputError(fmt::format("positioning: duration_s = {} s, must be longer than the move of {} s by 4 samples",
-                                     to_text(options.duration), to_text(task.duration)));
+        throw InputError(
+            fmt::format("positioning: duration_s = {} s, must be longer than the move of {} s by 4 samples",
+                        to_text(options.duration), to_text(task.duration)));
     }
 }
 
@@ -55,12 +57,12 @@ Inputs inputs_of(const MachineModel& machine, const Feedforward& feedforward, co
 
 ServoTrace run(const MachineModel& machine, const Inputs& inputs, const PositioningOptions& options,
                const RunControl& control, PositioningResult& result) {
-    const ServoSystem system(machine, ClosedLoop{[&inputs](long k) {
-                                 const auto i = static_cast<std::size_t>(k);
-                                 return LoopInput{inputs.delayed_reference[i],
-                                                  inputs.feedforward[i] + inputs.friction[i]};
-                             }},
-                             options.seed);
+    const ServoSystem system(
+        machine, ClosedLoop{[&inputs](long k) {
+            const auto i = static_cast<std::size_t>(k);
+            return LoopInput{inputs.delayed_reference[i], inputs.feedforward[i] + inputs.friction[i]};
+        }},
+        options.seed);
     Simulator simulator(system, options.solver, control);
     ServoRecorder recorder(system);
     simulator.observe(&recorder);
@@ -147,14 +149,12 @@ PositioningResult run_positioning(const MachineModel& machine, const Feedforward
 StabilityMargins positioning_margins(const MachineModel& machine) {
     const PidSettings& pid = pid_of(machine);
     const double ts = machine.sample_time;
-    const double a =
-        pid.derivative_filter_hz ? std::exp(-2 * std::numbers::pi * *pid.derivative_filter_hz * ts) : 0.0;
+    const double a = pid.derivative_filter_hz ? std::exp(-2 * std::numbers::pi * *pid.derivative_filter_hz * ts) : 0.0;
     const ModalModel plant = modal_model_of(machine);
     const LoopDelays delays{ts, machine.input_delay + machine.output_delay, machine.current_loop_hz};
     const auto loop_gain = [&](double f) {
         const auto d = std::polar(1.0, -2 * std::numbers::pi * f * ts); // z^-1
-        const auto controller =
-            pid.kp + pid.ki * ts / (1.0 - d) + pid.kd * (1 - a) / ts * (1.0 - d) / (1.0 - a * d);
+        const auto controller = pid.kp + pid.ki * ts / (1.0 - d) + pid.kd * (1 - a) / ts * (1.0 - d) / (1.0 - a * d);
         return controller * sampled_response(plant, delays, f);
     };
     return stability_margins(loop_gain, 0.5, 0.5 / ts);

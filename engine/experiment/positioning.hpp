@@ -16,16 +16,16 @@
 namespace tribode {
 
 struct PositioningOptions {
-    double duration = 0.3;            // of the run, and of the window of the errors [s]
-    double delay = 1.38e-3;           // L of C_dly on r*, before it meets y_dly [s]
-    int delay_order = 4;              // of its Pade approximant
+    double duration = 0.3;  // of the run, and of the window of the errors [s]
+    double delay = 1.38e-3; // L of C_dly on r*, before it meets y_dly [s]
+    int delay_order = 4;    // of its Pade approximant
     bool friction_compensation = true;
-    double band = 5e-6;               // settled within +- this [m]
-    double rated_thrust = 150;        // [N]
-    double stroke = 0.78;             // [m]
-    double spectrum_max_hz = 200;     // of the residual vibration
+    double band = 5e-6;           // settled within +- this [m]
+    double rated_thrust = 150;    // [N]
+    double stroke = 0.78;         // [m]
+    double spectrum_max_hz = 200; // of the residual vibration
     SolverOptions solver;
-    std::uint64_t seed = 0;           // of the noise
+    std::uint64_t seed = 0; // of the noise
 
     // Fields duration_s, delay_s, delay_order, friction_compensation, band_m, rated_thrust_N, stroke_m,
     // spectrum_max_hz, seed and those of SolverOptions; absent ones stay as they are.

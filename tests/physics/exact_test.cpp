@@ -78,12 +78,12 @@ TEST(ExactGolden, the_closed_loop_run_is_that_of_the_golden_file) {
                      .output_delay = 4.18e-4,
                      .encoder_resolution = 1e-7});
     const Columns golden = read_golden("loop.csv");
-    const auto run = run_closed_loop(table, std::vector<double>(1001), problems::sampled_sine(15, 10, 5e-4, 1001),
-                                     exact_solver);
+    const auto run =
+        run_closed_loop(table, std::vector<double>(1001), problems::sampled_sine(15, 10, 5e-4, 1001), exact_solver);
     expect_golden_trace(run.trace.x, golden.at("x"), position_bound);
     expect_golden_trace(run.trace.v, golden.at("v"), velocity_bound);
     expect_golden_trace(run.trace.f, golden.at("f"), force_bound);
-    expect_golden_trace(run.trace.y, golden.at("y"), 1e-20);  // the same encoder steps
+    expect_golden_trace(run.trace.y, golden.at("y"), 1e-20); // the same encoder steps
     expect_golden_trace(run.trace.u, golden.at("u"), 1e-11); // 100 N, kd/Ts = 1.3e6 N/m times roundings of 1e-19 m
     expect_golden_events(run.events, read_golden("loop_events.csv"));
 }
@@ -207,12 +207,11 @@ class Bookkeeper final : public HybridSystem {
     // Gauss quadrature with five points, of order ten: on half a millisecond of at most 100 Hz, (2 pi 0.05)^10/10! = 1e-12
     // of a thousandth of the whole. The motion is integrated once more from the last entry, for its dense output.
     double viscous_loss_until(double t) const {
-        constexpr std::array<std::pair<double, double>, 5> points = {
-            std::pair{0.0, 128.0 / 225},
-            {0.5384693101056831, 0.47862867049936647},
-            {-0.5384693101056831, 0.47862867049936647},
-            {0.906179845938664, 0.23692688505618908},
-            {-0.906179845938664, 0.23692688505618908}};
+        constexpr std::array<std::pair<double, double>, 5> points = {std::pair{0.0, 128.0 / 225},
+                                                                     {0.5384693101056831, 0.47862867049936647},
+                                                                     {-0.5384693101056831, 0.47862867049936647},
+                                                                     {0.906179845938664, 0.23692688505618908},
+                                                                     {-0.906179845938664, 0.23692688505618908}};
         SystemState state = before_;
         const auto integrator = make_integrator(servo_, exact_solver);
         integrator->restart(state);
@@ -368,12 +367,10 @@ double largest(const std::vector<double>& values) {
     return most;
 }
 
-// What tells the two apart must be the tolerance of erk, or a motion so sensitive that the exact run itself changes as
-// much with its input: the second is measured, and must be rare.
 TEST(ExactAgainstErk, they_agree_on_thousands_of_random_machines) {
-    long moved = 0, slipped = 0, sensitive = 0;
-    for (unsigned seed = 1; seed <= 3000; ++seed) {
-        RandomRun run = random_run(seed);
+    long moved = 0, slipped = 0, given_up = 0;
+    for (unsigned seed = 1; seed <= 2000; ++seed) {
+        const RandomRun run = random_run(seed);
         const Simulation exact = simulated(run, exact_solver);
         // Masses of all sizes go different ways: atol belongs to the size of the motion. That of a force is 1e6 N/m times
         // as large, and machines of a few grams move by forces of 1e-5 N.
@@ -384,32 +381,29 @@ TEST(ExactAgainstErk, they_agree_on_thousands_of_random_machines) {
                                    .absolute_tolerance = std::max(atol * size, 1e-24)});
         };
         Simulation erk = with(1e-13);
-        // Near 1e10 N/m that may be below what rounding lets it see.
         if (!erk.outcome.ok()) erk = with(1e-10);
         ASSERT_TRUE(exact.outcome.ok()) << "seed " << seed << ": " << exact.outcome.message << run.machine;
-        ASSERT_TRUE(erk.outcome.ok()) << "seed " << seed << ": " << erk.outcome.message << run.machine;
+        if (!erk.outcome.ok()) { // where 1e10 N/m and the like leave it no step
+            ++given_up;
+            continue;
+        }
         moved += size > 0;
         slipped += !exact.events.empty();
-        const double difference = largest_difference(exact.trace.x, erk.trace.x);
         // A hundred samples of a few steps of 1e-10 each.
-        if (difference <= 3e-8 * size) continue;
-        for (double& u : run.u) u *= 1 + 1e-9;
-        const double change = largest_difference(exact.trace.x, simulated(run, exact_solver).trace.x);
-        EXPECT_LE(difference, 10 * change) << "seed " << seed << ", of " << size << ", events " << exact.events.size()
-                                           << " and " << erk.events.size() << ": " << run.machine;
-        ++sensitive;
+        EXPECT_LE(largest_difference(exact.trace.x, erk.trace.x), 3e-8 * size)
+            << "seed " << seed << ", events " << exact.events.size() << " and " << erk.events.size() << ": "
+            << run.machine;
     }
-    EXPECT_GT(moved, 2500);
-    EXPECT_GT(slipped, 1500);
-    std::printf("STAT moved %ld slipped %ld sensitive %ld\n",moved,slipped,sensitive);
-    EXPECT_LT(sensitive, 20);
+    EXPECT_GT(moved, 1700);
+    EXPECT_GT(slipped, 1300);
+    EXPECT_LE(given_up, 4);
 }
 
 // The same machines by the road of the oracle, which takes longer: those of few elements in open loop.
 TEST(ExactOracle, random_machines_are_those_of_the_oracle) {
-    long compared = 0, sensitive = 0;
+    long compared = 0;
     for (unsigned seed = 1; seed <= 1000; ++seed) {
-        RandomRun run = random_run(seed);
+        const RandomRun run = random_run(seed);
         const Json& d = run.machine;
         if (run.closed_loop || d["friction"]["elements"].size() > 5) continue;
         problems::ServoProblem problem;
@@ -425,18 +419,14 @@ TEST(ExactOracle, random_machines_are_those_of_the_oracle) {
         const Simulation exact = simulated(run, exact_solver);
         const double size = largest(oracle.x), difference = largest_difference(exact.trace.x, oracle.x);
         ++compared;
-        if (difference > 1e-12 * size) { // a hundred samples round to 1e-14
-            for (double& u : run.u) u *= 1 + 1e-14;
-            const double change = largest_difference(exact.trace.x, simulated(run, exact_solver).trace.x);
-            EXPECT_LE(difference, 10 * change) << "seed " << seed << ", of " << size << ": " << run.machine;
-            ++sensitive;
-            continue;
-        }
-        EXPECT_LT(largest_time_difference(exact.events, oracle.events), 1e-9) << "seed " << seed; // v = 0, slowly
+        // A hundred samples round to 1e-14.
+        EXPECT_LE(difference, 1e-12 * size) << "seed " << seed << ": " << run.machine;
+        // The oracle ends with the left limit of the last sample, before what its thrust does.
+        EventLog events = exact.events;
+        while (!events.empty() && events.back().t >= exact.trace.t.back()) events.pop_back();
+        EXPECT_LT(largest_time_difference(events, oracle.events), 1e-9) << "seed " << seed; // v = 0, slowly
     }
     EXPECT_GT(compared, 300);
-    std::printf("STAT compared %ld sensitive %ld\n",compared,sensitive);
-    EXPECT_LT(sensitive, 10);
 }
 
 // ---- the same bytes
@@ -505,7 +495,8 @@ TEST(ExactWork, does_not_grow_with_the_number_of_elements_at_rest) {
     }
     EXPECT_GT(work[0].events, 100);
     // Rounding of the sum of their stiffnesses may move an event from one step to another, not more.
-    EXPECT_NEAR(static_cast<double>(work[1].derivative_evaluations), static_cast<double>(work[0].derivative_evaluations),
+    EXPECT_NEAR(static_cast<double>(work[1].derivative_evaluations),
+                static_cast<double>(work[0].derivative_evaluations),
                 0.02 * static_cast<double>(work[0].derivative_evaluations));
     EXPECT_NEAR(static_cast<double>(work[1].guard_evaluations), static_cast<double>(work[0].guard_evaluations),
                 0.02 * static_cast<double>(work[0].guard_evaluations));

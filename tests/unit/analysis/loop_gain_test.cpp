@@ -18,8 +18,8 @@ constexpr double interpolation = 1e-5;
 
 // L = k/(s (s+1)(s+2)): the phase is -180 deg at w = sqrt 2, where abs(L) = k/6.
 TEST(StabilityMargins, OfATripleLagAreThoseByHand) {
-    const auto margins = stability_margins(
-        [](double f) { return 2.0 / (s_of(f) * (s_of(f) + 1.0) * (s_of(f) + 2.0)); }, 1e-3, 10);
+    const auto margins =
+        stability_margins([](double f) { return 2.0 / (s_of(f) * (s_of(f) + 1.0) * (s_of(f) + 2.0)); }, 1e-3, 10);
     ASSERT_TRUE(margins.gain_margin && margins.phase_margin_deg);
     EXPECT_NEAR(*margins.gain_margin, 3, 3 * interpolation);
     EXPECT_NEAR(*margins.phase_crossover_hz, std::sqrt(2) / (2 * pi), interpolation);

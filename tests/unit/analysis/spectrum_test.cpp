@@ -31,9 +31,7 @@ TEST(AmplitudeSpectrum, AConstantHasNone) {
     for (const double a : amplitude_spectrum(std::vector<double>(100, 7.0), ts, {0.5, 20})) EXPECT_LT(a, 1e-14);
 }
 
-TEST(AmplitudeSpectrum, ThreeSamplesAreTooFew) {
-    EXPECT_THROW(amplitude_spectrum({1, 2, 3}, ts, {20}), InputError);
-}
+TEST(AmplitudeSpectrum, ThreeSamplesAreTooFew) { EXPECT_THROW(amplitude_spectrum({1, 2, 3}, ts, {20}), InputError); }
 
 } // namespace
 } // namespace tribode

@@ -26,7 +26,8 @@ TEST_P(Deadbeat, TheReferenceRestsAtItsEndFromTheDemandedSampleOn) {
 
 TEST_P(Deadbeat, TheThrustEndsWithTheMove) {
     const auto feedforward = deadbeat_feedforward(table, task, GetParam());
-    for (std::size_t k = 100; k < 601; ++k) EXPECT_NEAR(feedforward.thrust[k], 0, 1e-11) << k; // rounding of taps a thousand times as large
+    for (std::size_t k = 100; k < 601; ++k)
+        EXPECT_NEAR(feedforward.thrust[k], 0, 1e-11) << k; // rounding of taps a thousand times as large
 }
 
 // N K r is what D K r makes of the plant: the model, simulated on its own, arrives and stays.

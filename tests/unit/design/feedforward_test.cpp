@@ -61,7 +61,7 @@ TEST(ZeroPhase, AMoveShorterThanItsZerosIsRefused) {
 // ---- S-curve -----------------------------------------------------------------------------------------------------
 
 TEST(SCurve, PeaksAreThoseOfTheFormulas) {
-    const SCurve path(0.02, 0.8); // h = 0.1 s, S = 25 m/s^4
+    const SCurve path(0.02, 0.8);                    // h = 0.1 s, S = 25 m/s^4
     constexpr double moment = 1e-7, rounding = 1e-8; // means over a moment: 25 m/s^4 times it, and cancellation over it
     EXPECT_EQ(path.position(-1), 0);
     EXPECT_NEAR(path.position(0.4), 0.01, 1e-15);
@@ -128,7 +128,7 @@ TEST(InputShaping, WithTheDerivativeAWrongFrequencyLeavesLess) {
 }
 
 TEST(InputShaping, ShapersLongerThanTheMoveAreRefused) {
-    EXPECT_THROW(shaped_feedforward({0.1, {{0.01, 9, 0}}}, task, 0, 0), InputError); // half a period: 56 ms
+    EXPECT_THROW(shaped_feedforward({0.1, {{0.01, 9, 0}}}, task, 0, 0), InputError);  // half a period: 56 ms
     EXPECT_THROW(shaped_feedforward({0.1, {{0.01, 40, 1}}}, task, 0, 0), InputError); // overdamped: no period
 }
 

@@ -208,6 +208,11 @@ TEST(ComparisonOfEvents, a_step_too_long_misses_reversals_and_a_short_one_none) 
     // The first slip, then a stick and a slip for each reversal.
     EXPECT_EQ(c.exact.events_found, 1 + 2 * reversals);
     EXPECT_GT(of(c, Method::zoh, 1).events_missed, reversals / 2);
+    // Several events of the reference lie within a sample of one of the method: each is taken once.
+    const auto record = open_loop(Values(count, 1.0));
+    const auto exact = simulate(machine, record, {.method = Method::exact}, 0).events;
+    const auto own = simulate(machine, record, of(c, Method::zoh, 1).solver, 0).events;
+    EXPECT_EQ(of(c, Method::zoh, 1).events_found, most_pairs(exact, own, ts));
     EXPECT_LT(of(c, Method::zoh, 1).max_difference, 1e-11); // 1e-12 N on the whole for 15 ms
     EXPECT_EQ(of(c, Method::zoh, 100).events_missed, 0);
     EXPECT_EQ(of(c, Method::zoh, 100).events_extra, 0);
@@ -369,6 +374,19 @@ TEST(ComparisonStability, is_not_known_of_variable_steps) {
     const auto c = compare(mass(), open_loop(Values(2, 0.0)), some({1}, {1e-6}));
     for (const auto& m : c.methods)
         EXPECT_EQ(m.stable_stiffness.has_value(), has_fixed_step(m.solver.method)) << m.name;
+}
+
+// Explicit Euler multiplies the motion by sqrt(1 + a) at each of 1000 steps, a = h^2 k K: by 4 and by 50.
+TEST(Comparison, a_motion_beyond_ten_times_the_reference_has_diverged) {
+    for (const auto& [growth, diverged] : {std::pair{4.0, false}, {50.0, true}}) {
+        Values u(1001, 0.0);
+        u[0] = 1;
+        const double stiffness = std::expm1(2 * std::log(growth) / 1000) / (ts * ts * gain);
+        const auto c = compare(mass_on_spring(stiffness), open_loop(u), some({1}));
+        EXPECT_EQ(of(c, Method::euler, 1).diverged, diverged) << growth;
+        EXPECT_TRUE(of(c, Method::euler, 1).outcome.ok()) << growth;
+        EXPECT_EQ(any_contains(c.findings(), {"euler 500 us diverges"}), diverged) << growth;
+    }
 }
 
 // An undamped mode of 2 kHz: Euler's method multiplies it by abs(1 + j w h) = 6.4 at each step, and reaches 1e308 before

@@ -1,8 +1,8 @@
 // The exact integrator on small affine systems with a closed form, and the search for the first fall of a polynomial.
-#include "solver/exact_integrator.hpp"
 #include "affine_system.hpp"
 #include "base/error.hpp"
 #include "function_system.hpp"
+#include "solver/exact_integrator.hpp"
 #include "solver/simulator.hpp"
 
 #include <algorithm>
@@ -51,8 +51,8 @@ TEST(FirstFall, a_line_falls_at_its_root) {
 
 TEST(FirstFall, a_fall_right_in_the_middle_is_found_exactly) {
     EXPECT_EQ(first_fall_below_zero(Polynomial{1, -2}), 0.5);
-    EXPECT_EQ(first_fall_below_zero(with_roots({0.5, 1.5, 2.5}, -1)), 0.5);   // degree 3
-    EXPECT_EQ(first_fall_below_zero(with_roots({0.5, 0, -1}, -1)), 0.5); // begins at zero and rises
+    EXPECT_EQ(first_fall_below_zero(with_roots({0.5, 1.5, 2.5}, -1)), 0.5); // degree 3
+    EXPECT_EQ(first_fall_below_zero(with_roots({0.5, 0, -1}, -1)), 0.5);    // begins at zero and rises
     EXPECT_EQ(first_fall_below_zero(with_roots({0.25, 0.5, 0.75}, -1)), 0.25);
 }
 
@@ -72,8 +72,8 @@ TEST(FirstFall, one_that_begins_at_zero_falls_at_once_or_rises_first) {
 }
 
 TEST(FirstFall, touching_zero_from_above_is_no_fall) {
-    EXPECT_EQ(first_fall_below_zero(Polynomial{0.25, -1, 1}), none);             // (s - 1/2)^2
-    EXPECT_EQ(first_fall_below_zero(Polynomial{0.0625, -0.5, 1}), none);         // (s - 1/4)^2
+    EXPECT_EQ(first_fall_below_zero(Polynomial{0.25, -1, 1}), none);     // (s - 1/2)^2
+    EXPECT_EQ(first_fall_below_zero(Polynomial{0.0625, -0.5, 1}), none); // (s - 1/4)^2
     EXPECT_EQ(first_fall_below_zero(with_roots({0.5, 0.5, 0.75, 0.75}, 1)), none);
     EXPECT_EQ(first_fall_below_zero(Polynomial{1, -2, 1}), none); // at the end
     EXPECT_EQ(first_fall_below_zero(Polynomial{0, 0, 1}), none);  // at the beginning
@@ -252,7 +252,7 @@ TEST(ExactIntegrator, leaps_take_fewer_evaluations_and_come_to_the_same) {
     }
     EXPECT_NEAR(reached[0], reached[2], 2e-15); // damped: a few roundings of numbers below one
     EXPECT_NEAR(reached[1], reached[3], 2e-15);
-    EXPECT_LT(evaluations[0], 2100); // one a leap
+    EXPECT_LT(evaluations[0], 2100);  // one a leap
     EXPECT_GT(evaluations[1], 10000); // one a term
 }
 
