@@ -14,8 +14,8 @@ namespace tribode {
 // in the steady state: each element of eqs. (11)-(15) has passed both turning points before the period that is read, so
 // that where it began does not matter. Viscous friction adds j 2 pi f D_v X_1.
 //
-// The motion is followed at 2000 points of a period between which reversals are missed by at most 1.2e-6 of the
-// amplitude: friction is known between the samples of a controller as well as at them. What the higher harmonics of
+// The motion is followed at 2000 points of a period, between which the reversal of a sine is missed by at most 1.2e-6 of
+// its amplitude: friction is known between the samples of a controller as well as at them. What the higher harmonics of
 // the motion do to the force is contained as far as `position` holds them.
 std::complex<double> friction_phasor(std::span<const std::complex<double>> position, // X_1 .. X_H [m]
                                      double frequency_hz, const std::vector<MaxwellSlipElement>& elements,

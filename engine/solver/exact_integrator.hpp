@@ -57,7 +57,7 @@ class ExactIntegrator final : public Integrator {
 
     // What is known of one A and G.
     struct Pattern {
-        Columns a;
+        Columns a, square; // A, A^2
         std::vector<std::vector<Entry>> g; // (guards)
         int series = 0; // steps of a regular length that were not prepared
         std::vector<Prepared> prepared;
@@ -93,6 +93,7 @@ class ExactIntegrator final : public Integrator {
     int order_ = 0;              // of its series; 0: it was a leap
     Columns terms_;                   // (height x most_terms + 1): c_n
     std::vector<double> work_;        // (height)
+    std::vector<double> travel_;      // (height): how far each state can go in the step, where pattern_ is there
     std::vector<double> guard_terms_; // (most_terms + 1) x guards
     std::vector<double> polynomial_;
     RunStatistics counts_;

@@ -24,8 +24,9 @@ TEST(OpenQuestion, TheImprovedAnalysisRecoversAllParametersAndTheLargestCauseIsT
     }
     EXPECT_EQ(found.at("Improved").at("errors").size(), 7u);
     EXPECT_EQ(found.at("largest_cause"), "gain of hold and current loop");
-    // sinc(f Ts)/sqrt(1 + (f/750 Hz)^2), squared and weighted over 20 to 200 Hz, takes 1.5 to 2 % of the rigid gain.
-    EXPECT_NEAR(found.at("Proposed").at("errors").at("k0").get<double>(), -0.0175, 0.0025);
+    // sinc(f Ts)/sqrt(1 + (f/750 Hz)^2) falls with f^2 by 5.0 % at 200 Hz, on the mean over the band by 1.8 %; the
+    // modes and the robust loss share that out a little differently.
+    EXPECT_NEAR(found.at("Proposed").at("errors").at("k0").get<double>(), -0.018, 0.003);
 }
 
 } // namespace

@@ -162,6 +162,13 @@ TEST(FixedSteps, leave_no_step_of_rounding_at_the_end) {
         EXPECT_EQ(run.statistics().steps, 10) << name_of(method); // ten times 0.1 is not 1 in doubles
         EXPECT_EQ(run.statistics().derivative_evaluations, method == Method::fixed ? 40 : 10) << name_of(method);
     }
+    FixedStepIntegrator integrator(system, Method::euler, 0.1);
+    SystemState state = system.initial_state();
+    integrator.restart(state);
+    for (int step = 0; step < 9; ++step) ASSERT_EQ(integrator.step(1.0), Integrator::Progress::stepped) << step;
+    ASSERT_GT(1.0 - state.t, 0.1); // by rounding, and yet it is one step
+    EXPECT_EQ(integrator.step(1.0), Integrator::Progress::stopped);
+    EXPECT_EQ(state.t, 1.0);
 }
 
 class OneStep : public testing::TestWithParam<Method> {
