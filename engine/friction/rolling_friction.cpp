@@ -1,5 +1,6 @@
 #include "friction/rolling_friction.hpp"
 
+#include <algorithm>
 #include <limits>
 #include <utility>
 
@@ -14,7 +15,7 @@ RollingFriction::State RollingFriction::at_rest(double y) const {
     s.z.assign(elements_.size(), 0.0);
     s.slip.assign(elements_.size(), SlipState::stick);
     s.reference = y;
-    refresh(s);
+    begin(s);
     return s;
 }
 
@@ -24,26 +25,13 @@ double RollingFriction::coulomb_level() const {
     return sum;
 }
 
-// Elements in stick follow the position.
-void RollingFriction::move_reference(State& s, double y) const {
-    const double travel = y - s.reference;
-    for (std::size_t i = 0; i < elements_.size(); ++i) {
-        if (s.slip[i] == SlipState::stick) s.z[i] += travel;
-    }
-    s.reference = y;
-}
-
-void RollingFriction::refresh(State& s) const {
+// Sums and limits with all elements in stick.
+void RollingFriction::begin(State& s) const {
     constexpr double never = std::numeric_limits<double>::infinity();
     double room_forward = never, room_backward = never;
     s.force = s.stiffness = s.damping = 0;
-    s.direction = SlipState::stick;
     for (std::size_t i = 0; i < elements_.size(); ++i) {
         s.force += elements_[i].stiffness * s.z[i];
-        if (s.slip[i] != SlipState::stick) {
-            s.direction = s.slip[i];
-            continue;
-        }
         s.stiffness += elements_[i].stiffness;
         s.damping += elements_[i].damping;
         if (limits_[i] - s.z[i] < room_forward) {
@@ -57,32 +45,70 @@ void RollingFriction::refresh(State& s) const {
     }
     s.forward_limit = s.reference + room_forward;
     s.backward_limit = s.reference - room_backward;
+    s.direction = SlipState::stick;
+    s.slipped = 0;
+}
+
+// The order in which elements let go in this direction, with the sums after each.
+void RollingFriction::make_ladder(State& s, double towards) const {
+    s.ladder.resize(elements_.size());
+    for (std::size_t i = 0; i < elements_.size(); ++i) {
+        s.ladder[i].element = i;
+        s.ladder[i].room = limits_[i] - towards * s.z[i];
+    }
+    std::sort(s.ladder.begin(), s.ladder.end(), [](const Rung& a, const Rung& b) {
+        return a.room != b.room ? a.room < b.room : a.element < b.element;
+    });
+    double level = 0, spring = 0, stiffness = 0, damping = 0;
+    for (auto& rung : s.ladder) rung.level = level += elements_[rung.element].level;
+    for (auto rung = s.ladder.rbegin(); rung != s.ladder.rend(); ++rung) {
+        rung->spring = spring;
+        rung->stiffness = stiffness;
+        rung->damping = damping;
+        const auto& element = elements_[rung->element];
+        spring += element.stiffness * s.z[rung->element];
+        stiffness += element.stiffness;
+        damping += element.damping;
+    }
 }
 
 void RollingFriction::slip(State& s, double y, SlipState direction, const Report& report) const {
-    move_reference(s, y);
-    const std::size_t first = direction == SlipState::slip_forward ? s.next_forward : s.next_backward;
     const double towards = sign(direction);
-    const double reached = towards * s.z[first] >= limits_[first] ? 0.0 : limits_[first] - towards * s.z[first];
-    for (std::size_t i = 0; i < elements_.size(); ++i) {
-        // Elements with the same limit go together, and none is left beyond its own.
-        if (s.slip[i] != SlipState::stick) continue;
-        if (i != first && towards * s.z[i] + reached < limits_[i]) continue;
+    if (s.direction == SlipState::stick) make_ladder(s, towards);
+    // The next one goes in any case; elements with the same limit go with it, and none is left beyond its own.
+    const double reached = std::max(towards * (y - s.reference), s.ladder[s.slipped].room);
+    while (s.slipped < s.ladder.size() && s.ladder[s.slipped].room <= reached) {
+        const std::size_t i = s.ladder[s.slipped++].element;
         s.z[i] = towards * limits_[i];
         s.slip[i] = direction;
         report(i, direction);
     }
-    refresh(s);
+    const Rung& rung = s.ladder[s.slipped - 1];
+    s.force = towards * rung.level + rung.spring;
+    s.stiffness = rung.stiffness;
+    s.damping = rung.damping;
+    s.direction = direction;
+    // Until the next reversal elements can slip in this direction only.
+    constexpr double never = std::numeric_limits<double>::infinity();
+    const bool more = s.slipped < s.ladder.size();
+    const double next = more ? s.reference + towards * s.ladder[s.slipped].room : towards * never;
+    s.forward_limit = towards > 0 ? next : never;
+    s.backward_limit = towards < 0 ? next : -never;
+    if (more) (towards > 0 ? s.next_forward : s.next_backward) = s.ladder[s.slipped].element;
 }
 
 void RollingFriction::stick(State& s, double y, const Report& report) const {
-    move_reference(s, y);
+    const double travel = y - s.reference;
     for (std::size_t i = 0; i < elements_.size(); ++i) {
-        if (s.slip[i] == SlipState::stick) continue;
+        if (s.slip[i] == SlipState::stick) {
+            s.z[i] += travel;
+            continue;
+        }
         s.slip[i] = SlipState::stick;
         report(i, SlipState::stick);
     }
-    refresh(s);
+    s.reference = y;
+    begin(s);
 }
 
 } // namespace tribode

@@ -24,24 +24,40 @@ struct MaxwellSlipElement {
 //     f = force + stiffness (y - reference) + damping v
 //
 // State holds these three sums, so that an evaluation costs the same for any number of elements, and no element needs
-// a continuous state of its own. All elements see the same velocity; those in slip all slip the same way.
+// a continuous state of its own. All elements see the same velocity, so those in slip all slip the same way, and they
+// let go one after another in the order of the room they had at the last reversal. That order is made once, at the
+// first slip after a reversal, with the sums for each of its rungs; a slip then costs the same for any number of
+// elements, and only a reversal looks at all of them.
 class RollingFriction {
   public:
+    // One element of the order, and the state of all when it and those before it have let go.
+    struct Rung {
+        double room;         // travel from the reference to its limit [m]
+        std::size_t element;
+        double level;        // sum of F_i of those that slip [N]
+        double spring;       // sum of K_i z_i of those that stick, at the reference [N]
+        double stiffness;    // sum of K_i in stick [N/m]
+        double damping;      // sum of D_i in stick [N s/m]
+    };
+
     struct State {
-        std::vector<double> z;        // deflection of each element at the reference [m]
-        std::vector<SlipState> slip;  // of each element
-        double reference = 0;         // position at the last event [m]
-        double force = 0;             // sum K_i z_i at the reference [N]
-        double stiffness = 0;         // sum of K_i in stick [N/m]
-        double damping = 0;           // sum of D_i in stick [N s/m]
-        double forward_limit = 0;     // position at which the next element slips forward [m], or +inf
-        double backward_limit = 0;    // the same backward, or -inf
+        std::vector<double> z;       // deflection [m]: in slip +-X_i, in stick that at the reference
+        std::vector<SlipState> slip; // of each element
+        double reference = 0;        // position at the last reversal, or the start [m]
+        double force = 0;            // of all elements at the reference, those in slip at their limit [N]
+        double stiffness = 0;        // sum of K_i in stick [N/m]
+        double damping = 0;          // sum of D_i in stick [N s/m]
+        // Position at which the next element slips [m]; infinite where none can before a reversal.
+        double forward_limit = 0;
+        double backward_limit = 0;
         std::size_t next_forward = 0; // which element that is
         std::size_t next_backward = 0;
         SlipState direction = SlipState::stick; // of the elements in slip; stick: none slips
+        std::vector<Rung> ladder;               // the order of slips, where some slip
+        std::size_t slipped = 0;                // rungs behind us
     };
 
-    // Called for each element that changes, in order of index.
+    // Called for each element that changes: at a slip in the order in which they let go, else in order of index.
     using Report = std::function<void(std::size_t element, SlipState now)>;
 
     RollingFriction() = default;
@@ -57,7 +73,8 @@ class RollingFriction {
     }
 
     // The position has come to forward_limit or backward_limit (as near as events are located): the element there,
-    // and every other whose limit is not beyond, goes into slip with z exactly on its limit.
+    // and every other whose limit is not beyond, goes into slip with z exactly on its limit. Some element must be in
+    // stick.
     void slip(State& s, double y, SlipState direction, const Report& report) const;
 
     // The velocity has come to zero: every element in slip sticks where it is.
@@ -67,8 +84,8 @@ class RollingFriction {
     double coulomb_level() const;
 
   private:
-    void move_reference(State& s, double y) const;
-    void refresh(State& s) const;
+    void begin(State& s) const;
+    void make_ladder(State& s, double towards) const;
 
     std::vector<MaxwellSlipElement> elements_;
     std::vector<double> limits_; // X_i [m]

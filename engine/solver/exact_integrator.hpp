@@ -32,7 +32,7 @@ class ExactIntegrator final : public Integrator {
     static constexpr int most_terms = 30;
     static constexpr std::size_t most_patterns = 2000, most_regular = 4, most_recent = 8;
 
-    // Columns of states are padded with zeros to `height_` numbers, a multiple of four, which the processor adds and
+    // Columns of states are padded with zeros to `height_` numbers, a multiple of eight, which the processor adds and
     // multiplies at one time.
     using Columns = std::vector<double>; // (height x columns)
 
