@@ -56,8 +56,8 @@ class ProgressDisplay {
         }
         shown_ = now;
         tenth_ = of ? done * 10 / of : 0;
-        const double left = done > first_ ? elapsed * static_cast<double>(of - done) / static_cast<double>(done - first_)
-                                          : 0;
+        const double left =
+            done > first_ ? elapsed * static_cast<double>(of - done) / static_cast<double>(done - first_) : 0;
         constexpr std::size_t width = 30;
         const std::size_t filled = of ? width * done / of : width;
         std::fprintf(stderr, "%s%s", terminal_ ? "\r" : "",

@@ -1,6 +1,8 @@
--- Positioning with two degrees of freedom (section V-C): 0.5 mm in 50 ms with the deadbeat feedforward designed on each of
--- the three identified models, the paper's (Table III) and those identified here, beside Table IV (Figs. 15-17). Then other
--- feedforwards on the paper's proposed model: zero phase error tracking, fourth-order S-curve, input shaping.
+-- Positioning with two degrees of freedom (section V-C): 0.5 mm in 50 ms with the deadbeat feedforward designed on
+-- each of the three identified models, the paper's (Table III) and those identified here, beside Table IV (Figs.
+-- 15-17).
+-- Then other feedforwards on the paper's proposed model: zero phase error tracking, fourth-order S-curve, input
+-- shaping.
 --
 --   tribode run scripts/positioning.lua
 --   tribode run scripts/positioning.lua -D identified=results/fra_comparison/identified.json
@@ -111,7 +113,8 @@ for i, name in ipairs(analyses) do
   identified_runs[i] = run("identified_" .. name, name, identified[name], {})
 end
 
--- The discrete plant holds the half sample of the hold already, and so does the delay read from the sweep: as in the paper
+-- The discrete plant holds the half sample of the hold already, and so does the delay read from the sweep: as in the
+-- paper
 -- it is counted twice. The second run counts it once.
 local once = math.max(option.delay_s - machine.Ts / 2, 0)
 local best = table_iii["Proposed"]
@@ -154,7 +157,8 @@ local function ms(seconds) return seconds and string.format("%.1f", seconds * 1e
 
 print(string.format("\nPosition loop of %s:", option.machine))
 if margins.gain_margin then
-  print(string.format("  gain margin %.1f dB at %.1f Hz", 20 * math.log(margins.gain_margin, 10), margins.phase_crossover_hz))
+  print(string.format("  gain margin %.1f dB at %.1f Hz", 20 * math.log(margins.gain_margin, 10),
+    margins.phase_crossover_hz))
 end
 if margins.phase_margin_deg then
   print(string.format("  phase margin %.1f deg at %.1f Hz", margins.phase_margin_deg, margins.gain_crossover_hz))
@@ -163,9 +167,11 @@ print(string.format("  least distance to -1: %.2f", margins.modulus_margin))
 
 local table_iv = { 2.70, 4.55, 2.39 }
 local independent = { 3.70, 3.54, 1.25 } -- another program with the same models
-print(string.format("\n%g mm in %g ms, deadbeat feedforward: RMSE of delayed r* - y over %g s [um]", option.distance * 1e3,
+print(string.format("\n%g mm in %g ms, deadbeat feedforward: RMSE of delayed r* - y over %g s [um]",
+  option.distance * 1e3,
   option.duration * 1e3, option.window))
-print(string.format("%-9s %26s %14s %14s   %s", "", "models of Table III", "paper", "independent", "models identified here"))
+print(string.format("%-9s %26s %14s %14s   %s", "", "models of Table III", "paper", "independent",
+  "models identified here"))
 print(string.format("%-9s %8s %8s %8s %14s %14s   %8s %8s %8s", "", "RMSE", "settled", "max", "RMSE", "RMSE", "RMSE",
   "settled", "max"))
 for i, name in ipairs(analyses) do
@@ -200,7 +206,8 @@ end
 local grey = "#808080"
 local function with_band(list, half, first_ms, last_ms)
   for _, sign in ipairs { 1, -1 } do
-    list[#list + 1] = { name = "", x = { first_ms, last_ms }, y = { sign * half, sign * half }, style = "dashed", color = grey }
+    list[#list + 1] = { name = "", x = { first_ms, last_ms }, y = { sign * half, sign * half },
+      style = "dashed", color = grey }
   end
   return list
 end
@@ -223,12 +230,14 @@ local function position_panels(runs)
       x_range = { 0, window_ms },
       legend = "none",
     },
-    { x_label = "Time [ms]", y_label = "Thrust [N]", series = series(runs, "u", 1), x_range = { 0, window_ms / 3 }, legend = "none" },
+    { x_label = "Time [ms]", y_label = "Thrust [N]", series = series(runs, "u", 1), x_range = { 0,
+      window_ms / 3 }, legend = "none" },
   }
 end
 
 tb.plot { file = "positions", title = "Positioning, models of Table III", panels = position_panels(paper_runs) }
-tb.plot { file = "identified", title = "Positioning, models identified here", panels = position_panels(identified_runs) }
+tb.plot { file = "identified", title = "Positioning, models identified here",
+  panels = position_panels(identified_runs) }
 tb.plot { file = "designs", title = "Feedforwards on the proposed model", panels = position_panels(designs) }
 
 local gains = {}
@@ -254,7 +263,9 @@ tb.plot {
   title = string.format("Residual vibration after %g ms", option.duration * 1e3),
   panels = {
     { y_label = "Table III [um]", y_log = true, y_range = shown, series = spectra(paper_runs) },
-    { y_label = "Identified here [um]", y_log = true, y_range = shown, series = spectra(identified_runs), legend = "none" },
-    { x_label = "Frequency [Hz]", y_label = "Feedforwards [um]", y_log = true, y_range = shown, series = spectra(designs) },
+    { y_label = "Identified here [um]", y_log = true, y_range = shown, series = spectra(identified_runs),
+      legend = "none" },
+    { x_label = "Frequency [Hz]", y_label = "Feedforwards [um]", y_log = true, y_range = shown,
+      series = spectra(designs) },
   },
 }

@@ -15,9 +15,7 @@ constexpr double turn = 2 * std::numbers::pi;
 constexpr double degrees = 180 / std::numbers::pi;
 
 // The value shifted by whole turns of 360 into (centre - 180, centre + 180].
-double near(double phase_deg, double centre) {
-    return phase_deg - 360 * std::ceil((phase_deg - centre) / 360 - 0.5);
-}
+double near(double phase_deg, double centre) { return phase_deg - 360 * std::ceil((phase_deg - centre) / 360 - 0.5); }
 
 // Value at x0 of the least-squares line through the points.
 double line_at(double x0, const std::vector<double>& x, const std::vector<double>& y) {
@@ -55,8 +53,8 @@ std::complex<double> FrequencyResponse::at(double frequency) const {
     if (frequency_hz.empty() || !(frequency >= frequency_hz.front() && frequency <= frequency_hz.back()))
         throw InputError("frequency response: nothing measured at " + to_text(frequency) + " Hz" +
                          (frequency_hz.empty() ? std::string(", the response is empty")
-                                               : ", must be between " + to_text(frequency_hz.front()) +
-                                                     " and " + to_text(frequency_hz.back()) + " Hz"));
+                                               : ", must be between " + to_text(frequency_hz.front()) + " and " +
+                                                     to_text(frequency_hz.back()) + " Hz"));
     const auto above = std::lower_bound(frequency_hz.begin(), frequency_hz.end(), frequency);
     const std::size_t i = static_cast<std::size_t>(above - frequency_hz.begin());
     if (frequency == frequency_hz[i]) return value[i];
@@ -69,13 +67,11 @@ std::complex<double> FrequencyResponse::at(double frequency) const {
 
 FrequencyResponse FrequencyResponse::remove_delay(double seconds) const {
     FrequencyResponse without = *this;
-    for (std::size_t i = 0; i < size(); ++i)
-        without.value[i] *= std::polar(1.0, turn * frequency_hz[i] * seconds);
+    for (std::size_t i = 0; i < size(); ++i) without.value[i] *= std::polar(1.0, turn * frequency_hz[i] * seconds);
     return without;
 }
 
-double phase_delay(const FrequencyResponse& response, double frequency_hz, double half_width_hz,
-                   double expected) {
+double phase_delay(const FrequencyResponse& response, double frequency_hz, double half_width_hz, double expected) {
     // Without the expected delay the phase lies near -180 deg, and what is left of the delay is read there.
     const FrequencyResponse aligned = response.remove_delay(expected);
     double phase = std::arg(aligned.at(frequency_hz)) * degrees;

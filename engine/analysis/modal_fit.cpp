@@ -116,8 +116,7 @@ std::unique_ptr<ceres::Problem> make_problem(const std::vector<Point>& points, c
     ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     auto problem = std::make_unique<ceres::Problem>(ownership);
     for (const Point& point : points) {
-        auto* cost =
-            new ceres::DynamicAutoDiffCostFunction<LogRatio, 4>(new LogRatio{point, mode_count(logarithms)});
+        auto* cost = new ceres::DynamicAutoDiffCostFunction<LogRatio, 4>(new LogRatio{point, mode_count(logarithms)});
         cost->AddParameterBlock(static_cast<int>(logarithms.size()));
         cost->SetNumResiduals(2);
         problem->AddResidualBlock(cost, &loss, logarithms.data());
@@ -202,13 +201,10 @@ std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& 
     std::vector<std::vector<double>> starts;
     std::vector<double> taken;
     for (const Candidate& candidate : candidates) {
-        const auto too_near = [&](double omega) {
-            return std::abs(std::log(omega / candidate.omega)) < 0.05;
-        };
+        const auto too_near = [&](double omega) { return std::abs(std::log(omega / candidate.omega)) < 0.05; };
         if (starts.size() == most_starts || std::ranges::any_of(taken, too_near)) continue;
         std::vector<double> start = fit.logarithms;
-        for (std::size_t j = 0; j < start.size(); j = j == 0 ? 1 : j + 3)
-            start[j] += std::log(1 - candidate.share);
+        for (std::size_t j = 0; j < start.size(); j = j == 0 ? 1 : j + 3) start[j] += std::log(1 - candidate.share);
         start.insert(start.end(),
                      {std::log(candidate.share * gain), std::log(candidate.omega), std::log(candidate.zeta)});
         starts.push_back(std::move(start));
@@ -230,8 +226,7 @@ std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& 
 double robust_deviation(const std::vector<Point>& points, const ModalModel& model) {
     std::vector<double> squares;
     const std::vector<std::complex<double>> modelled = responses(points, model);
-    for (std::size_t i = 0; i < points.size(); ++i)
-        squares.push_back(squared_log_ratio(points[i].value, modelled[i]));
+    for (std::size_t i = 0; i < points.size(); ++i) squares.push_back(squared_log_ratio(points[i].value, modelled[i]));
     const auto middle = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
     std::ranges::nth_element(squares, middle);
     return std::sqrt(*middle / (2 * std::numbers::ln2));
@@ -239,8 +234,7 @@ double robust_deviation(const std::vector<Point>& points, const ModalModel& mode
 
 // Standard deviations of the logarithms; infinite where the Jacobian has no full rank and for those at a
 // bound.
-std::vector<double> logarithm_errors(const std::vector<Point>& points, std::vector<double> logarithms,
-                                     double scale) {
+std::vector<double> logarithm_errors(const std::vector<Point>& points, std::vector<double> logarithms, double scale) {
     const auto loss = make_loss(scale);
     const auto problem = make_problem(points, *loss, logarithms);
     ceres::Problem::EvaluateOptions options;
@@ -249,8 +243,7 @@ std::vector<double> logarithm_errors(const std::vector<Point>& points, std::vect
     ceres::CRSMatrix sparse;
     problem->Evaluate(options, nullptr, &residuals, nullptr, &sparse);
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    const Eigen::MatrixXd jacobian =
-        Eigen::Map<const RowMajor>(sparse.values.data(), sparse.num_rows, sparse.num_cols);
+    const Eigen::MatrixXd jacobian = Eigen::Map<const RowMajor>(sparse.values.data(), sparse.num_rows, sparse.num_cols);
 
     const Bounds bounds(points);
     const std::size_t parameters = logarithms.size();
@@ -272,8 +265,7 @@ std::vector<double> logarithm_errors(const std::vector<Point>& points, std::vect
     const double variance = square / static_cast<double>(residuals.size() - parameters);
     const double mean_slope = slope / static_cast<double>(points.size());
     const auto triangle = factor.matrixQR().topRows(jacobian.cols()).triangularView<Eigen::Upper>();
-    const Eigen::MatrixXd inverse =
-        triangle.solve(Eigen::MatrixXd::Identity(jacobian.cols(), jacobian.cols()));
+    const Eigen::MatrixXd inverse = triangle.solve(Eigen::MatrixXd::Identity(jacobian.cols(), jacobian.cols()));
     const Eigen::VectorXd lengths = factor.colsPermutation() * inverse.rowwise().norm();
     for (std::size_t j = 0; j < parameters; ++j)
         if (logarithms[j] > bounds.of(j)[0] && logarithms[j] < bounds.of(j)[1])
@@ -288,17 +280,16 @@ std::vector<Point> points_in_band(const FrequencyResponse& response, const Modal
         const std::complex<double> value = response.value[i];
         if (!(f >= options.f_min_hz && f <= options.f_max_hz)) continue;
         if (!std::isfinite(value.real()) || !std::isfinite(value.imag()) || value == 0.0)
-            throw InputError("modal fit: the response at " + to_text(f) + " Hz is " + to_text(value.real()) +
-                             " + j " + to_text(value.imag()) + ", must be finite and not zero");
+            throw InputError("modal fit: the response at " + to_text(f) + " Hz is " + to_text(value.real()) + " + j " +
+                             to_text(value.imag()) + ", must be finite and not zero");
         points.push_back({2 * std::numbers::pi * f, value});
     }
     std::ranges::stable_sort(points, {}, &Point::omega);
     const std::size_t least = 1 + 3 * static_cast<std::size_t>(options.modes);
     if (points.size() < least)
         throw InputError("modal fit: " + std::to_string(points.size()) + " frequencies between " +
-                         to_text(options.f_min_hz) + " and " + to_text(options.f_max_hz) +
-                         " Hz, must be at least " + std::to_string(least) + " for " +
-                         std::to_string(options.modes) + " modes");
+                         to_text(options.f_min_hz) + " and " + to_text(options.f_max_hz) + " Hz, must be at least " +
+                         std::to_string(least) + " for " + std::to_string(options.modes) + " modes");
     return points;
 }
 
@@ -307,13 +298,12 @@ void require_valid(const FrequencyResponse& response, const ModalFitOptions& opt
         throw InputError("modal fit: " + std::to_string(response.frequency_hz.size()) + " frequencies and " +
                          std::to_string(response.value.size()) + " values, must be the same number");
     if (!(options.f_min_hz > 0 && options.f_min_hz < options.f_max_hz))
-        throw InputError("modal fit: the band is " + to_text(options.f_min_hz) + " to " +
-                         to_text(options.f_max_hz) + " Hz, must be positive and ascending");
+        throw InputError("modal fit: the band is " + to_text(options.f_min_hz) + " to " + to_text(options.f_max_hz) +
+                         " Hz, must be positive and ascending");
     if (options.modes < 0)
         throw InputError("modal fit: modes = " + std::to_string(options.modes) + ", must not be negative");
     if (!(options.robust_scale >= 0))
-        throw InputError("modal fit: robust_scale = " + to_text(options.robust_scale) +
-                         ", must not be negative");
+        throw InputError("modal fit: robust_scale = " + to_text(options.robust_scale) + ", must not be negative");
 }
 
 // One complete search with the modes added one at a time.
@@ -380,16 +370,15 @@ double residual_rms(const std::vector<Point>& points, const ModalModel& model) {
 }
 
 // What the user should know of the result; empty where all is well.
-std::string advice(const ModalFitResult& result, const std::vector<double>& errors,
-                   const ModalFitOptions& options) {
+std::string advice(const ModalFitResult& result, const std::vector<double>& errors, const ModalFitOptions& options) {
     if (!result.converged)
         return "modal fit: no minimum after " + std::to_string(result.iterations) +
                " iterations; another number of modes or another band may help";
     for (const double error : errors)
         if (!std::isfinite(error))
-            return "modal fit: the data between " + to_text(options.f_min_hz) + " and " +
-                   to_text(options.f_max_hz) + " Hz do not determine all parameters of " +
-                   std::to_string(options.modes) + " modes; try fewer modes";
+            return "modal fit: the data between " + to_text(options.f_min_hz) + " and " + to_text(options.f_max_hz) +
+                   " Hz do not determine all parameters of " + std::to_string(options.modes) +
+                   " modes; try fewer modes";
     for (const ModalModel::Mode& mode : result.model.modes)
         if (mode.freq_hz < options.f_min_hz || mode.freq_hz > options.f_max_hz)
             return "modal fit: a mode was put at " + to_text(mode.freq_hz) + " Hz, outside the band of " +

@@ -21,9 +21,9 @@ struct ModalFitOptions {
 struct ModalFitResult {
     ModalModel model;           // modes by ascending frequency, all parameters positive
     ModalModel standard_errors; // of the same parameters, same units; infinite where the data do not say
-    double residual_rms = 0; // of abs(ln(H/P)) over the band, without robust weights: 0.01 is 1 % or 0.6 deg
-    double robust_scale = 0; // the one used in the end
-    int iterations = 0;      // of all searches together
+    double residual_rms = 0;    // of abs(ln(H/P)) over the band, without robust weights: 0.01 is 1 % or 0.6 deg
+    double robust_scale = 0;    // the one used in the end
+    int iterations = 0;         // of all searches together
     bool converged = false;
     std::string message; // empty, or what is wrong with the result and what to do
 };

@@ -45,11 +45,9 @@ class Rotation {
 
 void require_sampling(double sample_time, double frequency_hz) {
     if (!(sample_time > 0) || !std::isfinite(sample_time))
-        throw InputError("sine fit: sample time = " + to_text(sample_time) +
-                         " s, must be positive and finite");
+        throw InputError("sine fit: sample time = " + to_text(sample_time) + " s, must be positive and finite");
     if (!(frequency_hz > 0) || !std::isfinite(frequency_hz))
-        throw InputError("sine fit: frequency = " + to_text(frequency_hz) +
-                         " Hz, must be positive and finite");
+        throw InputError("sine fit: frequency = " + to_text(frequency_hz) + " Hz, must be positive and finite");
 }
 
 // How many of the harmonics lie at least one resolution of the window below the Nyquist frequency.
@@ -64,8 +62,8 @@ int harmonics_below_nyquist(std::size_t samples, double sample_time, double freq
 
 // One row per sample; columns: 1, time scaled to -1 .. 1 (with drift), then cos and -sin of each harmonic, so
 // that the coefficients of a pair are the real and imaginary part of its phasor.
-Eigen::MatrixXd regressors(Eigen::Index samples, double sample_time, double frequency_hz,
-                           double first_instant, int harmonics, bool drift) {
+Eigen::MatrixXd regressors(Eigen::Index samples, double sample_time, double frequency_hz, double first_instant,
+                           int harmonics, bool drift) {
     const Eigen::Index base = drift ? 2 : 1;
     Eigen::MatrixXd columns(samples, base + 2 * harmonics);
     columns.col(0).setOnes();
@@ -90,11 +88,10 @@ double SineFit::total_harmonic_distortion() const {
     return std::sqrt(sum) / std::abs(fundamental());
 }
 
-SineFit fit_sine(std::span<const double> samples, double sample_time, double frequency_hz,
-                 double first_instant, int harmonics, Drift drift) {
+SineFit fit_sine(std::span<const double> samples, double sample_time, double frequency_hz, double first_instant,
+                 int harmonics, Drift drift) {
     require_sampling(sample_time, frequency_hz);
-    if (harmonics < 1)
-        throw InputError("sine fit: " + std::to_string(harmonics) + " harmonics, must be at least 1");
+    if (harmonics < 1) throw InputError("sine fit: " + std::to_string(harmonics) + " harmonics, must be at least 1");
     const bool with_drift = drift == Drift::linear;
     const int fitted = harmonics_below_nyquist(samples.size(), sample_time, frequency_hz, harmonics);
     const std::size_t unknowns = 1 + (with_drift ? 1 : 0) + 2 * static_cast<std::size_t>(fitted);
@@ -106,8 +103,7 @@ SineFit fit_sine(std::span<const double> samples, double sample_time, double fre
                          to_text((0.5 - 1 / static_cast<double>(samples.size())) / sample_time) +
                          " Hz with this sample time and window");
 
-    const Eigen::Map<const Eigen::VectorXd> measured(samples.data(),
-                                                     static_cast<Eigen::Index>(samples.size()));
+    const Eigen::Map<const Eigen::VectorXd> measured(samples.data(), static_cast<Eigen::Index>(samples.size()));
     const Eigen::MatrixXd columns =
         regressors(measured.size(), sample_time, frequency_hz, first_instant, fitted, with_drift);
     Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(columns.cols(), columns.cols());
@@ -143,11 +139,11 @@ long periods_within(std::size_t samples, double sample_time, double frequency_hz
     return whole_periods(0, whole + 1, sample_time, frequency_hz).count <= samples ? whole + 1 : whole;
 }
 
-double coherence(std::span<const double> input, std::span<const double> output, double sample_time,
-                 double frequency_hz, int harmonics) {
+double coherence(std::span<const double> input, std::span<const double> output, double sample_time, double frequency_hz,
+                 int harmonics) {
     if (input.size() != output.size())
-        throw InputError("coherence: " + std::to_string(input.size()) + " input and " +
-                         std::to_string(output.size()) + " output samples, must be the same number");
+        throw InputError("coherence: " + std::to_string(input.size()) + " input and " + std::to_string(output.size()) +
+                         " output samples, must be the same number");
     const long available = periods_within(input.size(), sample_time, frequency_hz);
     // Four samples per unknown, and a resolution that reaches from the frequency to the Nyquist frequency.
     const double to_nyquist = std::max(0.5 - frequency_hz * sample_time, 1e-3);
@@ -156,8 +152,7 @@ double coherence(std::span<const double> input, std::span<const double> output, 
     const long windows = available / per_window;
     if (windows < 2)
         throw InputError("coherence at " + to_text(frequency_hz) + " Hz: the record holds " +
-                         std::to_string(available) + " periods, must be at least " +
-                         std::to_string(2 * per_window));
+                         std::to_string(available) + " periods, must be at least " + std::to_string(2 * per_window));
 
     std::complex<double> cross = 0;
     double input_power = 0, output_power = 0;

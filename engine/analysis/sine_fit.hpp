@@ -41,8 +41,8 @@ enum class Drift { none, linear };
 // InputError where fewer samples than unknowns are given, where frequency or sample time are not positive,
 // where the fundamental is not below the Nyquist frequency (as above), and where the window is so short that
 // the condition number exceeds 1e10. A sample that is not finite makes the fit NaN.
-SineFit fit_sine(std::span<const double> samples, double sample_time, double frequency_hz,
-                 double first_instant, int harmonics = 1, Drift drift = Drift::none);
+SineFit fit_sine(std::span<const double> samples, double sample_time, double frequency_hz, double first_instant,
+                 int harmonics = 1, Drift drift = Drift::none);
 
 struct Window {
     std::size_t first = 0; // index of the first sample
@@ -61,8 +61,8 @@ long periods_within(std::size_t samples, double sample_time, double frequency_hz
 // (near the Nyquist frequency longer ones). One where the response is the same in
 // all of them; noise and transients lower it. Zero where input or output has no fundamental.
 // Throws InputError where the lengths differ or the record holds fewer than two such sub-windows.
-double coherence(std::span<const double> input, std::span<const double> output, double sample_time,
-                 double frequency_hz, int harmonics = 1);
+double coherence(std::span<const double> input, std::span<const double> output, double sample_time, double frequency_hz,
+                 int harmonics = 1);
 
 // True where two phasors of consecutive windows differ by at most `tolerance` times the latest one.
 bool settled(std::complex<double> previous, std::complex<double> latest, double tolerance);

@@ -51,10 +51,12 @@ bool is_empty_table(const Json& value) { return (value.is_array() || value.is_ob
 } // namespace
 
 FieldReader::FieldReader(const Json& fields, std::string where, std::string path)
-    : fields_(&fields), where_(std::move(where)), path_(std::move(path)) {
+    : fields_(&fields),
+      where_(std::move(where)),
+      path_(std::move(path)) {
     if (fields.is_null() || fields.is_object() || is_empty_table(fields)) return;
-    throw InputError(fmt::format("{}{}{} is {}, must be a table of named fields", where_,
-                                 path_.empty() ? "" : ": ", path_, shown(fields)));
+    throw InputError(fmt::format("{}{}{} is {}, must be a table of named fields", where_, path_.empty() ? "" : ": ",
+                                 path_, shown(fields)));
 }
 
 std::string FieldReader::name_of(std::string_view key) const {
@@ -72,9 +74,7 @@ const Json* FieldReader::find(std::string_view key) {
     return it == fields_->end() || it->is_null() ? nullptr : &*it;
 }
 
-bool FieldReader::is_note(std::string_view key) {
-    return std::find(notes.begin(), notes.end(), key) != notes.end();
-}
+bool FieldReader::is_note(std::string_view key) { return std::find(notes.begin(), notes.end(), key) != notes.end(); }
 
 bool FieldReader::has(std::string_view key) const {
     if (!fields_->is_object()) return false;
@@ -175,8 +175,7 @@ FieldReader FieldReader::table(std::string_view key, bool required) {
     static const Json none;
     const Json* value = find(key);
     if (!value && required) fail(key, "is missing (a table)");
-    return FieldReader(value ? *value : none, where_,
-                       fmt::format("{}{}{}", path_, path_.empty() ? "" : ".", key));
+    return FieldReader(value ? *value : none, where_, fmt::format("{}{}{}", path_, path_.empty() ? "" : ".", key));
 }
 
 void FieldReader::each(std::string_view key, const std::function<void(FieldReader&)>& read) {
@@ -185,8 +184,7 @@ void FieldReader::each(std::string_view key, const std::function<void(FieldReade
     if (!value->is_array()) fail(key, fmt::format("= {}, must be a list of tables", shown(*value)));
     std::size_t index = 0;
     for (const auto& entry : *value) {
-        FieldReader reader(entry, where_,
-                           fmt::format("{}{}{}[{}]", path_, path_.empty() ? "" : ".", key, ++index));
+        FieldReader reader(entry, where_, fmt::format("{}{}{}[{}]", path_, path_.empty() ? "" : ".", key, ++index));
         read(reader);
         reader.finish();
     }

@@ -9,9 +9,9 @@ namespace tribode {
 // How long work is watched and ended from outside. Shared by every worker; the functions may be called from any
 // thread, `progress` one call at a time.
 struct RunControl {
-    const std::atomic<bool>* stop = nullptr;                                             // set by Ctrl-C
+    const std::atomic<bool>* stop = nullptr;                                                 // set by Ctrl-C
     std::function<void(const std::string& what, std::size_t done, std::size_t of)> progress; // may be empty
-    unsigned workers = 1;                                                                // threads for independent runs
+    unsigned workers = 1; // threads for independent runs
 
     bool stop_requested() const { return stop && stop->load(std::memory_order_relaxed); }
 };

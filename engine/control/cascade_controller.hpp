@@ -13,8 +13,8 @@ namespace tribode {
 //
 // Before the first sample the axis rests where it is: q[-1] = q[0]. The output is zero until the first u arrives.
 struct CascadeController {
-    double kp = 0;                                           // [1/s]
-    double kv = 0;                                           // [N s/m]
+    double kp = 0;                                          // [1/s]
+    double kv = 0;                                          // [N s/m]
     double limit = std::numeric_limits<double>::infinity(); // [N]
     std::size_t delay_samples = 0;
     double sample_time = 0; // Ts [s]

@@ -7,7 +7,8 @@
 namespace tribode {
 
 DiscreteTransferFunction::DiscreteTransferFunction(std::vector<double> numerator, std::vector<double> denominator)
-    : b_(std::move(numerator)), a_(std::move(denominator)) {
+    : b_(std::move(numerator)),
+      a_(std::move(denominator)) {
     assert(!a_.empty() && a_.front() != 0);
     const double first = a_.front();
     const std::size_t size = std::max(a_.size(), b_.size());

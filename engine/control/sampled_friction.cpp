@@ -6,7 +6,10 @@
 namespace tribode {
 
 SampledFriction::SampledFriction(std::vector<MaxwellSlipElement> elements, double viscous, double sample_time)
-    : elements_(std::move(elements)), viscous_(viscous), sample_time_(sample_time), z_(elements_.size()) {}
+    : elements_(std::move(elements)),
+      viscous_(viscous),
+      sample_time_(sample_time),
+      z_(elements_.size()) {}
 
 double SampledFriction::step(double position) {
     const double travel = position - previous_.value_or(position);

@@ -103,7 +103,7 @@ std::optional<double> strongest_frequency(const DriveRecord& record, double ts) 
     const auto varies = [](const std::vector<double>& v) {
         return !v.empty() && *std::max_element(v.begin(), v.end()) > *std::min_element(v.begin(), v.end());
     };
-    const std::vector<double>& input = !record.u.empty() ? record.u
+    const std::vector<double>& input = !record.u.empty()           ? record.u
                                        : varies(record.excitation) ? record.excitation
                                                                    : record.reference;
     if (!varies(input) || input.size() < 50) return std::nullopt;
@@ -237,8 +237,8 @@ Comparison compare(const MachineModel& machine, const DriveRecord& record, const
     const ServoSystem system(machine, OpenLoop{});
     Comparison result;
     const auto reason = system.why_not_affine();
-    result.exact.solver = {.method = reason ? Method::erk : Method::exact, .relative_tolerance = 1e-12,
-                           .absolute_tolerance = 1e-15};
+    result.exact.solver = {
+        .method = reason ? Method::erk : Method::exact, .relative_tolerance = 1e-12, .absolute_tolerance = 1e-15};
     result.exact.name = reason ? "erk 1e-12" : "exact";
     result.reference = reason ? fmt::format("erk at 1e-12, because {}", *reason) : "exact";
     for (const auto& element : machine.elements) result.friction_stiffness += element.stiffness;
@@ -284,26 +284,26 @@ Table Comparison::table() const {
     column("events_extra", "", [](const MethodResult& m) { return static_cast<double>(m.events_extra); });
     column("gain_error", "", [&](const MethodResult& m) { return m.gain_error.value_or(unknown); });
     column("phase_error_deg", "deg", [&](const MethodResult& m) { return m.phase_error_deg.value_or(unknown); });
-    column("stable_stiffness_N_per_m", "N/m", [&](const MethodResult& m) {
-        return m.stable_stiffness.value_or(unknown);
-    });
-    column("derivative_evaluations", "", [](const MethodResult& m) {
-        return static_cast<double>(m.statistics.derivative_evaluations);
-    });
+    column("stable_stiffness_N_per_m", "N/m",
+           [&](const MethodResult& m) { return m.stable_stiffness.value_or(unknown); });
+    column("derivative_evaluations", "",
+           [](const MethodResult& m) { return static_cast<double>(m.statistics.derivative_evaluations); });
     column("steps", "", [](const MethodResult& m) { return static_cast<double>(m.statistics.steps); });
     return table;
 }
 
 std::string Comparison::text() const {
-    std::string text = fmt::format("{:<28} {:>12} {:>12} {:>20} {:>12} {:>12}\n", "method", "max diff [m]", "rms diff [m]",
-                                   "events found/miss/+", "rhs/sample", "us/sample");
+    std::string text = fmt::format("{:<28} {:>12} {:>12} {:>20} {:>12} {:>12}\n", "method", "max diff [m]",
+                                   "rms diff [m]", "events found/miss/+", "rhs/sample", "us/sample");
     const auto line = [&](const MethodResult& m) {
         const double samples = static_cast<double>(std::max<std::size_t>(m.trace.t.size(), 1));
-        text += fmt::format("{:<28} {:>12.3g} {:>12.3g} {:>20} {:>12.1f} {:>12.3f}{}\n", m.name, m.max_difference,
-                            m.rms_difference, fmt::format("{}/{}/{}", m.events_found, m.events_missed, m.events_extra),
-                            static_cast<double>(m.statistics.derivative_evaluations) / samples,
-                            m.seconds / samples * 1e6,
-                            !m.outcome.ok() ? "  ended early" : m.diverged ? "  diverged" : "");
+        text +=
+            fmt::format("{:<28} {:>12.3g} {:>12.3g} {:>20} {:>12.1f} {:>12.3f}{}\n", m.name, m.max_difference,
+                        m.rms_difference, fmt::format("{}/{}/{}", m.events_found, m.events_missed, m.events_extra),
+                        static_cast<double>(m.statistics.derivative_evaluations) / samples, m.seconds / samples * 1e6,
+                        !m.outcome.ok() ? "  ended early"
+                        : m.diverged    ? "  diverged"
+                                        : "");
     };
     line(exact);
     for (const auto& m : methods) line(m);
@@ -323,9 +323,10 @@ std::vector<std::string> Comparison::findings() const {
         if (m.stable_stiffness && *m.stable_stiffness == 0) {
             texts.push_back(fmt::format("{} is unstable for this machine even without friction.", m.name));
         } else if (m.stable_stiffness && *m.stable_stiffness < friction_stiffness) {
-            texts.push_back(fmt::format("{} is unstable above a stiffness of {:.3g} N/m at the driven point; all friction "
-                                        "elements in stick have {:.3g} N/m.",
-                                        m.name, *m.stable_stiffness, friction_stiffness));
+            texts.push_back(
+                fmt::format("{} is unstable above a stiffness of {:.3g} N/m at the driven point; all friction "
+                            "elements in stick have {:.3g} N/m.",
+                            m.name, *m.stable_stiffness, friction_stiffness));
         }
         if (m.events_missed + m.events_extra > 0 && !m.diverged) {
             texts.push_back(fmt::format("{} misses {} of {} stick-slip transitions and has {} that do not exist: it "
@@ -334,10 +335,10 @@ std::vector<std::string> Comparison::findings() const {
         }
         if (m.phase_error_deg && excitation_hz && std::abs(*m.phase_error_deg) > 0.01) {
             const double delay = -*m.phase_error_deg / (360 * *excitation_hz);
-            texts.push_back(fmt::format("{} turns the position at {:.4g} Hz by {:+.3f} deg, as a delay of {:+.1f} us or "
-                                        "{:+.2f} steps would, and changes its gain by {:+.3f} %.",
-                                        m.name, *excitation_hz, *m.phase_error_deg, delay * 1e6, delay / h,
-                                        *m.gain_error * 100));
+            texts.push_back(
+                fmt::format("{} turns the position at {:.4g} Hz by {:+.3f} deg, as a delay of {:+.1f} us or "
+                            "{:+.2f} steps would, and changes its gain by {:+.3f} %.",
+                            m.name, *excitation_hz, *m.phase_error_deg, delay * 1e6, delay / h, *m.gain_error * 100));
         }
     }
     return texts;
@@ -383,8 +384,8 @@ std::vector<double> scaled(const std::vector<double>& values, double factor) {
 Plot trajectories(const Comparison& c) {
     const auto ms = scaled(c.exact.trace.t, 1e3);
     Panel panel{.x_label = "Time [ms]", .y_label = "Position [um]"};
-    panel.series.push_back({.name = c.exact.name, .x = ms, .y = scaled(c.exact.trace.x, 1e6), .color = "#000000",
-                            .width = 2.5});
+    panel.series.push_back(
+        {.name = c.exact.name, .x = ms, .y = scaled(c.exact.trace.x, 1e6), .color = "#000000", .width = 2.5});
     for (const auto* m : shown(c)) panel.series.push_back({.name = m->name, .x = ms, .y = scaled(m->trace.x, 1e6)});
     return {.title = "True position, method by method", .panels = {panel}};
 }
@@ -396,8 +397,10 @@ Plot differences(const Comparison& c) {
         for (std::size_t k = 0; k < m.trace.x.size(); ++k) {
             difference.push_back(std::abs(m.trace.x[k] - c.exact.trace.x[k]));
         }
-        return Series{.name = m.name, .x = {ms.begin(), ms.begin() + static_cast<std::ptrdiff_t>(difference.size())},
-                      .y = std::move(difference), .width = 1};
+        return Series{.name = m.name,
+                      .x = {ms.begin(), ms.begin() + static_cast<std::ptrdiff_t>(difference.size())},
+                      .y = std::move(difference),
+                      .width = 1};
     };
     const std::string label = "Difference to " + c.exact.name + " [m]";
     Panel fixed{.x_label = "", .y_label = label, .y_log = true};
@@ -452,8 +455,10 @@ Plot hysteresis(const Comparison& c) {
 }
 
 Plot work_precision(const Comparison& c) {
-    Panel panel{.x_label = "Processor time per sample [us]", .y_label = "rms difference to " + c.exact.name + " [m]",
-                .x_log = true, .y_log = true};
+    Panel panel{.x_label = "Processor time per sample [us]",
+                .y_label = "rms difference to " + c.exact.name + " [m]",
+                .x_log = true,
+                .y_log = true};
     const double samples = static_cast<double>(c.exact.trace.t.size());
     std::map<Method, std::size_t> family;
     for (const auto& m : c.methods) {
@@ -471,8 +476,11 @@ Plot work_precision(const Comparison& c) {
         most = std::max(most, m.rms_difference);
     }
     const double cost = c.exact.seconds / samples * 1e6;
-    panel.series.push_back({.name = c.exact.name + " (its cost)", .x = {cost, cost}, .y = {least, most},
-                            .style = SeriesStyle::dashed, .color = "#000000"});
+    panel.series.push_back({.name = c.exact.name + " (its cost)",
+                            .x = {cost, cost},
+                            .y = {least, most},
+                            .style = SeriesStyle::dashed,
+                            .color = "#000000"});
     return {.title = "Error against cost", .height = 800, .panels = {panel}};
 }
 
@@ -489,9 +497,9 @@ void write_comparison(const Comparison& comparison, const MachineModel& machine,
     cost.add("processor_time_s", "s", seconds);
     cost.add("per_sample_us", "us", per_sample);
     folder.write("cost.csv", csv_with_names(comparison, cost));
-    std::string text = fmt::format("Reference: {}. {} samples of {} s, {} stick-slip transitions.\n", comparison.reference,
-                                   comparison.exact.trace.t.size(), to_text(machine.sample_time),
-                                   comparison.exact.events_found);
+    std::string text =
+        fmt::format("Reference: {}. {} samples of {} s, {} stick-slip transitions.\n", comparison.reference,
+                    comparison.exact.trace.t.size(), to_text(machine.sample_time), comparison.exact.events_found);
     for (const auto& finding : comparison.findings()) text += finding + "\n";
     folder.write("findings.txt", text);
     for (const auto& [name, plot] : {std::pair{"trajectories", trajectories(comparison)},

@@ -31,8 +31,8 @@ struct MethodResult {
 };
 
 struct ComparisonOptions {
-    std::vector<double> tolerances = {1e-4, 1e-6, 1e-8, 1e-10};      // relative; absolute: times 1e-3 m
-    std::vector<long> divisions = {1, 2, 5, 10, 20, 50, 100};        // fixed steps Ts/n
+    std::vector<double> tolerances = {1e-4, 1e-6, 1e-8, 1e-10}; // relative; absolute: times 1e-3 m
+    std::vector<long> divisions = {1, 2, 5, 10, 20, 50, 100};   // fixed steps Ts/n
     std::uint64_t seed = 0;
     void read(FieldReader& fields); // tolerances, divisions, seed
 };
@@ -44,8 +44,8 @@ struct Comparison {
     MethodResult exact;                  // the reference itself
     std::vector<MethodResult> methods;
 
-    Table table() const;                  // a row per method; without times, so the same for every run
-    std::string text() const;             // table of the main columns, for people
+    Table table() const;                       // a row per method; without times, so the same for every run
+    std::string text() const;                  // table of the main columns, for people
     std::vector<std::string> findings() const; // what the discrete methods get wrong, in words
 };
 

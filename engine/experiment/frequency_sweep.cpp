@@ -27,8 +27,7 @@ class LoopSignals final : public Observer {
   public:
     LoopSignals(const MachineModel& machine, const SweepOptions& options)
         : friction_model_(machine.elements, machine.viscous, machine.sample_time),
-          delay_model_(
-              DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time)) {}
+          delay_model_(DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time)) {}
 
     void sampled(ClockId clock, long, const SystemState& state) override {
         if (clock != ServoSystem::controller) return;
@@ -74,9 +73,16 @@ class SinglePoint {
   public:
     SinglePoint(const MachineModel& machine, const SweepOptions& options, double frequency, std::uint64_t seed,
                 const RunControl& control)
-        : machine_(machine), options_(options), frequency_(frequency), ts_(machine.sample_time),
-          system_(machine, ClosedLoop{[this](long k) { return LoopInput{0.0, excitation(k)}; }}, seed),
-          simulator_(system_, options.solver, control), signals_(machine, options) {
+        : machine_(machine),
+          options_(options),
+          frequency_(frequency),
+          ts_(machine.sample_time),
+          system_(machine, ClosedLoop{[this](long k) {
+                      return LoopInput{0.0, excitation(k)};
+                  }},
+                  seed),
+          simulator_(system_, options.solver, control),
+          signals_(machine, options) {
         simulator_.observe(&signals_);
     }
 
@@ -261,7 +267,8 @@ SweepSignals run_single_frequency(const MachineModel& machine, const SweepOption
     class Both final : public Observer {
       public:
         Both(const MachineModel& m, const SweepOptions& o, const ServoSystem& system)
-            : signals(m, o), recorder(system) {}
+            : signals(m, o),
+              recorder(system) {}
         void left_limit(const SystemState& state) override { recorder.left_limit(state); }
         void sampled(ClockId clock, long k, const SystemState& state) override {
             signals.sampled(clock, k, state);

@@ -42,15 +42,15 @@ struct SweepOptions {
     // Settling: after settle_periods and settle_time, whichever is later, the phasors of u and y over two windows in
     // a row must agree within settle_tolerance; given up after settle_time_limit.
     double settle_periods = 5;
-    double settle_time = 0.5;        // [s]
-    double settle_tolerance = 2e-3;  // relative
-    double settle_time_limit = 5;    // [s]
-    long measure_periods = 10;       // at least
-    double measure_time = 0.1;       // [s], at least; rounded up to whole periods
-    int harmonics = 5;               // fitted, for the distortion
-    double delay = 1.38e-3;          // L of the delay model C [s]
-    int delay_order = 4;             // of its Pade approximant, eq. (19)
-    bool improved = false;           // make the analysis "Improved" too
+    double settle_time = 0.5;       // [s]
+    double settle_tolerance = 2e-3; // relative
+    double settle_time_limit = 5;   // [s]
+    long measure_periods = 10;      // at least
+    double measure_time = 0.1;      // [s], at least; rounded up to whole periods
+    int harmonics = 5;              // fitted, for the distortion
+    double delay = 1.38e-3;         // L of the delay model C [s]
+    int delay_order = 4;            // of its Pade approximant, eq. (19)
+    bool improved = false;          // make the analysis "Improved" too
     // An encoder step is 1e-7 m; tighter tolerances do not show in the responses (docs/decisions/0005).
     SolverOptions solver{.relative_tolerance = 1e-6, .absolute_tolerance = 1e-10};
     std::uint64_t seed = 0; // of the noise; every frequency has noise of its own
@@ -67,11 +67,11 @@ struct SweepPoint {
     std::array<std::complex<double>, analysis_count> response{}; // y over each input [m/N]
     std::array<double, analysis_count> coherence{};
     std::optional<std::complex<double>> improved; // where it was asked for [m/N]
-    std::complex<double> thrust;      // phasor of u [N]: what the loop made of the excitation
-    std::complex<double> position;    // phasor of y [m]
-    double thrust_distortion = 0;     // total harmonic distortion of u
-    double position_distortion = 0;   // of y
-    double settling_time = 0;         // from the start to the measured window [s]
+    std::complex<double> thrust;                  // phasor of u [N]: what the loop made of the excitation
+    std::complex<double> position;                // phasor of y [m]
+    double thrust_distortion = 0;                 // total harmonic distortion of u
+    double position_distortion = 0;               // of y
+    double settling_time = 0;                     // from the start to the measured window [s]
     bool settled = false;
     RunOutcome outcome;
     RunStatistics statistics;
@@ -82,8 +82,8 @@ struct SweepResult {
     bool complete = false;
 
     FrequencyResponse response(std::size_t analysis) const; // of the points that ended well
-    FrequencyResponse improved() const; // empty where it was not asked for
-    Table table() const;                                     // one row per point; units in the names
+    FrequencyResponse improved() const;                     // empty where it was not asked for
+    Table table() const;                                    // one row per point; units in the names
     RunStatistics statistics() const;
     std::vector<std::string> warnings() const; // points that failed or did not settle
 };
@@ -103,10 +103,10 @@ ModalModel modal_model_of(const MachineModel& machine);
 
 // The signals of one frequency over the last periods before the end (Fig. 11).
 struct SweepSignals {
-    ServoTrace trace;                         // t from the first sample shown [s]
-    std::vector<double> delayed_thrust;       // C u [N]
-    std::vector<double> friction_estimate;    // fh [N]
-    std::vector<double> effective_thrust;     // C u - fh [N]
+    ServoTrace trace;                      // t from the first sample shown [s]
+    std::vector<double> delayed_thrust;    // C u [N]
+    std::vector<double> friction_estimate; // fh [N]
+    std::vector<double> effective_thrust;  // C u - fh [N]
 };
 
 SweepSignals run_single_frequency(const MachineModel& machine, const SweepOptions& options, double frequency_hz,

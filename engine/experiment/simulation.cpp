@@ -101,8 +101,7 @@ Method resolved(Method method, const MachineModel& machine) {
 
 Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver,
                     std::uint64_t seed, const RunControl& control) {
-    const auto start = machine.initial == InitialKind::fitted ? fitted_start(record, machine)
-                                                              : ServoSystem::Start{};
+    const auto start = machine.initial == InitialKind::fitted ? fitted_start(record, machine) : ServoSystem::Start{};
     const ServoSystem system(machine, drive_of(machine, record), seed, start);
     Simulator simulator(system, solver, control);
     ServoRecorder recorder(system);

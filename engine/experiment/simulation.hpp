@@ -30,9 +30,9 @@ struct DriveRecord {
 };
 
 struct Simulation {
-    ServoTrace trace; // at the record's instants reached; t as in the record
+    ServoTrace trace;                  // at the record's instants reached; t as in the record
     Method method = Method::automatic; // the one used
-    EventLog events;  // times from the record's first instant [s]
+    EventLog events;                   // times from the record's first instant [s]
     RunOutcome outcome;
     RunStatistics statistics;
 };

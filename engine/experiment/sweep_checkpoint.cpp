@@ -34,8 +34,9 @@ Json to_json(const SweepPoint& p) {
     json["settled"] = p.settled;
     json["outcome"] = {static_cast<int>(p.outcome.end), p.outcome.t, p.outcome.message};
     const RunStatistics& s = p.statistics;
-    json["counts"] = {s.steps,       s.rejected_steps, s.derivative_evaluations, s.jacobian_evaluations, s.guard_evaluations,
-                      s.events,      s.samples,        s.restarts};
+    json["counts"] = {
+        s.steps,   s.rejected_steps, s.derivative_evaluations, s.jacobian_evaluations, s.guard_evaluations, s.events,
+        s.samples, s.restarts};
     return json;
 }
 
@@ -70,7 +71,8 @@ SweepPoint point_of(const Json& json) {
 } // namespace
 
 SweepCheckpoint::SweepCheckpoint(std::filesystem::path path, const MachineModel& machine, const SweepOptions& o)
-    : path_(std::move(path)), count_(o.frequency_hz.size()) {
+    : path_(std::move(path)),
+      count_(o.frequency_hz.size()) {
     const Json options = {o.frequency_hz,
                           o.amplitude,
                           o.settle_periods,

@@ -17,7 +17,7 @@ class SweepCheckpoint {
   public:
     SweepCheckpoint(std::filesystem::path path, const MachineModel& machine, const SweepOptions& options);
 
-    std::vector<std::optional<SweepPoint>> load(); // one place per frequency
+    std::vector<std::optional<SweepPoint>> load();        // one place per frequency
     void add(std::size_t index, const SweepPoint& point); // saves now and then
     void save();
     void remove();
@@ -29,7 +29,7 @@ class SweepCheckpoint {
     std::string key_; // hash of what determines the points
     std::size_t count_;
     std::mutex mutex_;
-    Json points_ = Json::object(); // index -> point
+    Json points_ = Json::object();                  // index -> point
     std::chrono::steady_clock::time_point saved_{}; // never: the first point is kept at once
 };
 

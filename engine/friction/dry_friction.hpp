@@ -9,10 +9,10 @@ namespace tribode {
 //
 // static == coulomb: plain Coulomb friction. Both zero: none. Limits: level(0) = static, level(inf) = coulomb.
 struct DryFriction {
-    double coulomb = 0;        // [N], >= 0
-    double static_level = 0;   // [N], >= 0
-    double velocity = 1;       // Stribeck velocity [m/s], > 0
-    double exponent = 1;       // > 0
+    double coulomb = 0;      // [N], >= 0
+    double static_level = 0; // [N], >= 0
+    double velocity = 1;     // Stribeck velocity [m/s], > 0
+    double exponent = 1;     // > 0
 
     bool present() const { return coulomb > 0 || static_level > 0; }
     bool velocity_dependent() const { return static_level != coulomb; }

@@ -56,9 +56,8 @@ void RollingFriction::make_ladder(State& s, double towards) const {
         s.ladder[i].element = i;
         s.ladder[i].room = limits_[i] - towards * s.z[i];
     }
-    std::sort(s.ladder.begin(), s.ladder.end(), [](const Rung& a, const Rung& b) {
-        return a.room != b.room ? a.room < b.room : a.element < b.element;
-    });
+    std::sort(s.ladder.begin(), s.ladder.end(),
+              [](const Rung& a, const Rung& b) { return a.room != b.room ? a.room < b.room : a.element < b.element; });
     double level = 0, spring = 0, stiffness = 0, damping = 0;
     for (auto& rung : s.ladder) rung.level = level += elements_[rung.element].level;
     for (auto rung = s.ladder.rbegin(); rung != s.ladder.rend(); ++rung) {

@@ -32,12 +32,12 @@ class RollingFriction {
   public:
     // One element of the order, and the state of all when it and those before it have let go.
     struct Rung {
-        double room;         // travel from the reference to its limit [m]
+        double room; // travel from the reference to its limit [m]
         std::size_t element;
-        double level;        // sum of F_i of those that slip [N]
-        double spring;       // sum of K_i z_i of those that stick, at the reference [N]
-        double stiffness;    // sum of K_i in stick [N/m]
-        double damping;      // sum of D_i in stick [N s/m]
+        double level;     // sum of F_i of those that slip [N]
+        double spring;    // sum of K_i z_i of those that stick, at the reference [N]
+        double stiffness; // sum of K_i in stick [N/m]
+        double damping;   // sum of D_i in stick [N s/m]
     };
 
     struct State {

@@ -17,7 +17,7 @@ struct StateVariable {
     std::string name;
     std::string unit;
     std::optional<std::size_t> rate; // the state that is its derivative: a position's velocity
-    double scale = 1;                // its absolute tolerance is scale times the run's: 1 for a position, for which atol is in metres
+    double scale = 1; // its absolute tolerance is scale times the run's: 1 for a position, for which atol is in metres
 };
 
 // Sample instants are offset + k period with an integer k >= 0, never a running sum.
@@ -72,8 +72,7 @@ class HybridSystem {
                             std::span<double> dxdt) const = 0;
 
     // df/dx into a column-major square matrix preset to zero; false: not available, differences will do.
-    virtual bool jacobian(double t, std::span<const double> x, const DiscreteState& d,
-                          std::span<double> matrix) const;
+    virtual bool jacobian(double t, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const;
 
     // g(t, x; d), guard_count() entries.
     virtual void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const = 0;

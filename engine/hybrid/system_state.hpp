@@ -31,9 +31,13 @@ struct SystemState {
 
     SystemState() = default;
     SystemState(double time, std::vector<double> states, std::unique_ptr<DiscreteState> values)
-        : t(time), x(std::move(states)), discrete(std::move(values)) {}
+        : t(time),
+          x(std::move(states)),
+          discrete(std::move(values)) {}
     SystemState(const SystemState& other)
-        : t(other.t), x(other.x), discrete(other.discrete ? other.discrete->clone() : nullptr),
+        : t(other.t),
+          x(other.x),
+          discrete(other.discrete ? other.discrete->clone() : nullptr),
           next_sample(other.next_sample) {}
     SystemState& operator=(const SystemState& other) { return *this = SystemState(other); }
     SystemState(SystemState&&) = default;

@@ -96,8 +96,8 @@ MachineModel MachineModel::from_description(const Json& description, const std::
     m.output_delay = fields.number("output_delay_s", "s", Allowed::non_negative, 0);
     for (const auto& [key, delay] : {std::pair{"input_delay_s", m.input_delay}, {"output_delay_s", m.output_delay}}) {
         if (delay > most_delayed_samples * m.sample_time) {
-            fields.fail(key, fmt::format("= {} s, must be {} sample times at most", to_text(delay),
-                                         most_delayed_samples));
+            fields.fail(key,
+                        fmt::format("= {} s, must be {} sample times at most", to_text(delay), most_delayed_samples));
         }
     }
     m.current_loop_hz = fields.optional_number("current_loop_hz", "Hz", Allowed::positive).value_or(0);
@@ -106,13 +106,13 @@ MachineModel MachineModel::from_description(const Json& description, const std::
     m.process_noise_rms = fields.number("process_noise_rms_N", "N", Allowed::non_negative, 0);
     m.controller = read_controller(fields);
     m.closed_loop = fields.boolean("closed_loop", m.has_controller());
-    m.input = fields.choice("input", {"hold", "band_limited"}, "hold") == "hold" ? InputKind::hold
-                                                                                 : InputKind::band_limited;
+    m.input =
+        fields.choice("input", {"hold", "band_limited"}, "hold") == "hold" ? InputKind::hold : InputKind::band_limited;
     if (m.input == InputKind::band_limited && m.closed_loop && m.has_controller()) {
         fields.fail("input", "= \"band_limited\" needs u as a whole record, so closed_loop must be false");
     }
-    m.initial = fields.choice("initial", {"rest", "fitted"}, "rest") == "rest" ? InitialKind::rest
-                                                                               : InitialKind::fitted;
+    m.initial =
+        fields.choice("initial", {"rest", "fitted"}, "rest") == "rest" ? InitialKind::rest : InitialKind::fitted;
     m.tolerance = read_tolerance(fields);
     if (const Json& effects = fields.value("effects"); !effects.empty()) {
         fields.fail("effects", "must be empty: this version knows no effects to add to a machine");

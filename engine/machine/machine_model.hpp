@@ -34,18 +34,18 @@ enum class InitialKind { rest, fitted };     // the state at the first sample
 // A servo machine as its user describes it: validated, SI units. The fields are those of the machine description
 // (docs/machine-description.md); what is absent there is zero or none here.
 struct MachineModel {
-    double sample_time = 5e-4;   // Ts [s]
-    double rigid_gain = 0;       // k0 [m/(N s^2)]
+    double sample_time = 5e-4; // Ts [s]
+    double rigid_gain = 0;     // k0 [m/(N s^2)]
     std::vector<VibrationMode> modes;
     std::vector<MaxwellSlipElement> elements;
     DryFriction dry;
-    double viscous = 0;             // D_v [N s/m]
-    double input_delay = 0;         // [s], sample instant to actuator, besides the hold
-    double output_delay = 0;        // [s], y[k] is the position at t_k - output_delay
-    double current_loop_hz = 0;     // 0: none
-    double encoder_resolution = 0;  // [m], 0: exact
-    double noise_rms = 0;           // [m], white, added before rounding
-    double process_noise_rms = 0;   // [N], force noise of which only the size is known
+    double viscous = 0;            // D_v [N s/m]
+    double input_delay = 0;        // [s], sample instant to actuator, besides the hold
+    double output_delay = 0;       // [s], y[k] is the position at t_k - output_delay
+    double current_loop_hz = 0;    // 0: none
+    double encoder_resolution = 0; // [m], 0: exact
+    double noise_rms = 0;          // [m], white, added before rounding
+    double process_noise_rms = 0;  // [N], force noise of which only the size is known
     ControllerSettings controller;
     bool closed_loop = false;
     InputKind input = InputKind::hold;

@@ -30,9 +30,15 @@ SplitDelay split(double delay, double period) {
 } // namespace
 
 ServoSystem::ServoSystem(const MachineModel& model, Drive drive, std::uint64_t seed, Start start)
-    : plant_(model.plant_parameters()), settings_(model.controller), drive_(std::move(drive)), seed_(seed),
-      start_(start), sample_time_(model.sample_time), output_delay_(model.output_delay),
-      encoder_resolution_(model.encoder_resolution), noise_rms_(model.noise_rms),
+    : plant_(model.plant_parameters()),
+      settings_(model.controller),
+      drive_(std::move(drive)),
+      seed_(seed),
+      start_(start),
+      sample_time_(model.sample_time),
+      output_delay_(model.output_delay),
+      encoder_resolution_(model.encoder_resolution),
+      noise_rms_(model.noise_rms),
       process_noise_rms_(model.process_noise_rms) {
     if (std::holds_alternative<ClosedLoop>(drive_) && !model.has_controller()) {
         throw InputError("the machine has no controller, so it cannot run in closed loop; give it one or drive it "
@@ -86,8 +92,7 @@ void ServoSystem::derivative(double t, std::span<const double> x, const Discrete
     plant_.derivative(t, x, static_cast<const State&>(d).plant, dxdt);
 }
 
-bool ServoSystem::jacobian(double, std::span<const double> x, const DiscreteState& d,
-                           std::span<double> matrix) const {
+bool ServoSystem::jacobian(double, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const {
     plant_.jacobian(x, static_cast<const State&>(d).plant, matrix);
     return true;
 }

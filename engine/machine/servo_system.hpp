@@ -50,9 +50,9 @@ class ServoSystem final : public HybridSystem {
         ServoPlant::State plant;
         PidController::State pid;
         CascadeController::State cascade;
-        double reference = 0; // r[k] [m]
-        double thrust = 0;    // u[k] [N]
-        double detected = 0;  // y[k] [m]
+        double reference = 0;                         // r[k] [m]
+        double thrust = 0;                            // u[k] [N]
+        double detected = 0;                          // y[k] [m]
         std::vector<double> encoder_ring;             // y[k] at k mod size
         std::vector<std::array<double, 4>> hold_ring; // u[k] as coefficients, at k mod size
     };
@@ -71,10 +71,8 @@ class ServoSystem final : public HybridSystem {
     const std::vector<SampleClock>& clocks() const override { return clocks_; }
     std::size_t guard_count() const override { return plant_.guard_count(); }
     SystemState initial_state() const override;
-    void derivative(double t, std::span<const double> x, const DiscreteState& d,
-                    std::span<double> dxdt) const override;
-    bool jacobian(double t, std::span<const double> x, const DiscreteState& d,
-                  std::span<double> matrix) const override;
+    void derivative(double t, std::span<const double> x, const DiscreteState& d, std::span<double> dxdt) const override;
+    bool jacobian(double t, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const override;
     void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const override;
     void linear_part(std::span<double> matrix) const override { plant_.linear_part(matrix); }
     std::optional<std::string> why_not_affine() const override { return plant_.why_not_affine(); }

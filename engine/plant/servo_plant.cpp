@@ -177,9 +177,7 @@ void ServoPlant::jacobian(std::span<const double> x, const State& s, std::span<d
 }
 
 // The way in which whatever slips does so.
-SlipState ServoPlant::direction(const State& s) const {
-    return p_.dry.present() ? s.dry : s.rolling.direction;
-}
+SlipState ServoPlant::direction(const State& s) const { return p_.dry.present() ? s.dry : s.rolling.direction; }
 
 // With dry friction the way of the motion is known, and an axis that sticks has none: only the limit ahead matters.
 ServoPlant::Watched ServoPlant::watched(const State& s) const {

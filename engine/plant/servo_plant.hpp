@@ -100,8 +100,8 @@ class ServoPlant {
     Watched watched(const State& s) const;
 
     double thrust(double t, std::span<const double> x, const State& s) const;
-    double restoring(std::span<const double> x) const; // sum r_j / k [N]
-    double smooth_friction(std::span<const double> x, const State& s) const; // f - f_dry [N]
+    double restoring(std::span<const double> x) const;                               // sum r_j / k [N]
+    double smooth_friction(std::span<const double> x, const State& s) const;         // f - f_dry [N]
     double holding_force(double t, std::span<const double> x, const State& s) const; // f_dry in stick [N]
     double linear_friction(std::span<const double> x, const State& s) const;
     double constant_force(const State& s) const;
@@ -115,7 +115,7 @@ class ServoPlant {
     std::vector<StateVariable> states_;
     std::vector<double> gain_, damping_, stiffness_; // per mode: k_j, 2 z_j w_j, w_j^2
     double total_gain_;                              // k [m/(N s^2)]
-    double corner_ = 0; // w_c [rad/s]
+    double corner_ = 0;                              // w_c [rad/s]
 };
 
 } // namespace tribode

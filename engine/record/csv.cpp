@@ -44,7 +44,8 @@ class LineReader {
 };
 
 // Calls use(index, cell) for each cell; returns their number.
-template <class Use> std::size_t for_each_cell(std::string_view line, Use use) {
+template <class Use>
+std::size_t for_each_cell(std::string_view line, Use use) {
     std::size_t index = 0;
     for (;;) {
         const auto comma = line.find(',');
@@ -154,9 +155,10 @@ std::string to_csv(const Table& table) {
         const std::string& name = column.name;
         if (name.empty() || trim(name) != name || name.starts_with('#') || parse_number(name) ||
             name.find_first_of(",\"\r\n") != std::string::npos) {
-            throw InputError(fmt::format("\"{}\" is not a column name that CSV can hold: a comma, a quote, a line break, "
-                                         "a blank at an end, a # in front and a number are not allowed",
-                                         name));
+            throw InputError(
+                fmt::format("\"{}\" is not a column name that CSV can hold: a comma, a quote, a line break, "
+                            "a blank at an end, a # in front and a number are not allowed",
+                            name));
         }
         text += text.empty() ? "" : ",";
         text += name;

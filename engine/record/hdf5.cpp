@@ -76,8 +76,7 @@ void write_text_attribute(hid_t object, const std::string& name, const std::stri
 template <class Number>
 void write_number_attribute(hid_t object, const std::string& name, hid_t stored_as, hid_t type, Number number) {
     const Handle space(H5Screate(H5S_SCALAR), "H5Screate");
-    const Handle attribute(H5Acreate2(object, name.c_str(), stored_as, space, H5P_DEFAULT, H5P_DEFAULT),
-                           "H5Acreate2");
+    const Handle attribute(H5Acreate2(object, name.c_str(), stored_as, space, H5P_DEFAULT, H5P_DEFAULT), "H5Acreate2");
     check(H5Awrite(attribute, type, &number), "H5Awrite");
 }
 
@@ -135,9 +134,8 @@ std::string file_image(const std::vector<NamedTable>& tables, const Json& attrib
     const Handle file(H5Fcreate("tribode", H5F_ACC_TRUNC, creation, access), "H5Fcreate");
     for (const auto& [name, value] : attributes.items()) write_attribute(file, name, value);
     for (const auto& [name, table] : tables) {
-        const Handle group(name.empty()
-                               ? H5Gopen2(file, "/", H5P_DEFAULT)
-                               : H5Gcreate2(file, name.c_str(), H5P_DEFAULT, group_creation, H5P_DEFAULT),
+        const Handle group(name.empty() ? H5Gopen2(file, "/", H5P_DEFAULT)
+                                        : H5Gcreate2(file, name.c_str(), H5P_DEFAULT, group_creation, H5P_DEFAULT),
                            "H5Gcreate2");
         for (const Column& column : table.columns) write_column(group, column);
     }

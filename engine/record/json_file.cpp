@@ -26,9 +26,7 @@ std::string without_prefix(std::string_view text) {
 
 } // namespace
 
-std::string to_json_text(const Json& value) {
-    return value.dump(2, ' ', false, Json::error_handler_t::replace) + '\n';
-}
+std::string to_json_text(const Json& value) { return value.dump(2, ' ', false, Json::error_handler_t::replace) + '\n'; }
 
 void write_json(const std::filesystem::path& path, const Json& value) { write_file(path, to_json_text(value)); }
 

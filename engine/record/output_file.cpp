@@ -43,8 +43,8 @@ bool write_all(int file, std::string_view bytes) {
 
 bool write_whole_file(const fs::path& path, std::string_view bytes) {
     constexpr mode_t read_and_write_as_umask_allows = 0666;
-    Descriptor file(::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC,
-                           read_and_write_as_umask_allows));
+    Descriptor file(
+        ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, read_and_write_as_umask_allows));
     return file.number() >= 0 && write_all(file.number(), bytes) && ::fsync(file.number()) == 0 && file.close();
 }
 

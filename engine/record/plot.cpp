@@ -61,8 +61,8 @@ Range range_of(const Panel& panel, bool of_x) {
         const double margin = of_x ? 1 + 1e-6 : std::max(std::pow(high / low, 0.05), 1.05);
         return low == high ? Range{low / 2, low * 2} : Range{low / margin, high * margin};
     }
-    const double span = high - low > 1e-12 * std::max(std::abs(low), std::abs(high)) ? high - low
-                                                                                   : std::max(std::abs(low), 1.0);
+    const double span =
+        high - low > 1e-12 * std::max(std::abs(low), std::abs(high)) ? high - low : std::max(std::abs(low), 1.0);
     // Curves over time or frequency fill the width; loops keep off the frame.
     const bool ascending = std::all_of(panel.series.begin(), panel.series.end(), [](const Series& series) {
         return std::is_sorted(series.x.begin(), series.x.end());
@@ -118,8 +118,7 @@ std::string curve(const std::string& block, const Series& series, const std::str
     switch (series.style) {
     case SeriesStyle::dashed: return fmt::format("${} with lines dt (12,6) {} {}", block, line, title);
     case SeriesStyle::points: return fmt::format("${} with points pt 7 ps 0.5 {} {}", block, line, title);
-    case SeriesStyle::line_points:
-        return fmt::format("${} with linespoints pt 7 ps 0.5 {} {}", block, line, title);
+    case SeriesStyle::line_points: return fmt::format("${} with linespoints pt 7 ps 0.5 {} {}", block, line, title);
     case SeriesStyle::line: break;
     }
     return fmt::format("${} with lines {} {}", block, line, title);
@@ -142,8 +141,7 @@ std::string script_of(const Plot& plot, double height, const std::string& termin
                         to_text(panels > 1 ? 85 / height : 0));
     for (std::size_t p = 0; p < plot.panels.size(); ++p) {
         const auto& panel = plot.panels[p];
-        text += panel.title.empty() ? "unset title\n"
-                                    : fmt::format("set title {} noenhanced\n", quoted(panel.title));
+        text += panel.title.empty() ? "unset title\n" : fmt::format("set title {} noenhanced\n", quoted(panel.title));
         text += fmt::format("set xlabel {} noenhanced\nset ylabel {} noenhanced\n", quoted(panel.x_label),
                             quoted(panel.y_label));
         text += axis("x", panel.x_log, range_of(panel, true));
@@ -219,7 +217,8 @@ std::string run_gnuplot(const std::string& script) {
             if (n > 0) sent += static_cast<std::size_t>(n);
             if (sent == script.size() || (n < 0 && errno != EAGAIN && errno != EINTR)) Pipe::close_end(in.write_end);
         }
-        for (const auto& [end, text, which] : {std::tuple{&out.read_end, &image, 1}, {&messages.read_end, &complaint, 2}}) {
+        for (const auto& [end, text, which] :
+             {std::tuple{&out.read_end, &image, 1}, {&messages.read_end, &complaint, 2}}) {
             if (*end < 0 || !ends[static_cast<std::size_t>(which)].revents) continue;
             const ssize_t n = read(*end, buffer, sizeof buffer);
             if (n > 0) text->append(buffer, static_cast<std::size_t>(n));
@@ -227,7 +226,8 @@ std::string run_gnuplot(const std::string& script) {
         }
     }
     int status = 0;
-    while (waitpid(child, &status, 0) < 0 && errno == EINTR) {}
+    while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+    }
     if (status != 0 || image.empty()) {
         throw Error(fmt::format("gnuplot could not draw the plot: {}", trim(complaint)));
     }
@@ -247,8 +247,8 @@ void check(const Plot& plot) {
 } // namespace
 
 const std::vector<std::string>& Panel::legend_places() {
-    static const std::vector<std::string> places = {"above", "top right", "top left", "bottom right", "bottom left",
-                                                    "none"};
+    static const std::vector<std::string> places = {"above",        "top right",   "top left",
+                                                    "bottom right", "bottom left", "none"};
     return places;
 }
 
@@ -263,8 +263,9 @@ void draw_plot(const std::filesystem::path& path, const Plot& plot) {
     };
     write(".png", fmt::format("set terminal pngcairo size {},{} font 'DejaVu Sans,12' enhanced background '#ffffff'\n",
                               plot.width, height));
-    write(".svg", fmt::format("set terminal svg size {},{} dynamic font 'DejaVu Sans,14' enhanced background '#ffffff'\n",
-                              plot.width, height));
+    write(".svg",
+          fmt::format("set terminal svg size {},{} dynamic font 'DejaVu Sans,14' enhanced background '#ffffff'\n",
+                      plot.width, height));
 }
 
 Plot plot_from_json(const Json& json, const std::string& where) {

@@ -12,11 +12,11 @@ namespace tribode {
 enum class SeriesStyle { line, dashed, points, line_points };
 
 struct Series {
-    std::string name; // in the legend; empty: not there
+    std::string name;         // in the legend; empty: not there
     std::vector<double> x, y; // equal lengths; a point that is not finite breaks the line
     SeriesStyle style = SeriesStyle::line;
-    std::string color;    // "#rrggbb"; empty: the next of the palette
-    double width = 1.6;   // of the line [points]
+    std::string color;  // "#rrggbb"; empty: the next of the palette
+    double width = 1.6; // of the line [points]
 };
 
 using Range = std::array<double, 2>; // lowest and highest value shown
@@ -35,8 +35,8 @@ struct Panel {
 // Panels below one another, sharing the width.
 struct Plot {
     std::string title;
-    int width = 1400;     // [pixel]
-    int height = 0;       // [pixel]; 0: by the number of panels
+    int width = 1400; // [pixel]
+    int height = 0;   // [pixel]; 0: by the number of panels
     std::vector<Panel> panels;
 };
 

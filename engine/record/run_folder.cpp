@@ -34,8 +34,8 @@ RunFolder::RunFolder(fs::path folder) : folder_(std::move(folder)) {
 
 fs::path RunFolder::path(std::string_view name) const {
     const auto refuse = [&](std::string_view problem) {
-        throw InputError(fmt::format("\"{}\" {}, must name a file inside the run folder {}", name, problem,
-                                     folder_.string()));
+        throw InputError(
+            fmt::format("\"{}\" {}, must name a file inside the run folder {}", name, problem, folder_.string()));
     };
     const fs::path normal = fs::path(name).lexically_normal();
     if (normal.is_absolute()) refuse("is an absolute path");

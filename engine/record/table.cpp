@@ -11,8 +11,8 @@ namespace tribode {
 void Table::add(std::string name, std::string unit, std::vector<double> values) {
     if (find(name)) throw InputError(fmt::format("column {} stands twice, each name must stand once", name));
     if (!columns.empty() && values.size() != rows()) {
-        throw InputError(fmt::format("column {} has {} values, must have {} like column {}", name, values.size(), rows(),
-                                     columns.front().name));
+        throw InputError(fmt::format("column {} has {} values, must have {} like column {}", name, values.size(),
+                                     rows(), columns.front().name));
     }
     columns.push_back({std::move(name), std::move(unit), std::move(values)});
 }

@@ -5,8 +5,8 @@
 #include "base/error.hpp"
 #include "base/field_reader.hpp"
 #include "base/text.hpp"
-#include "design/feedforward.hpp"
 #include "control/discrete_transfer_function.hpp"
+#include "design/feedforward.hpp"
 #include "experiment/comparison.hpp"
 #include "experiment/frequency_sweep.hpp"
 #include "experiment/positioning.hpp"
@@ -42,8 +42,8 @@ FrequencyResponse response_of(FieldReader& fields, const char* key = "response")
     table.finish();
     if (real.size() != response.size() || imag.size() != response.size()) {
         fields.fail(key, fmt::format("has {} frequencies, {} real and {} imaginary parts, must have as many of "
-                                            "each",
-                                            response.size(), real.size(), imag.size()));
+                                     "each",
+                                     response.size(), real.size(), imag.size()));
     }
     for (std::size_t i = 0; i < real.size(); ++i) response.value.emplace_back(real[i], imag[i]);
     return response;
@@ -158,8 +158,12 @@ Json simulate_machine(ScriptRun& run, const Json& arguments) {
     fields.finish();
     const Simulation result = simulate(machine, record, solver, seed, run.control());
     if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
-    run.note_work({{"function", "simulate"}, {"machine", machine.hash()}, {"solver", name_of(result.method)},
-                   {"seed", seed}, {"outcome", result.outcome.message}, {"statistics", to_json(result.statistics)}});
+    run.note_work({{"function", "simulate"},
+                   {"machine", machine.hash()},
+                   {"solver", name_of(result.method)},
+                   {"seed", seed},
+                   {"outcome", result.outcome.message},
+                   {"statistics", to_json(result.statistics)}});
     Json json = to_json(result.trace);
     json["ok"] = result.outcome.ok();
     json["message"] = result.outcome.message;
@@ -207,11 +211,17 @@ Json sweep(ScriptRun& run, const Json& arguments) {
     const std::string checkpoint = fields.text("checkpoint", "sweep.resume.json");
     fields.finish();
     const SweepResult result = run_sweep(machine, options, run.control(), run.folder().path(checkpoint));
-    run.note_work({{"function", "sweep"}, {"machine", machine.hash()}, {"solver", name_of(resolved(options.solver.method, machine))},
+    run.note_work({{"function", "sweep"},
+                   {"machine", machine.hash()},
+                   {"solver", name_of(resolved(options.solver.method, machine))},
                    {"relative_tolerance", options.solver.relative_tolerance},
-                   {"absolute_tolerance_m", options.solver.absolute_tolerance}, {"amplitude_N", options.amplitude},
-                   {"delay_s", options.delay}, {"seed", options.seed}, {"frequencies", options.frequency_hz.size()},
-                   {"warnings", result.warnings()}, {"statistics", to_json(result.statistics())}});
+                   {"absolute_tolerance_m", options.solver.absolute_tolerance},
+                   {"amplitude_N", options.amplitude},
+                   {"delay_s", options.delay},
+                   {"seed", options.seed},
+                   {"frequencies", options.frequency_hz.size()},
+                   {"warnings", result.warnings()},
+                   {"statistics", to_json(result.statistics())}});
     if (!result.complete) {
         throw EndedEarly(fmt::format("interrupted after {} of {} frequencies; they are kept, and the same command goes "
                                      "on from there",
@@ -394,8 +404,12 @@ Json positioning(ScriptRun& run, const Json& arguments) {
     options.read(fields);
     fields.finish();
     const PositioningResult result = run_positioning(machine, designed, options, run.control());
-    run.note_work({{"function", "positioning"}, {"machine", machine.hash()}, {"feedforward", designed.method},
-                   {"delay_s", options.delay}, {"seed", options.seed}, {"statistics", to_json(result.statistics)}});
+    run.note_work({{"function", "positioning"},
+                   {"machine", machine.hash()},
+                   {"feedforward", designed.method},
+                   {"delay_s", options.delay},
+                   {"seed", options.seed},
+                   {"statistics", to_json(result.statistics)}});
     Json json = to_json(result.trace);
     json["error"] = result.error;
     json["tracking_error"] = result.tracking_error;
@@ -475,7 +489,8 @@ Json spaced(const Json& arguments, const char* what, bool logarithmic) {
     const double from = argument(arguments, 0, what), to = argument(arguments, 1, what);
     const double count = argument(arguments, 2, what);
     if (!(count >= 2 && count <= 1e7 && count == std::floor(count))) {
-        throw InputError(fmt::format("{}: argument 3 = {}, must be a whole number from 2 to 1e7", what, to_text(count)));
+        throw InputError(
+            fmt::format("{}: argument 3 = {}, must be a whole number from 2 to 1e7", what, to_text(count)));
     }
     if (logarithmic && !(from > 0 && to > 0)) throw InputError(fmt::format("{}: both ends must be positive", what));
     Json list = Json::array();

@@ -23,8 +23,7 @@ void* allocate(void* user, void* block, std::size_t old_size, std::size_t new_si
     }
     const std::size_t others = host.memory_used - old_size;
     const bool grows = new_size > old_size;
-    if (grows && (new_size > host.limits.memory_bytes || others > host.limits.memory_bytes - new_size))
-        return nullptr;
+    if (grows && (new_size > host.limits.memory_bytes || others > host.limits.memory_bytes - new_size)) return nullptr;
     void* moved = std::realloc(block, new_size);
     if (moved) host.memory_used = others + new_size;
     return moved;
@@ -48,8 +47,7 @@ LuaState::LuaState(const ScriptLimits& limits, ScriptAccess access, const RunCon
     host_->control = control;
     lua_.reset(lua_newstate(allocate, host_.get()));
     if (!lua_) {
-        throw InputError(
-            fmt::format("a memory limit of {} bytes is too small for any script", limits.memory_bytes));
+        throw InputError(fmt::format("a memory limit of {} bytes is too small for any script", limits.memory_bytes));
     }
     set_host(lua_.get(), *host_);
     protected_call(lua_.get(), [](lua_State* lua) {
@@ -91,8 +89,7 @@ void LuaState::add_value(const std::string& name, const Json& value) {
     });
 }
 
-Json LuaState::run(const std::string& name, const Json& argument,
-                   const std::function<void(lua_State*)>& load) {
+Json LuaState::run(const std::string& name, const Json& argument, const std::function<void(lua_State*)>& load) {
     Json result;
     protected_call(lua_.get(), [&](lua_State* lua) {
         load(lua);

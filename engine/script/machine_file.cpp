@@ -22,8 +22,8 @@ Json read_description(const fs::path& path, const ScriptLimits& limits, const Js
     }
     Json description = kind == ".lua" ? run_description(path, limits, argument) : read_json(path);
     if (!description.is_object()) {
-        throw InputError(fmt::format("{}: must {} a table of named fields", path.string(),
-                                     kind == ".lua" ? "return" : "hold"));
+        throw InputError(
+            fmt::format("{}: must {} a table of named fields", path.string(), kind == ".lua" ? "return" : "hold"));
     }
     return description;
 }

@@ -162,8 +162,7 @@ int safe_lines(lua_State* lua) {
 fs::path module_file(const ScriptHost& host, const std::string& name) {
     std::string relative = name;
     std::replace(relative.begin(), relative.end(), '.', '/');
-    if (relative.starts_with('/'))
-        throw InputError(fmt::format("the module name \"{}\" is not relative", name));
+    if (relative.starts_with('/')) throw InputError(fmt::format("the module name \"{}\" is not relative", name));
     std::vector<fs::path> folders = host.access.read_folders;
     folders.insert(folders.begin(), host.script_folder);
     std::vector<std::string> searched;
@@ -177,8 +176,7 @@ fs::path module_file(const ScriptHost& host, const std::string& name) {
             searched.push_back(file.string());
         }
     }
-    throw InputError(
-        fmt::format("the module \"{}\" was not found; searched: {}", name, fmt::join(searched, ", ")));
+    throw InputError(fmt::format("the module \"{}\" was not found; searched: {}", name, fmt::join(searched, ", ")));
 }
 
 int safe_require(lua_State* lua) {
@@ -273,8 +271,7 @@ void seed_random_numbers(lua_State* lua) {
 
 // The open state has Lua's own `require`. [-0, +0]
 void search_first(lua_State* lua, const fs::path& folder) {
-    const std::string patterns =
-        fmt::format("{};{};", (folder / "?.lua").string(), (folder / "?/init.lua").string());
+    const std::string patterns = fmt::format("{};{};", (folder / "?.lua").string(), (folder / "?/init.lua").string());
     lua_getglobal(lua, "package");
     lua_pushlstring(lua, patterns.data(), patterns.size());
     lua_getfield(lua, -2, "path");
@@ -317,8 +314,7 @@ void load_file(lua_State* lua, const fs::path& path) {
 
 void load_text(lua_State* lua, std::string_view text, const std::string& chunk_name) {
     const std::string name = "@" + chunk_name;
-    if (luaL_loadbufferx(lua, text.data(), text.size(), name.c_str(), "t") != LUA_OK)
-        fail_to_load(lua, chunk_name);
+    if (luaL_loadbufferx(lua, text.data(), text.size(), name.c_str(), "t") != LUA_OK) fail_to_load(lua, chunk_name);
 }
 
 void set_script_folder(lua_State* lua, const fs::path& folder) {

@@ -24,8 +24,7 @@ fs::path resolved(const fs::path& name) {
 bool lies_in(const fs::path& path, const fs::path& folder) {
     if (path.empty() || folder.empty()) return false;
     const fs::path root = resolved(folder);
-    return !root.empty() &&
-           std::mismatch(root.begin(), root.end(), path.begin(), path.end()).first == root.end();
+    return !root.empty() && std::mismatch(root.begin(), root.end(), path.begin(), path.end()).first == root.end();
 }
 
 void refuse_zero_byte(const fs::path& name) {
@@ -45,19 +44,17 @@ void ScriptAccess::check_read(const fs::path& name) const {
     const auto is_it = [&](const fs::path& file) { return !path.empty() && resolved(file) == path; };
     if (holds_it(run_folder) || std::any_of(read_folders.begin(), read_folders.end(), holds_it)) return;
     if (std::any_of(read_files.begin(), read_files.end(), is_it)) return;
-    throw InputError(
-        fmt::format("\"{}\" is outside the run folder; name it with -D, --machine, --data or --input, "
-                    "or use --allow-all",
-                    name.string()));
+    throw InputError(fmt::format("\"{}\" is outside the run folder; name it with -D, --machine, --data or --input, "
+                                 "or use --allow-all",
+                                 name.string()));
 }
 
 void ScriptAccess::check_write(const fs::path& name) const {
     refuse_zero_byte(name);
     if (allow_all || lies_in(resolved(name), run_folder)) return;
-    throw InputError(
-        fmt::format("\"{}\" is outside the run folder{}{}, and a script writes only there; choose the "
-                    "folder with -o, or use --allow-all",
-                    name.string(), run_folder.empty() ? "" : " ", run_folder.string()));
+    throw InputError(fmt::format("\"{}\" is outside the run folder{}{}, and a script writes only there; choose the "
+                                 "folder with -o, or use --allow-all",
+                                 name.string(), run_folder.empty() ? "" : " ", run_folder.string()));
 }
 
 } // namespace tribode

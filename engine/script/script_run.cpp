@@ -60,7 +60,10 @@ Json parse_define(const std::string& name, const std::string& text, const Json& 
 } // namespace
 
 ScriptRun::ScriptRun(const ScriptRequest& request, const RunControl& control)
-    : request_(request), control_(control), folder_(folder_of(request)), lua_(request.limits, access(), control) {
+    : request_(request),
+      control_(control),
+      folder_(folder_of(request)),
+      lua_(request.limits, access(), control) {
     add_bindings(lua_, *this);
 }
 
@@ -111,8 +114,8 @@ Json ScriptRun::options(const Json& defaults) {
     }
     for (const auto& [name, value] : request_.defines) {
         if (values.contains(name)) continue;
-        throw InputError(fmt::format("-D {}={}: the script has no option \"{}\"{}", name, value, name,
-                                     suggestion(name, names)));
+        throw InputError(
+            fmt::format("-D {}={}: the script has no option \"{}\"{}", name, value, name, suggestion(name, names)));
     }
     options_ = values;
     return values;

@@ -13,9 +13,9 @@ namespace tribode {
 // What `tribode run` asks for.
 struct ScriptRequest {
     std::filesystem::path script;
-    std::filesystem::path folder;                // of the results; empty: results/<script>
-    std::map<std::string, std::string> defines;  // -D name=value
-    bool quick = false;                          // scripts make their work small
+    std::filesystem::path folder;               // of the results; empty: results/<script>
+    std::map<std::string, std::string> defines; // -D name=value
+    bool quick = false;                         // scripts make their work small
     bool allow_all = false;
     ScriptLimits limits;
 };

@@ -57,8 +57,8 @@ int call_body(lua_State* lua) {
 // An error value may be anything; from here on it is a text. [-1, +1]
 int handle_error(lua_State* lua) {
     if (!lua_isstring(lua, 1) && !luaL_callmeta(lua, 1, "__tostring")) {
-        const std::string text = fmt::format("{}the script raised a {} as its error, must be a text",
-                                             where(lua), luaL_typename(lua, 1));
+        const std::string text =
+            fmt::format("{}the script raised a {} as its error, must be a text", where(lua), luaL_typename(lua, 1));
         lua_pushlstring(lua, text.data(), text.size());
     }
     lua_tostring(lua, -1);
@@ -71,11 +71,10 @@ int handle_error(lua_State* lua) {
 std::optional<Failure> end_of(const ScriptHost& host) {
     if (host.control.stop_requested()) return Failure{Failure::Kind::ended_early, "interrupted"};
     if (host.instructions_used <= host.limits.instructions) return std::nullopt;
-    return Failure{
-        Failure::Kind::input,
-        fmt::format("the script ran more than {} instructions (an endless loop?); --max-instructions "
-                    "raises the limit",
-                    host.limits.instructions)};
+    return Failure{Failure::Kind::input,
+                   fmt::format("the script ran more than {} instructions (an endless loop?); --max-instructions "
+                               "raises the limit",
+                               host.limits.instructions)};
 }
 
 void count_hook(lua_State* lua, lua_Debug*) { charge_instructions(lua, hook_interval); }
@@ -84,23 +83,17 @@ void count_hook(lua_State* lua, lua_Debug*) { charge_instructions(lua, hook_inte
 
 void Failure::throw_again() const {
     switch (kind) {
-    case Kind::input:
-        throw InputError(text);
-    case Kind::output:
-        throw OutputError(text);
-    case Kind::ended_early:
-        throw EndedEarly(text);
-    case Kind::other:
-        break;
+    case Kind::input: throw InputError(text);
+    case Kind::output: throw OutputError(text);
+    case Kind::ended_early: throw EndedEarly(text);
+    case Kind::other: break;
     }
     throw Error(text);
 }
 
 ScriptHost& host_of(lua_State* lua) { return **static_cast<ScriptHost**>(lua_getextraspace(lua)); }
 
-void set_host(lua_State* lua, ScriptHost& host) {
-    *static_cast<ScriptHost**>(lua_getextraspace(lua)) = &host;
-}
+void set_host(lua_State* lua, ScriptHost& host) { *static_cast<ScriptHost**>(lua_getextraspace(lua)) = &host; }
 
 std::string where(lua_State* lua) {
     lua_Debug call;

@@ -52,17 +52,13 @@ class Reader {
     Json value(int index, const Place* place) {
         spend(bytes_per_value, place);
         switch (lua_type(lua_, index)) {
-        case LUA_TNIL:
-            return nullptr;
-        case LUA_TBOOLEAN:
-            return lua_toboolean(lua_, index) != 0;
+        case LUA_TNIL: return nullptr;
+        case LUA_TBOOLEAN: return lua_toboolean(lua_, index) != 0;
         case LUA_TNUMBER:
             if (lua_isinteger(lua_, index)) return static_cast<std::int64_t>(lua_tointeger(lua_, index));
             return lua_tonumber(lua_, index);
-        case LUA_TSTRING:
-            return text(index, place);
-        case LUA_TTABLE:
-            return table(index, place);
+        case LUA_TSTRING: return text(index, place);
+        case LUA_TTABLE: return table(index, place);
         default:
             fail(place, fmt::format("is a {}, must be plain data: nil, a boolean, number, text or table",
                                     luaL_typename(lua_, index)));
@@ -79,8 +75,7 @@ class Reader {
     // A table that is shared many times costs nothing in Lua and its full size here.
     void spend(std::size_t bytes, const Place* place) {
         bytes_ += bytes;
-        if (bytes_ > most_bytes_)
-            fail(place, "is part of a value larger than the memory limit of the script");
+        if (bytes_ > most_bytes_) fail(place, "is part of a value larger than the memory limit of the script");
     }
 
     std::string text(int index, const Place* place) {
@@ -120,8 +115,8 @@ class Reader {
             } else if (lua_type(lua_, -1) == LUA_TSTRING) {
                 ++count.named;
             } else {
-                fail(place, fmt::format("has a key that is a {}, must be a text or a whole number",
-                                        luaL_typename(lua_, -1)));
+                fail(place,
+                     fmt::format("has a key that is a {}, must be a text or a whole number", luaL_typename(lua_, -1)));
             }
         }
         return count;
@@ -201,34 +196,16 @@ void push_value(lua_State* lua, const Json& value, int level) {
         throw InputError(fmt::format("the value is nested deeper than {} levels", most_levels));
     }
     switch (value.type()) {
-    case Json::value_t::null:
-        lua_pushnil(lua);
-        break;
-    case Json::value_t::boolean:
-        lua_pushboolean(lua, value.get<bool>());
-        break;
-    case Json::value_t::number_integer:
-        lua_pushinteger(lua, value.get<lua_Integer>());
-        break;
-    case Json::value_t::number_unsigned:
-        push_unsigned(lua, value.get<std::uint64_t>());
-        break;
-    case Json::value_t::number_float:
-        lua_pushnumber(lua, value.get<double>());
-        break;
-    case Json::value_t::string:
-        push_text(lua, value.get_ref<const std::string&>());
-        break;
-    case Json::value_t::array:
-        push_list(lua, value, level + 1);
-        break;
-    case Json::value_t::object:
-        push_fields(lua, value, level + 1);
-        break;
+    case Json::value_t::null: lua_pushnil(lua); break;
+    case Json::value_t::boolean: lua_pushboolean(lua, value.get<bool>()); break;
+    case Json::value_t::number_integer: lua_pushinteger(lua, value.get<lua_Integer>()); break;
+    case Json::value_t::number_unsigned: push_unsigned(lua, value.get<std::uint64_t>()); break;
+    case Json::value_t::number_float: lua_pushnumber(lua, value.get<double>()); break;
+    case Json::value_t::string: push_text(lua, value.get_ref<const std::string&>()); break;
+    case Json::value_t::array: push_list(lua, value, level + 1); break;
+    case Json::value_t::object: push_fields(lua, value, level + 1); break;
     case Json::value_t::binary:
-    case Json::value_t::discarded:
-        assert(false && "not plain data");
-        lua_pushnil(lua);
+    case Json::value_t::discarded: assert(false && "not plain data"); lua_pushnil(lua);
     }
 }
 

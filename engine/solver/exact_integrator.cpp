@@ -195,26 +195,26 @@ template <std::size_t Fixed>
     }
 }
 
-[[gnu::target_clones("avx512f", "avx2", "default")]]
-void multiply_columns(const double* matrix, std::size_t columns, std::size_t height, const double* x,
-                      double* product) {
+[[gnu::target_clones("avx512f", "avx2", "default")]] void
+multiply_columns(const double* matrix, std::size_t columns, std::size_t height, const double* x, double* product) {
     switch (height) {
     case 8: return multiply<8>(matrix, columns, 8, x, product);
     default: return multiply<0>(matrix, columns, height, x, product);
     }
 }
 
-[[gnu::target_clones("avx512f", "avx2", "default")]]
-int expand_columns(const double* a, const double* square, std::size_t columns, std::size_t height, double h,
-                   int most_terms, double* terms, double* largest, double* travel) {
+[[gnu::target_clones("avx512f", "avx2", "default")]] int expand_columns(const double* a, const double* square,
+                                                                        std::size_t columns, std::size_t height,
+                                                                        double h, int most_terms, double* terms,
+                                                                        double* largest, double* travel) {
     switch (height) {
     case 8: return expand<8>(a, square, columns, 8, h, most_terms, terms, largest, travel);
     default: return expand<0>(a, square, columns, height, h, most_terms, terms, largest, travel);
     }
 }
 
-[[gnu::target_clones("avx512f", "avx2", "default")]]
-void evaluate_columns(const double* terms, int order, std::size_t height, double s, double* x) {
+[[gnu::target_clones("avx512f", "avx2", "default")]] void evaluate_columns(const double* terms, int order,
+                                                                           std::size_t height, double s, double* x) {
     switch (height) {
     case 8: return evaluate<8>(terms, order, 8, s, x);
     default: return evaluate<0>(terms, order, height, s, x);
@@ -224,9 +224,15 @@ void evaluate_columns(const double* terms, int order, std::size_t height, double
 } // namespace
 
 ExactIntegrator::ExactIntegrator(const HybridSystem& system)
-    : system_(system), size_(system.states().size()), height_((size_ + block_size - 1) / block_size * block_size),
-      guard_count_(system.guard_count()), terms_((most_terms + 1) * height_), work_(height_), travel_(height_),
-      guard_terms_((most_terms + 1) * guard_count_), polynomial_(most_terms + 1) {
+    : system_(system),
+      size_(system.states().size()),
+      height_((size_ + block_size - 1) / block_size * block_size),
+      guard_count_(system.guard_count()),
+      terms_((most_terms + 1) * height_),
+      work_(height_),
+      travel_(height_),
+      guard_terms_((most_terms + 1) * guard_count_),
+      polynomial_(most_terms + 1) {
     if (const auto reason = system.why_not_affine()) {
         throw InputError(fmt::format("solver \"exact\" cannot be used: {}; choose erk, adams or cvode", *reason));
     }
@@ -267,7 +273,8 @@ ExactIntegrator::Pattern ExactIntegrator::make_pattern() const {
     }
     pattern.square.resize(size_ * height_);
     for (std::size_t j = 0; j < size_; ++j) {
-        multiply_columns(pattern.a.data(), size_, height_, pattern.a.data() + j * height_, pattern.square.data() + j * height_);
+        multiply_columns(pattern.a.data(), size_, height_, pattern.a.data() + j * height_,
+                         pattern.square.data() + j * height_);
     }
     return pattern;
 }
@@ -404,7 +411,8 @@ bool ExactIntegrator::expand(double h) {
     };
     derive(0);
     if (pattern_) {
-        order_ = expand_columns(pattern_->a.data(), pattern_->square.data(), size_, height_, h, most_terms, terms_.data(), work_.data(), travel_.data());
+        order_ = expand_columns(pattern_->a.data(), pattern_->square.data(), size_, height_, h, most_terms,
+                                terms_.data(), work_.data(), travel_.data());
         // A comparison with what is not a number hides it; in the last term it still stands.
         return order_ > 0 && std::all_of(term(order_), term(order_) + size_, [](double c) { return std::isfinite(c); });
     }

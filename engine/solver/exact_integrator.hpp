@@ -51,15 +51,15 @@ class ExactIntegrator final : public Integrator {
     // Of a pattern, for steps of one length h.
     struct Prepared {
         double h;
-        Columns psi; // x(h) = x + psi f; empty: too long for its series
+        Columns psi;              // x(h) = x + psi f; empty: too long for its series
         std::vector<Reach> reach; // (guards)
     };
 
     // What is known of one A and G.
     struct Pattern {
-        Columns a, square; // A, A^2
+        Columns a, square;                 // A, A^2
         std::vector<std::vector<Entry>> g; // (guards)
-        int series = 0; // steps of a regular length that were not prepared
+        int series = 0;                    // steps of a regular length that were not prepared
         std::vector<Prepared> prepared;
     };
 
@@ -83,14 +83,14 @@ class ExactIntegrator final : public Integrator {
     SystemState* state_ = nullptr;
     std::map<AffinePattern, Pattern> patterns_;
     AffinePattern key_{};
-    Pattern* pattern_ = nullptr; // the present one; null where b varies
+    Pattern* pattern_ = nullptr;           // the present one; null where b varies
     std::vector<double> regular_, recent_; // step lengths that come again, and those met last [s]
     std::size_t next_recent_ = 0;
-    double t0_ = 0, h_ = 0;      // of the last step [s]
+    double t0_ = 0, h_ = 0; // of the last step [s]
     // A leap takes a length for one that differs by rounding. Lest these differences add up, x counts as that of the time
     // state.t - behind_, and the next step makes up for it; lag_ is what the last step began with.
-    double behind_ = 0, lag_ = 0; // [s]
-    int order_ = 0;              // of its series; 0: it was a leap
+    double behind_ = 0, lag_ = 0;     // [s]
+    int order_ = 0;                   // of its series; 0: it was a leap
     Columns terms_;                   // (height x most_terms + 1): c_n
     std::vector<double> work_;        // (height)
     std::vector<double> travel_;      // (height): how far each state can go in the step, where pattern_ is there

@@ -50,7 +50,9 @@ std::vector<double> integral_of_exponential(const Matrix& l, std::size_t n, doub
 }
 
 FixedStepIntegrator::FixedStepIntegrator(const HybridSystem& system, Method method, double step)
-    : system_(system), method_(method), step_(step) {
+    : system_(system),
+      method_(method),
+      step_(step) {
     const std::size_t n = system.states().size();
     for (auto* v : {&x_before_, &next_, &k1_, &k2_, &k3_, &k4_}) v->resize(n);
     guards_.resize(system.guard_count());

@@ -46,13 +46,13 @@ class Integrator {
 // The ways to integrate. The first six locate events and serve for results; the fixed-step ones are there to be compared
 // with them: they look at the guards after each step only, as one would write it on a signal processor.
 enum class Method {
-    automatic, // exact where the system is piecewise affine, else erk: the default; the user writes auto
-    exact,     // Taylor series to rounding error, for systems that are piecewise affine
-    erk,       // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE
-    adams,     // Adams-Moulton with functional iteration, CVODE
-    bdf,       // backward differentiation formulas with Newton iteration, CVODE; the user writes cvode
-    fixed,     // classical Runge-Kutta of order 4 with a fixed step
-    euler,     // explicit Euler with a fixed step
+    automatic,           // exact where the system is piecewise affine, else erk: the default; the user writes auto
+    exact,               // Taylor series to rounding error, for systems that are piecewise affine
+    erk,                 // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE
+    adams,               // Adams-Moulton with functional iteration, CVODE
+    bdf,                 // backward differentiation formulas with Newton iteration, CVODE; the user writes cvode
+    fixed,               // classical Runge-Kutta of order 4 with a fixed step
+    euler,               // explicit Euler with a fixed step
     semi_implicit_euler, // velocities first, then positions with the new velocities
     zoh // the linear part discretized by zero-order hold, all else frozen at the value of the step's beginning
 };

@@ -16,8 +16,8 @@ struct RunOutcome {
 
 // Counts and times of one run.
 struct RunStatistics {
-    long steps = 0;                 // accepted internal steps
-    long rejected_steps = 0;        // steps tried and given up
+    long steps = 0;          // accepted internal steps
+    long rejected_steps = 0; // steps tried and given up
     long derivative_evaluations = 0;
     long jacobian_evaluations = 0;
     long guard_evaluations = 0;

@@ -44,8 +44,14 @@ Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, c
 
 Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, SystemState start,
                      const RunControl& control)
-    : system_(system), clocks_(system.clocks()), control_(control), state_(std::move(start)), integrator_(make_integrator(system, options)),
-      guard_values_(system.guard_count()), output_state_(state_), chatter_start_(state_.t) {
+    : system_(system),
+      clocks_(system.clocks()),
+      control_(control),
+      state_(std::move(start)),
+      integrator_(make_integrator(system, options)),
+      guard_values_(system.guard_count()),
+      output_state_(state_),
+      chatter_start_(state_.t) {
     if (!state_.next_sample.empty()) return; // a snapshot of another run
     for (const auto& clock : system.clocks()) {
         long k = static_cast<long>(std::ceil((state_.t - clock.offset) / clock.period));
@@ -57,8 +63,8 @@ Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, S
 
 void Simulator::set_output_grid(std::vector<double> instants) {
     output_grid_ = std::move(instants);
-    next_output_ = static_cast<std::size_t>(
-        std::lower_bound(output_grid_.begin(), output_grid_.end(), state_.t) - output_grid_.begin());
+    next_output_ = static_cast<std::size_t>(std::lower_bound(output_grid_.begin(), output_grid_.end(), state_.t) -
+                                            output_grid_.begin());
 }
 
 RunStatistics Simulator::statistics() const {
@@ -67,9 +73,7 @@ RunStatistics Simulator::statistics() const {
     return all;
 }
 
-void Simulator::fail(RunEnd end, std::string message) {
-    outcome_ = RunOutcome{end, state_.t, std::move(message)};
-}
+void Simulator::fail(RunEnd end, std::string message) { outcome_ = RunOutcome{end, state_.t, std::move(message)}; }
 
 RunOutcome Simulator::advance_to(double t_end) {
     if (!outcome_.ok()) return outcome_;

@@ -70,8 +70,8 @@ int SundialsIntegrator::guard_callback(double t, N_Vector x, double* g, void* se
     return 0;
 }
 
-int SundialsIntegrator::jacobian_callback(double t, N_Vector x, N_Vector, SUNMatrix matrix, void* self,
-                                          N_Vector, N_Vector, N_Vector) {
+int SundialsIntegrator::jacobian_callback(double t, N_Vector x, N_Vector, SUNMatrix matrix, void* self, N_Vector,
+                                          N_Vector, N_Vector) {
     auto& me = *static_cast<SundialsIntegrator*>(self);
     ++me.counts_.jacobian_evaluations;
     SUNMatZero(matrix);
@@ -165,15 +165,13 @@ bool SundialsIntegrator::look_for_missed_fall(double t_before) {
 
 void SundialsIntegrator::record_failure(double t) {
     if (met_non_finite_) {
-        failure_ = {
-            RunEnd::non_finite, t,
-            fmt::format("the derivative is not finite near t = {:.9g} s: the loop may be unstable", t)};
+        failure_ = {RunEnd::non_finite, t,
+                    fmt::format("the derivative is not finite near t = {:.9g} s: the loop may be unstable", t)};
     } else {
-        failure_ = {
-            RunEnd::step_too_small, t,
-            fmt::format("the integrator cannot go on at t = {:.9g} s ({}); loosen the tolerances or choose "
-                        "another solver",
-                        t, last_message_.empty() ? "no step gets on in time" : last_message_)};
+        failure_ = {RunEnd::step_too_small, t,
+                    fmt::format("the integrator cannot go on at t = {:.9g} s ({}); loosen the tolerances or choose "
+                                "another solver",
+                                t, last_message_.empty() ? "no step gets on in time" : last_message_)};
     }
 }
 

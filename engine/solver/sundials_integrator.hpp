@@ -48,8 +48,8 @@ class SundialsIntegrator : public Integrator {
 
     static int derivative_callback(double t, N_Vector x, N_Vector dxdt, void* self);
     static int guard_callback(double t, N_Vector x, double* g, void* self);
-    static int jacobian_callback(double t, N_Vector x, N_Vector fx, SUNMatrix matrix, void* self, N_Vector,
-                                 N_Vector, N_Vector);
+    static int jacobian_callback(double t, N_Vector x, N_Vector fx, SUNMatrix matrix, void* self, N_Vector, N_Vector,
+                                 N_Vector);
     static void message_callback(int code, const char* module, const char* function, char* text, void* self);
 
     const HybridSystem& system_;

@@ -14,8 +14,8 @@ class Input : public ::testing::Test {
         folder.write("in.csv", "t,u\n0,0\n0.0005,1\n0.001,1\n");
     }
 
-    void expect_refused(const std::string& machine, const std::string& input,
-                        const std::vector<std::string>& parts, const std::vector<std::string>& more = {}) {
+    void expect_refused(const std::string& machine, const std::string& input, const std::vector<std::string>& parts,
+                        const std::vector<std::string>& more = {}) {
         std::vector<std::string> arguments = {"simulate", "--machine", machine,    "--input",   input,
                                               "-o",       "out.csv",   "--events", "events.csv"};
         arguments.insert(arguments.end(), more.begin(), more.end());
@@ -80,8 +80,7 @@ TEST_F(Input, ANumberThatIsNotFiniteIsRefusedWithItsLine) {
 }
 
 TEST_F(Input, TextInARecordIsRefusedWithItsLine) {
-    expect_record_refused("t,u\n0,0\n0.0005,one\n",
-                          {"wrong.csv:3", "column u", "\"one\"", "must be a number"});
+    expect_record_refused("t,u\n0,0\n0.0005,one\n", {"wrong.csv:3", "column u", "\"one\"", "must be a number"});
     expect_record_refused("t,u\n0,0\n0.0005\n", {"wrong.csv:3", "1 value", "2"});
 }
 
@@ -107,8 +106,7 @@ TEST_F(Input, ARecordWithoutInputIsRefused) {
 }
 
 TEST_F(Input, AnUnknownColumnIsRefused) {
-    expect_record_refused("t,u,excc\n0,0,0\n0.0005,1,0\n",
-                          {"wrong.csv", "\"excc\"", "did you mean \"exc\"?"});
+    expect_record_refused("t,u,excc\n0,0,0\n0.0005,1,0\n", {"wrong.csv", "\"excc\"", "did you mean \"exc\"?"});
 }
 
 TEST_F(Input, AnUnknownSolverIsRefusedWithThoseThereAre) {
@@ -119,8 +117,7 @@ TEST_F(Input, AnUnknownSolverIsRefusedWithThoseThereAre) {
 TEST_F(Input, TolerancesAndStepMustBePositive) {
     expect_refused("mass.json", "in.csv", {"--rtol", "-1", "positive"}, {"--rtol", "-1"});
     expect_refused("mass.json", "in.csv", {"--atol", "0", "positive"}, {"--atol", "0"});
-    expect_refused("mass.json", "in.csv", {"--step", "-0.001", "positive"},
-                   {"--solver", "fixed", "--step", "-1e-3"});
+    expect_refused("mass.json", "in.csv", {"--step", "-0.001", "positive"}, {"--solver", "fixed", "--step", "-1e-3"});
     expect_refused("mass.json", "in.csv", {"--step", "0", "positive"}, {"--solver", "fixed", "--step", "0"});
 }
 

@@ -43,9 +43,7 @@ class Interruption : public ::testing::Test {
                               "tb.write_json { file = 'responses.json', value = sweep.responses }\n");
     }
 
-    std::vector<std::string> command(const std::string& out) const {
-        return {"run", "s.lua", "-o", out, "-j", "2"};
-    }
+    std::vector<std::string> command(const std::string& out) const { return {"run", "s.lua", "-o", out, "-j", "2"}; }
 
     // Sends the signal while the sweep runs and has kept something.
     Ending interrupted(int signal) {
@@ -137,8 +135,8 @@ TEST_F(Interruption, CtrlCInASimulationKeepsWhatWasReachedUnderAnotherName) {
     std::string rows = "t,u\n";
     for (int k = 0; k < 2000; ++k) rows += std::to_string(k * 5e-4) + ",1\n";
     folder.write("in.csv", rows);
-    Program program({"simulate", "--machine", "mass.json", "--input", "in.csv", "-o", "out.csv", "--solver",
-                     "fixed", "--step", "1e-9"},
+    Program program({"simulate", "--machine", "mass.json", "--input", "in.csv", "-o", "out.csv", "--solver", "fixed",
+                     "--step", "1e-9"},
                     {.folder = folder.path(), .errors_to_terminal = true});
     ASSERT_TRUE(program.wait_until([&] { return !program.err().empty(); }));
     program.send(SIGINT);
@@ -154,9 +152,8 @@ TEST_F(Interruption, CtrlCInASimulationKeepsWhatWasReachedUnderAnotherName) {
 TEST_F(Interruption, ResultsAreTheSameBytesForAnyNumberOfWorkers) {
     const auto script = fs::path(TRIBODE_SOURCE_DIR) / "scripts/fra_comparison.lua";
     for (const std::string workers : {"1", "2", "7"}) {
-        const auto ending =
-            run({"run", script.string(), "-D", "frequencies=12", "-o", "out" + workers, "-j", workers},
-                {.folder = folder.path()});
+        const auto ending = run({"run", script.string(), "-D", "frequencies=12", "-o", "out" + workers, "-j", workers},
+                                {.folder = folder.path()});
         EXPECT_EQ(ending.exit_code, 0) << ending.err;
     }
     EXPECT_EQ(results_in(folder / "out1").size(), 10u);

@@ -44,8 +44,8 @@ TEST_F(Output, AFileAboveTheSizeLimitIsToldAndNotLeft) {
 }
 
 TEST_F(Output, AFileAboveTheSizeLimitEndsAScript) {
-    expect_sentence(run({"run", "s.lua", "-o", "out"}, {.folder = folder.path(), .largest_file = small_file}),
-                    1, {"s.lua:2:", "out/large.json: cannot be written", "File too large"});
+    expect_sentence(run({"run", "s.lua", "-o", "out"}, {.folder = folder.path(), .largest_file = small_file}), 1,
+                    {"s.lua:2:", "out/large.json: cannot be written", "File too large"});
     EXPECT_EQ(files_in(folder / "out"), std::vector<std::string>{"manifest.json"});
 }
 
@@ -54,16 +54,14 @@ TEST_F(Output, AScriptThatWritesItselfSeesTheSizeLimit) {
                             "file:setvbuf('no')\n"
                             "local _, problem = file:write(('x'):rep(20000))\n"
                             "print(problem)\n");
-    const auto ending =
-        run({"run", "own.lua", "-o", "out"}, {.folder = folder.path(), .largest_file = small_file});
+    const auto ending = run({"run", "own.lua", "-o", "out"}, {.folder = folder.path(), .largest_file = small_file});
     EXPECT_EQ(ending.exit_code, 0) << ending.err;
     EXPECT_EQ(ending.out, "File too large\n");
 }
 
 TEST_F(Output, AnOldResultOutlivesAFullDisk) {
     folder.write("out.csv", "old\n");
-    expect_sentence(run(simulate("out.csv"), {.folder = folder.path(), .largest_file = small_file}), 1,
-                    {"out.csv"});
+    expect_sentence(run(simulate("out.csv"), {.folder = folder.path(), .largest_file = small_file}), 1, {"out.csv"});
     EXPECT_EQ(text_of(folder / "out.csv"), "old\n");
     EXPECT_FALSE(fs::exists(folder / "out.csv.part"));
 }
@@ -85,10 +83,8 @@ bool write_line(const char* file, const std::string& text) {
 
 bool mount_small_disk(const fs::path& folder) {
     const std::string user = std::to_string(geteuid()), group = std::to_string(getegid());
-    return unshare(CLONE_NEWUSER | CLONE_NEWNS) == 0 &&
-           write_line("/proc/self/uid_map", "0 " + user + " 1") &&
-           write_line("/proc/self/setgroups", "deny") &&
-           write_line("/proc/self/gid_map", "0 " + group + " 1") &&
+    return unshare(CLONE_NEWUSER | CLONE_NEWNS) == 0 && write_line("/proc/self/uid_map", "0 " + user + " 1") &&
+           write_line("/proc/self/setgroups", "deny") && write_line("/proc/self/gid_map", "0 " + group + " 1") &&
            mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0 &&
            mount("tmpfs", folder.c_str(), "tmpfs", 0, "size=64k") == 0;
 }
@@ -98,8 +94,7 @@ constexpr int no_small_disk = 99;
 // Runs the program with disk/ below the folder on the small disk, in a child process, for only that one sees
 // the disk; nothing where the system does not allow it. What stands on the disk then goes to the file
 // `listing`.
-std::optional<Ending> run_beside_small_disk(const std::vector<std::string>& arguments,
-                                            const TemporaryFolder& folder) {
+std::optional<Ending> run_beside_small_disk(const std::vector<std::string>& arguments, const TemporaryFolder& folder) {
     fs::create_directory(folder / "disk");
     const pid_t child = fork();
     if (child == 0) {
@@ -124,8 +119,7 @@ TEST_F(Output, AFullDiskIsToldAndKeepsNoPart) {
                           "tb.write_json { file = 'large.json', value = ('x'):rep(200000) }\n");
     const auto ending = run_beside_small_disk({"run", "s.lua", "-o", "disk/out"}, folder);
     if (!ending) GTEST_SKIP() << "no small disk can be mounted here";
-    expect_sentence(*ending, 1,
-                    {"s.lua:3:", "disk/out/large.json: cannot be written", "No space left on device"});
+    expect_sentence(*ending, 1, {"s.lua:3:", "disk/out/large.json: cannot be written", "No space left on device"});
     EXPECT_EQ(text_of(folder / "listing"), "out/manifest.json\nout/small.json\n");
 }
 
@@ -145,8 +139,8 @@ TEST_F(Output, AFullDiskLeavesNoSimulation) {
 
 TEST_F(Output, AReadOnlyFolderIsTold) {
     fs::create_directory(folder / "locked");
-    fs::permissions(folder / "locked", fs::perms::owner_read | fs::perms::owner_exec |
-                                           fs::perms::others_read | fs::perms::others_exec);
+    fs::permissions(folder / "locked",
+                    fs::perms::owner_read | fs::perms::owner_exec | fs::perms::others_read | fs::perms::others_exec);
     const Surroundings without_rights{.folder = folder.path(), .as_nobody = true};
     const auto simulation = run(simulate("locked/out.csv"), without_rights);
     if (simulation.exit_code == Program::cannot_start) GTEST_SKIP() << "others may not run the program here";
@@ -160,8 +154,7 @@ TEST_F(Output, AReadOnlyFolderIsTold) {
 
 TEST_F(Output, AFileWhereAFolderMustBeIsTold) {
     folder.write("taken", "old\n");
-    expect_sentence(run(simulate("taken/out.csv"), {.folder = folder.path()}), 1,
-                    {"taken/out.csv", "Not a directory"});
+    expect_sentence(run(simulate("taken/out.csv"), {.folder = folder.path()}), 1, {"taken/out.csv", "Not a directory"});
     expect_sentence(run({"run", "s.lua", "-o", "taken"}, {.folder = folder.path()}), 1,
                     {"taken: the folder cannot be made"});
     EXPECT_EQ(text_of(folder / "taken"), "old\n");

@@ -22,9 +22,7 @@ std::vector<std::string> ready_files(const std::string& folder) {
 }
 
 // A name that a test may have.
-std::string stem_of(const ::testing::TestParamInfo<std::string>& file) {
-    return fs::path(file.param).stem().string();
-}
+std::string stem_of(const ::testing::TestParamInfo<std::string>& file) { return fs::path(file.param).stem().string(); }
 
 // ---- scripts and samples
 // ---------------------------------------------------------------------------------------------
@@ -36,8 +34,8 @@ const std::map<std::string, std::vector<std::string>> results = {
       "responses.h5", "signals.csv", "signals.png", "signals.svg"}},
     {"method_comparison",
      {"comparison.csv", "cost.csv", "differences.png", "differences.svg", "findings.txt", "hysteresis.png",
-      "hysteresis.svg", "manifest.json", "methods.json", "trajectories.png", "trajectories.svg",
-      "work_precision.png", "work_precision.svg"}},
+      "hysteresis.svg", "manifest.json", "methods.json", "trajectories.png", "trajectories.svg", "work_precision.png",
+      "work_precision.svg"}},
     {"friction_identification",
      {"branches.png", "branches.svg", "elements.csv", "error.csv", "error.png", "error.svg", "friction.json",
       "held_out.csv", "held_out.png", "held_out.svg", "loop.csv", "loop.png", "loop.svg", "manifest.json"}},
@@ -48,13 +46,32 @@ const std::map<std::string, std::vector<std::string>> results = {
      {"amplitudes.png", "amplitudes.svg", "analyses.png", "analyses.svg", "manifest.json", "proposed.png",
       "proposed.svg", "responses.csv", "summary.json", "wrong_delay.csv", "wrong_delay.png", "wrong_delay.svg"}},
     {"positioning",
-     {"design_deadbeat.csv",      "design_deadbeat_hold_once.csv", "design_s_curve.csv",   "design_zero_phase.csv",
-      "design_zv.csv",            "design_zvd.csv",                "designs.json",         "designs.png",
-      "designs.svg",              "feedforward_gain.png",          "feedforward_gain.svg", "identified.json",
-      "identified.png",           "identified.svg",                "identified_FRA-1.csv", "identified_FRA-2.csv",
-      "identified_Proposed.csv",  "manifest.json",                 "paper_FRA-1.csv",      "paper_FRA-2.csv",
-      "paper_Proposed.csv",       "positions.png",                 "positions.svg",        "spectrum.png",
-      "spectrum.svg",             "summary.json"}},
+     {"design_deadbeat.csv",
+      "design_deadbeat_hold_once.csv",
+      "design_s_curve.csv",
+      "design_zero_phase.csv",
+      "design_zv.csv",
+      "design_zvd.csv",
+      "designs.json",
+      "designs.png",
+      "designs.svg",
+      "feedforward_gain.png",
+      "feedforward_gain.svg",
+      "identified.json",
+      "identified.png",
+      "identified.svg",
+      "identified_FRA-1.csv",
+      "identified_FRA-2.csv",
+      "identified_Proposed.csv",
+      "manifest.json",
+      "paper_FRA-1.csv",
+      "paper_FRA-2.csv",
+      "paper_Proposed.csv",
+      "positions.png",
+      "positions.svg",
+      "spectrum.png",
+      "spectrum.svg",
+      "summary.json"}},
     {"open_question",
      {"amplitudes.csv", "amplitudes.png", "amplitudes.svg", "causes.csv", "causes.png", "causes.svg", "manifest.json",
       "open_question.json", "parameters.png", "parameters.svg", "steps.png", "steps.svg"}},
@@ -146,8 +163,8 @@ TEST(LuaTests, AFailedAssertionFails) {
 TEST(FraComparison, OnlyTheProposedAnalysisComesToTheTruth) {
     const TemporaryFolder folder;
     const auto script = fs::path(TRIBODE_SOURCE_DIR) / "scripts/fra_comparison.lua";
-    const auto ending = run({"run", script.string(), "-D", "frequencies=100", "-o", "out", "--quiet"},
-                            {.folder = folder.path()});
+    const auto ending =
+        run({"run", script.string(), "-D", "frequencies=100", "-o", "out", "--quiet"}, {.folder = folder.path()});
     ASSERT_EQ(ending.exit_code, 0) << ending.err;
     EXPECT_EQ(ending.err, "");
     const auto identified = Json::parse(text_of(folder / "out/identified.json"));
@@ -158,8 +175,7 @@ TEST(FraComparison, OnlyTheProposedAnalysisComesToTheTruth) {
     for (const auto* name : {"k0", "k1", "f1_hz", "zeta1", "k2", "f2_hz"})
         EXPECT_NEAR(ratio("Proposed", name), 1, 0.03);
     EXPECT_NEAR(ratio("Proposed", "zeta2"), 1, 0.08);
-    for (const auto* name : {"k0", "k1", "f1_hz", "zeta1", "zeta2"})
-        EXPECT_GT(ratio("FRA-1", name), 1) << name;
+    for (const auto* name : {"k0", "k1", "f1_hz", "zeta1", "zeta2"}) EXPECT_GT(ratio("FRA-1", name), 1) << name;
     for (const auto* name : {"k0", "k1", "k2"}) EXPECT_LT(ratio("FRA-2", name), 1) << name;
     for (const auto* name : {"zeta1", "zeta2"}) EXPECT_GT(ratio("FRA-2", name), 1) << name;
     // The description's own numbers stand beside them.

@@ -36,8 +36,7 @@ class Script : public ::testing::Test {
 };
 
 TEST_F(Script, AMissingScriptIsNamedAndNoFolderMade) {
-    expect_sentence(run({"run", "missing.lua"}, {.folder = folder.path()}), 2,
-                    {"missing.lua", "No such file"});
+    expect_sentence(run({"run", "missing.lua"}, {.folder = folder.path()}), 2, {"missing.lua", "No such file"});
     EXPECT_FALSE(fs::exists(folder / "results"));
 }
 
@@ -92,8 +91,8 @@ TEST_F(Script, AnEndlessLoopEnds) {
 }
 
 TEST_F(Script, AMemoryBombEnds) {
-    expect_refused("local t = {}\nfor i = 1, 1e9 do t[i] = ('x'):rep(1000) .. i end\n",
-                   {"memory limit", "16 MiB"}, {"--max-memory", "16"});
+    expect_refused("local t = {}\nfor i = 1, 1e9 do t[i] = ('x'):rep(1000) .. i end\n", {"memory limit", "16 MiB"},
+                   {"--max-memory", "16"});
     expect_refused("local s = ('x'):rep(1 << 26)\n", {"memory limit", "16 MiB"}, {"--max-memory", "16"});
 }
 
@@ -103,8 +102,7 @@ TEST_F(Script, FilesOutsideAreNotRead) {
     for (const std::string name : {"/etc/passwd", "secret.txt", "out/../secret.txt", "out/link"}) {
         for (const std::string reading : {"io.open('", "io.lines('", "dofile('", "loadfile('"}) {
             const auto ending = run_script("print(1)\n" + reading + name + "')\n");
-            expect_sentence(ending, 2,
-                            {"s.lua:2:", "\"" + name + "\"", "outside the run folder", "--allow-all"});
+            expect_sentence(ending, 2, {"s.lua:2:", "\"" + name + "\"", "outside the run folder", "--allow-all"});
         }
     }
 }

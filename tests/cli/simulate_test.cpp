@@ -57,8 +57,7 @@ class Sheet {
 constexpr double sample_time = 5e-4;
 
 // k Ts as text, in the five digits a user would write, and the values of a column.
-std::string record(const std::string& header, const std::vector<std::vector<double>>& columns,
-                   double start = 0) {
+std::string record(const std::string& header, const std::vector<std::vector<double>>& columns, double start = 0) {
     std::string text = header + "\n";
     for (std::size_t k = 0; k < columns.front().size(); ++k) {
         char t[32];
@@ -116,9 +115,7 @@ class Simulate : public ::testing::Test {
 // ---- golden runs
 // -----------------------------------------------------------------------------------------------------
 
-Sheet golden(const std::string& name) {
-    return Sheet(fs::path(TRIBODE_SOURCE_DIR) / "tests/golden" / (name + ".csv"));
-}
+Sheet golden(const std::string& name) { return Sheet(fs::path(TRIBODE_SOURCE_DIR) / "tests/golden" / (name + ".csv")); }
 
 // Largest distance from the golden run, at every tenth sample instant.
 double distance(const Sheet& found, const Sheet& golden, const std::string& column) {
@@ -192,8 +189,7 @@ TEST_P(Golden, OpenLoopAt30N) { compare_open_loop("g2", 30, 34); }
 
 TEST_P(Golden, ClosedLoop) {
     const auto excitation = problems::sampled_sine(15, 10, sample_time, 1001);
-    const Sheet found =
-        solve(golden_table_in_loop(), record("t,r,exc", {std::vector<double>(1001), excitation}));
+    const Sheet found = solve(golden_table_in_loop(), record("t,r,exc", {std::vector<double>(1001), excitation}));
     compare(found, "loop");
     // What the encoder sees is rounded to 1e-7 m, so the detected positions and the thrust made of them are
     // the same but for the last digits.
@@ -206,8 +202,7 @@ const std::vector<std::string> tight = {"--rtol", "1e-10", "--atol", "1e-13"};
 // exact: rounding, over 500 restarts and more; the others what they claim at these tolerances. fixed sees an
 // event at the end of its step of 1 us.
 INSTANTIATE_TEST_SUITE_P(Solvers, Golden,
-                         ::testing::Values(GoldenCase{"exact", {}, 1e-15, 1e-14},
-                                           GoldenCase{"erk", tight, 1e-9, 1e-9},
+                         ::testing::Values(GoldenCase{"exact", {}, 1e-15, 1e-14}, GoldenCase{"erk", tight, 1e-9, 1e-9},
                                            GoldenCase{"adams", tight, 1e-8, 1e-8},
                                            GoldenCase{"cvode", tight, 1e-8, 1e-8},
                                            GoldenCase{"fixed", {"--step", "1e-6"}, 1e-9, 1.01e-6}),
@@ -258,8 +253,7 @@ TEST_F(Solvers, TheDefaultStepOfFixedIsATenthOfTheSampleTime) {
 
 TEST_F(Simulate, EveryNumberIsTheShortestTextThatReadsBackToTheSameDouble) {
     folder.write("machine.json", golden_table_in_loop().dump());
-    folder.write("in.csv",
-                 record("t,r,exc", {std::vector<double>(200, 1e-6), std::vector<double>(200, 9.0)}));
+    folder.write("in.csv", record("t,r,exc", {std::vector<double>(200, 1e-6), std::vector<double>(200, 9.0)}));
     const Sheet found = trace("machine.json");
     EXPECT_EQ(found.header(), (std::vector<std::string>{"t", "r", "u", "y", "x", "v", "f"}));
     ASSERT_EQ(found.rows().size(), 200u);
@@ -294,10 +288,10 @@ TEST_F(Simulate, ColumnsAndScalesMapARecord) {
 TEST_F(Simulate, WithoutEventsNoSuchFileIsWritten) {
     folder.write("machine.json", golden_table().dump());
     folder.write("in.csv", record("t,u", {std::vector<double>(10, 5.0)}));
-    EXPECT_EQ(run({"simulate", "--machine", "machine.json", "--input", "in.csv", "-o", "out.csv"},
-                  {.folder = folder.path()})
-                  .exit_code,
-              0);
+    EXPECT_EQ(
+        run({"simulate", "--machine", "machine.json", "--input", "in.csv", "-o", "out.csv"}, {.folder = folder.path()})
+            .exit_code,
+        0);
     EXPECT_EQ(files_in(folder.path()), (std::vector<std::string>{"in.csv", "machine.json", "out.csv"}));
 }
 
@@ -365,8 +359,7 @@ TEST_F(Simulate, AnUnstableLoopEndsEarlyAndKeepsWhatWasReached) {
     folder.write("machine.json", R"({"rigid_gain_per_kg": 0.1, "controller": {"type": "pid", "kp": -1e9}})");
     folder.write("in.csv", record("t,r", {std::vector<double>(2000, 1e-3)}));
     expect_sentence(simulate("machine.json"), 3, {"not finite", "t = ", "unstable", "out.csv.partial.csv"});
-    EXPECT_EQ(files_in(folder.path()),
-              (std::vector<std::string>{"in.csv", "machine.json", "out.csv.partial.csv"}));
+    EXPECT_EQ(files_in(folder.path()), (std::vector<std::string>{"in.csv", "machine.json", "out.csv.partial.csv"}));
     const Sheet partial(folder / "out.csv.partial.csv");
     EXPECT_GT(partial.rows().size(), 10u);
     EXPECT_LT(partial.rows().size(), 2000u);

@@ -31,8 +31,8 @@ TEST_F(Usage, HelpIsGivenForTheProgramAndEachCommand) {
 
 TEST_F(Usage, HelpOfSimulateNamesEveryOption) {
     const auto help = run({"simulate", "--help"}, {.folder = folder.path()}).out;
-    for (const auto* option : {"--machine", "--input", "--out", "--events", "--solver", "--rtol", "--atol",
-                               "--step", "--seed", "--columns", "--scale"}) {
+    for (const auto* option : {"--machine", "--input", "--out", "--events", "--solver", "--rtol", "--atol", "--step",
+                               "--seed", "--columns", "--scale"}) {
         EXPECT_NE(help.find(option), std::string::npos) << option;
     }
 }
@@ -48,9 +48,7 @@ TEST_F(Usage, TheVersionIsGivenForTheProgramAndEachCommand) {
     }
 }
 
-TEST_F(Usage, WithoutACommandTheCommandsAreNamed) {
-    expect_refused({}, {"command is missing", "simulate", "run"});
-}
+TEST_F(Usage, WithoutACommandTheCommandsAreNamed) { expect_refused({}, {"command is missing", "simulate", "run"}); }
 
 TEST_F(Usage, AnUnknownCommandIsRefused) {
     expect_refused({"bogus"}, {"\"bogus\"", "simulate", "run"});
@@ -87,9 +85,8 @@ TEST_F(Usage, TextWhereAnOptionNeedsANumberIsRefused) {
 class Quiet : public ::testing::Test {
   protected:
     Quiet() {
-        folder.write("s.lua",
-                     "local tb = require 'tribode'\n"
-                     "tb.sweep { machine = tb.machine 'models/bare_mass.lua', frequency_hz = { 50, 60 } }\n");
+        folder.write("s.lua", "local tb = require 'tribode'\n"
+                              "tb.sweep { machine = tb.machine 'models/bare_mass.lua', frequency_hz = { 50, 60 } }\n");
         folder.write("machine.json", R"({"rigid_gain_per_kg": 0.1})");
         folder.write("in.csv", "t,u\n0,1\n0.0005,1\n0.001,1\n");
     }

@@ -33,8 +33,7 @@ std::vector<std::string> relative_links(const std::string& page) {
         line = std::regex_replace(line, code, "");
         for (std::sregex_iterator it(line.begin(), line.end(), link), end; it != end; ++it) {
             const std::string target = (*it)[1];
-            if (target.find("://") == std::string::npos && !target.starts_with("#") &&
-                !target.starts_with("mailto:")) {
+            if (target.find("://") == std::string::npos && !target.starts_with("#") && !target.starts_with("mailto:")) {
                 targets.push_back(target.substr(0, target.find('#')));
             }
         }
@@ -78,8 +77,7 @@ std::vector<int> record_numbers(const std::vector<fs::path>& files) {
 std::set<std::string> citations(const std::string& text) {
     static const std::regex citation(R"(\[([A-Z][^\]\[ \n]+ (?:18|19|20)\d\d|FRA paper)[\],])");
     std::set<std::string> found;
-    for (std::sregex_iterator it(text.begin(), text.end(), citation), end; it != end; ++it)
-        found.insert((*it)[1]);
+    for (std::sregex_iterator it(text.begin(), text.end(), citation), end; it != end; ++it) found.insert((*it)[1]);
     return found;
 }
 
@@ -98,9 +96,8 @@ TEST(Files, DecisionsAreNumberedWithoutGaps) {
 }
 
 TEST(Files, EveryRelativeLinkOfAPageLeadsToAFile) {
-    EXPECT_EQ(
-        relative_links("[a](b.md#c) `[d](e.md)` [f](https://g.h) [i](#j)\n```\n[k](l.md)\n```\n[m](n.md)\n"),
-        (std::vector<std::string>{"b.md", "n.md"}));
+    EXPECT_EQ(relative_links("[a](b.md#c) `[d](e.md)` [f](https://g.h) [i](#j)\n```\n[k](l.md)\n```\n[m](n.md)\n"),
+              (std::vector<std::string>{"b.md", "n.md"}));
     for (const auto& page : pages()) {
         for (const auto& target : relative_links(read(page))) {
             EXPECT_TRUE(fs::exists(page.parent_path() / target)) << page << " links to " << target;

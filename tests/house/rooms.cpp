@@ -37,8 +37,7 @@ std::vector<std::vector<std::string>> table_rows(std::string_view text, std::str
 std::set<std::string> names_in(const std::string& cell) {
     static const std::regex name(R"([A-Za-z0-9_./]+)");
     std::set<std::string> names;
-    for (std::sregex_iterator it(cell.begin(), cell.end(), name), end; it != end; ++it)
-        names.insert(it->str());
+    for (std::sregex_iterator it(cell.begin(), cell.end(), name), end; it != end; ++it) names.insert(it->str());
     return names;
 }
 
@@ -84,14 +83,12 @@ std::vector<Include> includes_of(std::string_view source) {
     return includes;
 }
 
-std::vector<std::string> violations(const Rooms& rooms, const std::filesystem::path& file,
-                                    std::string_view source) {
+std::vector<std::string> violations(const Rooms& rooms, const std::filesystem::path& file, std::string_view source) {
     const std::string room = file.begin()->string();
     const auto allowed = rooms.reachable(room);
     std::vector<std::string> found;
     for (const auto& include : includes_of(source)) {
-        const auto where =
-            fmt::format("engine/{}:{} includes {}", file.generic_string(), include.line, include.path);
+        const auto where = fmt::format("engine/{}:{} includes {}", file.generic_string(), include.line, include.path);
         const std::string target = std::filesystem::path(include.path).begin()->string();
         if (rooms.may_use.contains(target)) {
             if (!allowed.contains(target)) {
@@ -110,8 +107,7 @@ std::vector<std::string> violations(const Rooms& rooms, const std::filesystem::p
 }
 
 std::map<std::string, std::set<std::string>> link_lines(std::string_view cmake) {
-    static const std::regex call(R"((?:^|\n)\s*tribode_room\(([a-z_]+)([^)]*)\))"),
-        library(R"(tribode_([a-z_]+))");
+    static const std::regex call(R"((?:^|\n)\s*tribode_room\(([a-z_]+)([^)]*)\))"), library(R"(tribode_([a-z_]+))");
     std::map<std::string, std::set<std::string>> lines;
     const std::string text(cmake);
     for (std::sregex_iterator it(text.begin(), text.end(), call), end; it != end; ++it) {

@@ -11,7 +11,7 @@ namespace tribode::house {
 // What docs/rooms.md allows.
 struct Rooms {
     std::map<std::string, std::set<std::string>> may_use; // room -> the rooms its row names
-    std::map<std::string, std::string> only_in; // beginning of a header -> the one room, or main.cpp
+    std::map<std::string, std::string> only_in;           // beginning of a header -> the one room, or main.cpp
 
     // Throws std::runtime_error where the text has no such tables.
     static Rooms from_markdown(std::string_view text);
@@ -29,8 +29,7 @@ struct Include {
 std::vector<Include> includes_of(std::string_view source);
 
 // The includes of one file that the tables do not allow, one sentence each. `file`: path below engine/.
-std::vector<std::string> violations(const Rooms& rooms, const std::filesystem::path& file,
-                                    std::string_view source);
+std::vector<std::string> violations(const Rooms& rooms, const std::filesystem::path& file, std::string_view source);
 
 // The rooms on the link lines `tribode_room(name tribode_x ...)` of engine/CMakeLists.txt.
 std::map<std::string, std::set<std::string>> link_lines(std::string_view cmake);

@@ -35,18 +35,15 @@ TEST(Rooms, AnIncludeAgainstTheArrowsIsReportedWithItsLine) {
     EXPECT_EQ(violations(made_up, "top/x.cpp", "#include <p/y.h>\n"),
               std::vector<std::string>{"engine/top/x.cpp:1 includes p/y.h, which belongs in middle alone"});
     EXPECT_EQ(violations(made_up, "main.cpp", "#include <q.h>\n").size(), 1u);
-    EXPECT_EQ(violations(made_up, "main.cpp", "#include \"base/y.hpp\"\n#include \"top/y.hpp\"\n").size(),
-              0u);
+    EXPECT_EQ(violations(made_up, "main.cpp", "#include \"base/y.hpp\"\n#include \"top/y.hpp\"\n").size(), 0u);
     EXPECT_EQ(violations(made_up, "middle/x.cpp", "#include <p/y.h>\n#include \"base/y.hpp\"\n").size(), 0u);
 }
 
 TEST(Rooms, TheArrowsGoOneWay) {
     for (const auto& [room, used] : rooms().may_use) {
         for (const auto& other : used) {
-            EXPECT_TRUE(rooms().may_use.contains(other))
-                << room << " may use " << other << ", which has no row";
-            EXPECT_FALSE(rooms().reachable(other).contains(room))
-                << room << " and " << other << " use each other";
+            EXPECT_TRUE(rooms().may_use.contains(other)) << room << " may use " << other << ", which has no row";
+            EXPECT_FALSE(rooms().reachable(other).contains(room)) << room << " and " << other << " use each other";
         }
     }
 }
@@ -64,8 +61,7 @@ TEST(Rooms, TheEngineIncludesOnlyWhatTheTablesAllow) {
     const auto sources = files_below("engine", {".cpp", ".hpp"});
     ASSERT_GT(sources.size(), 20u) << "the engine was not found";
     for (const auto& file : sources) {
-        for (const auto& text :
-             violations(rooms(), file.lexically_relative(project() / "engine"), read(file))) {
+        for (const auto& text : violations(rooms(), file.lexically_relative(project() / "engine"), read(file))) {
             ADD_FAILURE() << text;
         }
     }

@@ -17,8 +17,7 @@ Json block_with_modes() {
 
 class Coulomb : public testing::TestWithParam<Method> {};
 INSTANTIATE_TEST_SUITE_P(Methods, Coulomb,
-                         testing::Values(Method::exact, Method::erk, Method::adams, Method::bdf,
-                                         Method::fixed),
+                         testing::Values(Method::exact, Method::erk, Method::adams, Method::bdf, Method::fixed),
                          [](const auto& test) { return name_of(test.param); });
 
 SolverOptions tight(Method method) {
@@ -91,8 +90,7 @@ TEST_P(Coulomb, the_driven_point_rests_while_the_modes_vibrate) {
 
 TEST_P(Coulomb, events_of_the_level_come_in_turns) {
     for (const Json& machine : {block(), block_with_modes()}) {
-        const auto run =
-            run_open_loop(machine, problems::sampled_sine(3 * level, 7, 5e-4, 1001), tight(GetParam()));
+        const auto run = run_open_loop(machine, problems::sampled_sine(3 * level, 7, 5e-4, 1001), tight(GetParam()));
         ASSERT_GT(run.events.size(), 5u);
         for (std::size_t i = 1; i < run.events.size(); ++i) {
             const bool was_stuck = run.events[i - 1].kind == static_cast<int>(SlipState::stick);
@@ -109,16 +107,14 @@ struct Case {
 };
 
 class CoulombOracle : public testing::TestWithParam<Case> {};
-INSTANTIATE_TEST_SUITE_P(Cases, CoulombOracle,
-                         testing::Values(Case{"block", false, false, false, 3.3},
-                                         Case{"block_with_lag", false, false, true, 3.3},
-                                         Case{"block_with_elements", false, true, false, 3.7},
-                                         Case{"elements_and_lag", false, true, true, 3.7},
-                                         Case{"modes", true, false, false, 3.3},
-                                         Case{"modes_and_elements", true, true, false, 3.7},
-                                         Case{"modes_elements_lag", true, true, true, 3.9},
-                                         Case{"hardly_let_go", true, true, true, 3.0}),
-                         [](const auto& test) { return std::string(test.param.name); });
+INSTANTIATE_TEST_SUITE_P(
+    Cases, CoulombOracle,
+    testing::Values(Case{"block", false, false, false, 3.3}, Case{"block_with_lag", false, false, true, 3.3},
+                    Case{"block_with_elements", false, true, false, 3.7},
+                    Case{"elements_and_lag", false, true, true, 3.7}, Case{"modes", true, false, false, 3.3},
+                    Case{"modes_and_elements", true, true, false, 3.7},
+                    Case{"modes_elements_lag", true, true, true, 3.9}, Case{"hardly_let_go", true, true, true, 3.0}),
+    [](const auto& test) { return std::string(test.param.name); });
 
 // Pushed twice forward, twice backward, with rest in between: the second push finds elements at their limits.
 std::vector<double> pushes(double amplitude) {
@@ -142,16 +138,14 @@ TEST_P(CoulombOracle, stick_slip_is_that_of_the_oracle) {
     const auto exact = problems::solve_exactly(p, u);
     ASSERT_GT(exact.events.size(), 10u);
     for (const Method method : {Method::exact, Method::erk, Method::adams, Method::bdf}) {
-        const auto run =
-            run_open_loop(description_of(p), u,
-                          {.method = method, .relative_tolerance = 1e-10, .absolute_tolerance = 1e-14});
+        const auto run = run_open_loop(description_of(p), u,
+                                       {.method = method, .relative_tolerance = 1e-10, .absolute_tolerance = 1e-14});
         // The bounds of the smooth runs of these methods, trajectory_test.cpp.
         EXPECT_LT(largest_difference(run.trace.x, exact.x), method == Method::exact ? 1e-13
                                                             : method == Method::erk ? 1e-9
                                                                                     : 1e-8)
             << name_of(method);
-        EXPECT_LT(largest_time_difference(run.events, exact.events), 1e-6)
-            << name_of(method); // v passes zero slowly
+        EXPECT_LT(largest_time_difference(run.events, exact.events), 1e-6) << name_of(method); // v passes zero slowly
     }
 }
 

@@ -8,9 +8,7 @@ namespace {
 // Energies and works along a run, by the trapezoidal rule over a fine grid of outputs.
 class EnergyMeter final : public Observer {
   public:
-    EnergyMeter(const ServoSystem& system, const MachineModel& machine)
-        : system_(system),
-          machine_(machine) {}
+    EnergyMeter(const ServoSystem& system, const MachineModel& machine) : system_(system), machine_(machine) {}
 
     void output(const SystemState& state) override {
         const auto now = system_.outputs(state);
@@ -44,8 +42,7 @@ class EnergyMeter final : public Observer {
         for (std::size_t j = 0; j < machine_.modes.size(); ++j) rigid -= x[3 + 2 * j];
         sum += rigid * rigid / (2 * machine_.rigid_gain);
         for (std::size_t j = 0; j < machine_.modes.size(); ++j) {
-            const double omega = 2 * std::numbers::pi * machine_.modes[j].freq_hz, q = x[2 + 2 * j],
-                         v = x[3 + 2 * j];
+            const double omega = 2 * std::numbers::pi * machine_.modes[j].freq_hz, q = x[2 + 2 * j], v = x[3 + 2 * j];
             sum += (v * v + omega * omega * q * q) / (2 * machine_.modes[j].gain);
         }
         return sum;
@@ -88,8 +85,7 @@ EnergyMeter measured(const MachineModel& machine, double amplitude, double frequ
     std::vector<double> grid;
     for (long k = 0; k < samples; ++k) {
         for (long i = 0; i < per_sample; ++i) {
-            grid.push_back(
-                (static_cast<double>(k) + static_cast<double>(i) / static_cast<double>(per_sample)) * 5e-4);
+            grid.push_back((static_cast<double>(k) + static_cast<double>(i) / static_cast<double>(per_sample)) * 5e-4);
         }
     }
     grid.push_back(static_cast<double>(samples) * 5e-4);

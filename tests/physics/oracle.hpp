@@ -15,11 +15,9 @@ inline Json description_of(const problems::ServoProblem& p) {
     d["Ts"] = p.sample_time;
     d["rigid_gain_per_kg"] = p.rigid_gain;
     d["modes"] = Json::array();
-    for (const auto& m : p.modes)
-        d["modes"].push_back({{"gain", m.gain}, {"freq_hz", m.freq_hz}, {"zeta", m.zeta}});
+    for (const auto& m : p.modes) d["modes"].push_back({{"gain", m.gain}, {"freq_hz", m.freq_hz}, {"zeta", m.zeta}});
     d["friction"] = {{"viscous", p.viscous}, {"coulomb", p.coulomb}, {"elements", Json::array()}};
-    for (const auto& e : p.elements)
-        d["friction"]["elements"].push_back({{"K", e.K}, {"F", e.F}, {"D", e.D}});
+    for (const auto& e : p.elements) d["friction"]["elements"].push_back({{"K", e.K}, {"F", e.F}, {"D", e.D}});
     if (p.lag_hz > 0) d["current_loop_hz"] = p.lag_hz;
     return d;
 }
@@ -38,8 +36,7 @@ inline std::vector<double> instants(std::size_t count, double sample_time = 5e-4
     return t;
 }
 
-inline Simulation run_open_loop(const Json& description, const std::vector<double>& u,
-                                const SolverOptions& solver) {
+inline Simulation run_open_loop(const Json& description, const std::vector<double>& u, const SolverOptions& solver) {
     const MachineModel machine = machine_of(description);
     DriveRecord record;
     record.t = instants(u.size(), machine.sample_time);
@@ -64,34 +61,28 @@ inline Simulation run_closed_loop(const Json& description, const std::vector<dou
 inline double largest_difference(const std::vector<double>& a, const std::vector<double>& b) {
     EXPECT_EQ(a.size(), b.size());
     double largest = 0;
-    for (std::size_t i = 0; i < std::min(a.size(), b.size()); ++i)
-        largest = std::max(largest, std::abs(a[i] - b[i]));
+    for (std::size_t i = 0; i < std::min(a.size(), b.size()); ++i) largest = std::max(largest, std::abs(a[i] - b[i]));
     return largest;
 }
 
 // The largest difference of the times, after a check that both logs tell of the same changes in the same
 // order.
-inline double largest_time_difference(const EventLog& events,
-                                      const std::vector<problems::ServoEvent>& exact) {
+inline double largest_time_difference(const EventLog& events, const std::vector<problems::ServoEvent>& exact) {
     const auto kind_of = [](problems::EventKind kind) {
         switch (kind) {
-        case problems::EventKind::slip_forward:
-            return SlipState::slip_forward;
-        case problems::EventKind::slip_backward:
-            return SlipState::slip_backward;
-        case problems::EventKind::stick:
-            break;
+        case problems::EventKind::slip_forward: return SlipState::slip_forward;
+        case problems::EventKind::slip_backward: return SlipState::slip_backward;
+        case problems::EventKind::stick: break;
         }
         return SlipState::stick;
     };
     EXPECT_EQ(events.size(), exact.size());
     double largest = 0;
     for (std::size_t i = 0; i < std::min(events.size(), exact.size()); ++i) {
-        const bool same = events[i].subject == exact[i].element &&
-                          events[i].kind == static_cast<int>(kind_of(exact[i].kind));
-        EXPECT_TRUE(same) << "event " << i << " at " << exact[i].t << " s: element " << events[i].subject
-                          << " against " << exact[i].element << ", kind " << events[i].kind << " at "
-                          << events[i].t;
+        const bool same =
+            events[i].subject == exact[i].element && events[i].kind == static_cast<int>(kind_of(exact[i].kind));
+        EXPECT_TRUE(same) << "event " << i << " at " << exact[i].t << " s: element " << events[i].subject << " against "
+                          << exact[i].element << ", kind " << events[i].kind << " at " << events[i].t;
         if (!same) return 1;
         largest = std::max(largest, std::abs(events[i].t - exact[i].t));
     }

@@ -46,8 +46,6 @@ inline Json bare_description() {
     return d;
 }
 
-inline MachineModel machine_of(const Json& description) {
-    return MachineModel::from_description(description, "test");
-}
+inline MachineModel machine_of(const Json& description) { return MachineModel::from_description(description, "test"); }
 
 } // namespace tribode

@@ -65,8 +65,7 @@ TEST_P(OpenLoop, events_are_those_of_the_oracle_in_number_kind_and_order) {
 TEST_P(OpenLoop, trajectories_at_tight_tolerance_are_the_exact_ones) {
     const Exact& e = exact(*GetParam());
     // Stated bounds [m] at rtol 1e-10, atol 1e-13 m; what is reached lies below by a factor of ten or so.
-    for (const auto& [method, bound] :
-         {std::pair{Method::erk, 1e-9}, {Method::adams, 5e-9}, {Method::bdf, 1e-8}}) {
+    for (const auto& [method, bound] : {std::pair{Method::erk, 1e-9}, {Method::adams, 5e-9}, {Method::bdf, 1e-8}}) {
         const auto run =
             run_open_loop(description_of(problems::linear_motor_table()), e.u, with_tolerance(method, 1e-10));
         EXPECT_LT(largest_difference(run.trace.x, e.solution.x), bound) << name_of(method);
@@ -78,8 +77,7 @@ TEST_P(OpenLoop, trajectories_at_tight_tolerance_are_the_exact_ones) {
 
 TEST_P(OpenLoop, the_exact_method_leaves_rounding_errors_only) {
     const Exact& e = exact(*GetParam());
-    const auto run =
-        run_open_loop(description_of(problems::linear_motor_table()), e.u, {.method = Method::exact});
+    const auto run = run_open_loop(description_of(problems::linear_motor_table()), e.u, {.method = Method::exact});
     // Some ten times the rounding of a position of 1 mm, 1e-19 m, summed up over a thousand samples; velocity
     // and force follow as above.
     EXPECT_LT(largest_difference(run.trace.x, e.solution.x), 1e-15);
@@ -91,10 +89,10 @@ TEST_P(OpenLoop, the_exact_method_leaves_rounding_errors_only) {
 TEST_P(OpenLoop, errors_fall_with_the_tolerance) {
     const Exact& e = exact(*GetParam());
     const auto error = [&](Method method, double tolerance) {
-        return largest_difference(run_open_loop(description_of(problems::linear_motor_table()), e.u,
-                                                with_tolerance(method, tolerance))
-                                      .trace.x,
-                                  e.solution.x);
+        return largest_difference(
+            run_open_loop(description_of(problems::linear_motor_table()), e.u, with_tolerance(method, tolerance))
+                .trace.x,
+            e.solution.x);
     };
     for (const Method method : {Method::adams, Method::bdf}) {
         double previous = 1;
@@ -138,8 +136,8 @@ TEST(FixedStep, is_near_the_exact_trajectory_and_comes_nearer_with_the_step) {
 }
 
 TEST(StepSize, survives_the_restarts_at_samples_and_events) {
-    const auto run = run_open_loop(description_of(problems::linear_motor_table()), exact(g1).u,
-                                   with_tolerance(Method::erk, 1e-8));
+    const auto run =
+        run_open_loop(description_of(problems::linear_motor_table()), exact(g1).u, with_tolerance(Method::erk, 1e-8));
     // One step of seven stages a sample, and a few more at an event; an estimate of the first step at each
     // restart would climb up from 1e-12 s in several steps, 60 evaluations and more.
     EXPECT_LT(static_cast<double>(run.statistics.derivative_evaluations) / 1000, 15);
@@ -151,13 +149,9 @@ struct LoopCase {
     LoopSettings loop;
 };
 
-const LoopCase whole_sample{"golden",
-                            {.kp = 2.05e4,
-                             .ki = 1.8e5,
-                             .kd = 653,
-                             .input_delay = 5e-4,
-                             .output_delay = 4.18e-4,
-                             .encoder_resolution = 1e-7}};
+const LoopCase whole_sample{
+    "golden",
+    {.kp = 2.05e4, .ki = 1.8e5, .kd = 653, .input_delay = 5e-4, .output_delay = 4.18e-4, .encoder_resolution = 1e-7}};
 const LoopCase fractional{"fractional_delays",
                           {.kp = 2.5e3,
                            .ki = 6e3,
@@ -166,8 +160,7 @@ const LoopCase fractional{"fractional_delays",
                            .input_delay = 7.3e-4,
                            .output_delay = 1.37e-3,
                            .encoder_resolution = 1e-7}};
-const LoopCase unrounded{"no_encoder",
-                         {.kp = 2.5e3, .ki = 6e3, .kd = 218, .input_delay = 1.5e-4, .output_delay = 0}};
+const LoopCase unrounded{"no_encoder", {.kp = 2.5e3, .ki = 6e3, .kd = 218, .input_delay = 1.5e-4, .output_delay = 0}};
 
 class Loop : public testing::TestWithParam<const LoopCase*> {};
 INSTANTIATE_TEST_SUITE_P(Cases, Loop, testing::Values(&whole_sample, &fractional, &unrounded),
@@ -184,10 +177,8 @@ TEST_P(Loop, with_lag_and_delays_is_the_exact_one) {
     add_loop(machine, loop);
     // A position on the edge of an encoder step may be rounded the other way; so the roundings of the oracle
     // are met exactly only while the errors are far below the resolution, 1e-7 m.
-    for (const auto& [method, bound] : {std::pair{Method::exact, 1e-14},
-                                        {Method::erk, 1e-12},
-                                        {Method::adams, 1e-10},
-                                        {Method::bdf, 1e-9}}) {
+    for (const auto& [method, bound] :
+         {std::pair{Method::exact, 1e-14}, {Method::erk, 1e-12}, {Method::adams, 1e-10}, {Method::bdf, 1e-9}}) {
         const auto run = run_closed_loop(machine, reference, excitation, with_tolerance(method, 1e-10));
         EXPECT_LT(largest_difference(run.trace.x, solution.x), bound) << name_of(method);
         EXPECT_LT(largest_difference(run.trace.y, solution.y), bound) << name_of(method);

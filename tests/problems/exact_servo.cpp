@@ -33,8 +33,7 @@ void check(const ServoProblem& problem) {
     for (const auto& mode : problem.modes) gain += mode.gain;
     require(gain > 0, "the gains of the rigid body and the modes must add up to a positive number");
     require(problem.sample_time > 0, "the sample time must be positive");
-    require(problem.coulomb >= 0 && problem.lag_hz >= 0,
-            "the Coulomb level and the lag must not be negative");
+    require(problem.coulomb >= 0 && problem.lag_hz >= 0, "the Coulomb level and the lag must not be negative");
     for (const auto& element : problem.elements)
         require(element.K > 0 && element.F > 0, "K and F of an element must be positive");
 }
@@ -59,9 +58,7 @@ class Servo {
     int first_element() const { return 2 + 2 * static_cast<int>(problem_.modes.size()); }
     bool held_by_coulomb() const { return problem_.coulomb > 0 && direction_ == 0; }
     bool sticks(std::size_t i) const { return !slips_[i]; }
-    Real limit(std::size_t i) const {
-        return static_cast<Real>(problem_.elements[i].F) / problem_.elements[i].K;
-    }
+    Real limit(std::size_t i) const { return static_cast<Real>(problem_.elements[i].F) / problem_.elements[i].K; }
     Real deflection(const RealVector& state, std::size_t i) const { return state(first_element() + i); }
     // How far element i is deflected in the direction of motion; in either one while that is unknown.
     Real outward(const RealVector& state, std::size_t i) const {
@@ -78,23 +75,20 @@ class Servo {
     void change_slip_states();
     void reverse();
     void note(int element, EventKind kind);
-    EventKind slip_kind() const {
-        return direction_ > 0 ? EventKind::slip_forward : EventKind::slip_backward;
-    }
+    EventKind slip_kind() const { return direction_ > 0 ? EventKind::slip_forward : EventKind::slip_backward; }
 
     ServoProblem problem_;
     Real tick_; // [s]
     int reference_index_, coulomb_index_;
     RealVector position_, velocity_, thrust_, springs_; // linear forms: state -> y, v, thrust, sum K_i z_i
-    RealVector restoring_; // linear form: the effective thrust at which dv/dt = 0
+    RealVector restoring_;                              // linear form: the effective thrust at which dv/dt = 0
 
     RealVector state_;
     std::vector<bool> slips_;
     int direction_ = 0; // sign of v; 0: held by the Coulomb level, or not yet moved
     Ticks now_ = 0;
     std::vector<ServoEvent> events_;
-    std::map<std::vector<bool>, ExponentialLadder>
-        ladders_; // by slips_ and, last, whether the Coulomb level holds
+    std::map<std::vector<bool>, ExponentialLadder> ladders_; // by slips_ and, last, whether the Coulomb level holds
 };
 
 Servo::Servo(const ServoProblem& problem)
@@ -120,8 +114,7 @@ Servo::Servo(const ServoProblem& problem)
         restoring_(3 + 2 * j) = 2 * mode.zeta * omega;
     }
     restoring_ /= total_gain;
-    for (std::size_t i = 0; i < problem.elements.size(); ++i)
-        springs_(first_element() + i) = problem.elements[i].K;
+    for (std::size_t i = 0; i < problem.elements.size(); ++i) springs_(first_element() + i) = problem.elements[i].K;
 }
 
 // f as a linear form while the table moves.
@@ -244,9 +237,7 @@ void Servo::reverse() {
     }
 }
 
-void Servo::note(int element, EventKind kind) {
-    events_.push_back({static_cast<double>(now_ * tick_), element, kind});
-}
+void Servo::note(int element, EventKind kind) { events_.push_back({static_cast<double>(now_ * tick_), element, kind}); }
 
 // Runs the machine with u[k] = control(k, y[k]), where y[k] is the position one output delay before the
 // sample instant. At one instant: measure, record the left limit and compute u, then let the hold change.
@@ -313,10 +304,10 @@ class Controller {
 
 ServoProblem linear_motor_table() {
     // Swing F_m [N] and stiffness [N/mm] as printed.
-    constexpr double printed[][2] = {
-        {1.12, 2226.6}, {0.60, 602.1}, {0.33, 165.1}, {0.54, 154.9}, {0.49, 81.6}, {0.46, 56.8}, {0.16, 15.8},
-        {0.36, 30.0},   {0.25, 17.9},  {0.73, 45.8},  {0.73, 36.2},  {0.88, 29.3}, {1.34, 26.8}, {1.23, 16.4},
-        {0.77, 7.7},    {0.72, 3.6},   {0.97, 2.0},   {1.08, 1.1},   {1.74, 0.9},  {0.89, 0.3}};
+    constexpr double printed[][2] = {{1.12, 2226.6}, {0.60, 602.1}, {0.33, 165.1}, {0.54, 154.9}, {0.49, 81.6},
+                                     {0.46, 56.8},   {0.16, 15.8},  {0.36, 30.0},  {0.25, 17.9},  {0.73, 45.8},
+                                     {0.73, 36.2},   {0.88, 29.3},  {1.34, 26.8},  {1.23, 16.4},  {0.77, 7.7},
+                                     {0.72, 3.6},    {0.97, 2.0},   {1.08, 1.1},   {1.74, 0.9},   {0.89, 0.3}};
     ServoProblem table;
     table.rigid_gain = 94.28e-3;
     table.modes = {{13.08e-3, 33.32, 2.48e-2}, {5.27e-3, 82.22, 3.22e-3}};
@@ -330,8 +321,8 @@ ServoSolution solve_exactly(const ServoProblem& problem, const std::vector<doubl
     return run(problem, input_delay, 0.0, u.size(), [&](std::size_t k, double) { return u[k]; });
 }
 
-LoopSolution solve_loop_exactly(const ServoProblem& problem, const LoopSettings& loop,
-                                const std::vector<double>& r, const std::vector<double>& exc) {
+LoopSolution solve_loop_exactly(const ServoProblem& problem, const LoopSettings& loop, const std::vector<double>& r,
+                                const std::vector<double>& exc) {
     require(r.size() == exc.size(), "r and exc must have the same length");
     LoopSolution solution;
     Controller controller(loop, problem.sample_time);

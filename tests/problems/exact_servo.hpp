@@ -58,8 +58,7 @@ struct ServoSolution {
 // Accuracy: 64-bit significands, events to T_s 2^-44 (3e-17 s at 500 us). Two reversals of the velocity less
 // than T_s/64 apart are not seen. Runs up to 2^18 samples. Throws std::invalid_argument on a problem that
 // makes no sense.
-ServoSolution solve_exactly(const ServoProblem& problem, const std::vector<double>& u,
-                            double input_delay = 0.0);
+ServoSolution solve_exactly(const ServoProblem& problem, const std::vector<double>& u, double input_delay = 0.0);
 
 // The loop around the machine. With e = r - y, T = T_s, a = exp(-2 pi derivative_filter_hz T):
 //     I += ki T e;   d = a d + (1 - a)(e - e_prev)/T;   u = kp e + I + kd d + exc
@@ -81,7 +80,7 @@ struct LoopSolution {
 };
 
 // Closed loop from rest; r [m] and exc [N] have one entry per sample instant.
-LoopSolution solve_loop_exactly(const ServoProblem& problem, const LoopSettings& loop,
-                                const std::vector<double>& r, const std::vector<double>& exc);
+LoopSolution solve_loop_exactly(const ServoProblem& problem, const LoopSettings& loop, const std::vector<double>& r,
+                                const std::vector<double>& exc);
 
 } // namespace tribode::problems

@@ -21,9 +21,8 @@ GoldenRun open_loop(const std::string& name, double amplitude, double frequency_
     const ServoProblem table = linear_motor_table();
     const auto u = sampled_sine(amplitude, frequency_hz, table.sample_time, samples);
     const ServoSolution s = solve_exactly(table, u);
-    return {name,
-            {{"t", decimated(s.t)}, {"x", decimated(s.x)}, {"v", decimated(s.v)}, {"f", decimated(s.f)}},
-            s.events};
+    return {
+        name, {{"t", decimated(s.t)}, {"x", decimated(s.x)}, {"v", decimated(s.v)}, {"f", decimated(s.f)}}, s.events};
 }
 
 GoldenRun closed_loop(const std::string& name, double amplitude, double frequency_hz) {
@@ -58,23 +57,18 @@ std::vector<GoldenRun> golden_runs() {
     return {open_loop("g1", 15.0, 10.0), open_loop("g2", 30.0, 34.0), closed_loop("loop", 15.0, 10.0)};
 }
 
-std::vector<double> sampled_sine(double amplitude, double frequency_hz, double sample_time,
-                                 std::size_t count) {
+std::vector<double> sampled_sine(double amplitude, double frequency_hz, double sample_time, std::size_t count) {
     std::vector<double> u(count);
     for (std::size_t k = 0; k < count; ++k)
-        u[k] = amplitude *
-               std::sin(2 * std::numbers::pi * frequency_hz * (static_cast<double>(k) * sample_time));
+        u[k] = amplitude * std::sin(2 * std::numbers::pi * frequency_hz * (static_cast<double>(k) * sample_time));
     return u;
 }
 
 std::string to_string(EventKind kind) {
     switch (kind) {
-    case EventKind::slip_forward:
-        return "slip_forward";
-    case EventKind::slip_backward:
-        return "slip_backward";
-    case EventKind::stick:
-        break;
+    case EventKind::slip_forward: return "slip_forward";
+    case EventKind::slip_backward: return "slip_backward";
+    case EventKind::stick: break;
     }
     return "stick";
 }

@@ -10,7 +10,7 @@ namespace tribode::problems {
 // A run of the linear-motor-driven table whose solution is kept in tests/golden: 0.5 s from rest, every 10th
 // sample instant, and every event.
 struct GoldenRun {
-    std::string name; // of the files: <name>.csv, <name>_events.csv
+    std::string name;                                                 // of the files: <name>.csv, <name>_events.csv
     std::vector<std::pair<std::string, std::vector<double>>> columns; // name and values; the first is t
     std::vector<ServoEvent> events;
 };
@@ -20,8 +20,7 @@ struct GoldenRun {
 std::vector<GoldenRun> golden_runs();
 
 // amplitude sin(2 pi frequency_hz k sample_time), k = 0 .. count-1.
-std::vector<double> sampled_sine(double amplitude, double frequency_hz, double sample_time,
-                                 std::size_t count);
+std::vector<double> sampled_sine(double amplitude, double frequency_hz, double sample_time, std::size_t count);
 
 // slip_forward, slip_backward, stick.
 std::string to_string(EventKind kind);

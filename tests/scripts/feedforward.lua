@@ -10,7 +10,8 @@ assert(#feedforward.response.gain_db == 2)
 
 -- A feedforward of one's own: nothing moves, nothing is missed.
 local machine = tb.machine { file = "models/linear_motor_table.lua", argument = { loop_hz = 18 } }
-local still = { sample_time_s = 5e-4, distance_m = 1e-3, duration_s = 0.01, reference_m = { 0, 0 }, thrust_N = { 0, 0 } }
+local still = { sample_time_s = 5e-4, distance_m = 1e-3, duration_s = 0.01, reference_m = { 0, 0 },
+  thrust_N = { 0, 0 } }
 local rest = tb.positioning { machine = machine, feedforward = still, duration_s = 0.05 }
 assert(rest.rmse_m == 0 and rest.peak_thrust_N == 0 and rest.within_rating and rest.settling_s == nil)
 assert(#rest.t == 101 and #rest.error == 101 and rest.error[1] == -1e-3 and #rest.columns[1].values == 101)

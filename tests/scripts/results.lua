@@ -33,7 +33,8 @@ tb.write_hdf5 {
 }
 text = read("tables.h5")
 assert(text:sub(1, 8) == "\137HDF\r\n\26\n", "not an HDF5 file")
-for _, part in ipairs { "first", "second", "time_s", "force_N", "amplitude_N" } do assert(text:find(part, 1, true), part) end
+for _, part in ipairs { "first", "second", "time_s", "force_N", "amplitude_N" } do assert(text:find(part, 1,
+  true), part) end
 
 tb.plot {
   file = "figure",

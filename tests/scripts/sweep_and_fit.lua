@@ -49,7 +49,8 @@ for _, settled in ipairs(columns.settled.values) do assert(settled == 1) end
 
 -- One frequency alone: whole periods of the settled signals.
 local signals = tb.single_frequency { machine = machine, excitation_hz = 50, periods = 2, delay_s = T / 2 }
-for _, name in ipairs { "t", "r", "u", "y", "x", "v", "f", "delayed_thrust", "friction_estimate", "effective_thrust" } do
+for _, name in ipairs { "t", "r", "u", "y", "x", "v", "f", "delayed_thrust", "friction_estimate",
+  "effective_thrust" } do
   assert(#signals[name] == #signals.t, name)
 end
 local span = signals.t[#signals.t] - signals.t[1]

@@ -36,8 +36,7 @@ double step_response(const ServoProblem& p, double t) {
     for (const auto& mode : p.modes) {
         const double w = 2 * pi * mode.freq_hz, root = std::sqrt(1 - mode.zeta * mode.zeta);
         const double decay = std::exp(-mode.zeta * w * t);
-        y += mode.gain / (w * w) *
-             (1 - decay * (std::cos(w * root * t) + mode.zeta / root * std::sin(w * root * t)));
+        y += mode.gain / (w * w) * (1 - decay * (std::cos(w * root * t) + mode.zeta / root * std::sin(w * root * t)));
     }
     return y;
 }
@@ -70,8 +69,7 @@ TEST(ExactServo, the_lag_delays_a_rigid_body_by_its_time_constant) {
     for (std::size_t k = 0; k < s.t.size(); ++k) {
         const double t = s.t[k], gone = 1 - std::exp(-t / tau);
         EXPECT_NEAR(s.v[k], t - tau * gone, velocity_tolerance);
-        EXPECT_NEAR(s.x[k], t * t / 2 - tau * t + tau * tau * gone, position_tolerance * 10)
-            << t; // x to 4e-4 m
+        EXPECT_NEAR(s.x[k], t * t / 2 - tau * t + tau * tau * gone, position_tolerance * 10) << t; // x to 4e-4 m
     }
 }
 
@@ -91,19 +89,16 @@ TEST(ExactServo, viscous_friction_settles_a_rigid_body_exponentially) {
 const ServoProblem one_element{.rigid_gain = 0.1, .elements = {{1e5, 1.0}}, .sample_time = 0.001};
 
 TEST(ExactServo, one_element_is_a_spring_until_its_limit_and_a_constant_force_after) {
-    const double u = 3.0, slip_time = std::acos(1 - 1 / u) / 100,
-                 slip_speed = u * 1e-3 * std::sin(100 * slip_time);
+    const double u = 3.0, slip_time = std::acos(1 - 1 / u) / 100, slip_speed = u * 1e-3 * std::sin(100 * slip_time);
     const ServoSolution s = solve_exactly(one_element, constant(u, 40));
     ASSERT_EQ(s.events.size(), 1u);
     expect_event(s.events[0], slip_time, 1, EventKind::slip_forward);
     for (std::size_t k = 0; k < s.t.size(); ++k) {
         const double t = s.t[k], since = t - slip_time;
         const bool sticks = since < 0;
-        const double x =
-            sticks ? u * 1e-5 * (1 - std::cos(100 * t)) : 1e-5 + slip_speed * since + 0.1 * since * since;
+        const double x = sticks ? u * 1e-5 * (1 - std::cos(100 * t)) : 1e-5 + slip_speed * since + 0.1 * since * since;
         EXPECT_NEAR(s.x[k], x, position_tolerance) << t;
-        EXPECT_NEAR(s.v[k], sticks ? u * 1e-3 * std::sin(100 * t) : slip_speed + 0.2 * since,
-                    velocity_tolerance);
+        EXPECT_NEAR(s.v[k], sticks ? u * 1e-3 * std::sin(100 * t) : slip_speed + 0.2 * since, velocity_tolerance);
         EXPECT_NEAR(s.f[k], sticks ? 1e5 * x : 1.0, 1e5 * position_tolerance); // K times the tolerance of x
     }
 }
@@ -131,9 +126,7 @@ TEST(ExactServo, the_damping_of_an_element_acts_in_stick_only) {
     const double u = 3.0, zeta = 0.25, root = std::sqrt(1 - zeta * zeta), w = 100.0;
     const ServoSolution s = solve_exactly(p, constant(u, 40));
     ASSERT_EQ(s.events.size(), 1u);
-    const auto speed = [&](double t) {
-        return u * 1e-3 / root * std::exp(-zeta * w * t) * std::sin(w * root * t);
-    };
+    const auto speed = [&](double t) { return u * 1e-3 / root * std::exp(-zeta * w * t) * std::sin(w * root * t); };
     const double slip = s.events[0].t;
     for (std::size_t k = 0; k < s.t.size(); ++k) {
         const double t = s.t[k];
@@ -202,8 +195,7 @@ TEST(ExactServo, behind_a_lag_the_level_gives_way_when_the_thrust_has_grown_to_i
 // While the driven point is held, rigid body and mode swing against each other at w sqrt(k0/(k0 + k1)), here
 // undamped: three successive values of the holding force obey the recurrence of a sine.
 TEST(ExactServo, a_mode_swings_on_while_the_coulomb_level_holds_the_table) {
-    const ServoProblem p{
-        .rigid_gain = 0.1, .modes = {{0.02, 30.0, 0.0}}, .coulomb = 10.0, .sample_time = 0.001};
+    const ServoProblem p{.rigid_gain = 0.1, .modes = {{0.02, 30.0, 0.0}}, .coulomb = 10.0, .sample_time = 0.001};
     std::vector<double> u = constant(14.0, 20);
     u.resize(200, 0.0);
     const ServoSolution s = solve_exactly(p, u);
@@ -291,8 +283,7 @@ TEST(ExactServo, a_fractional_input_delay_is_a_shift_on_a_finer_grid) {
     for (double value : u) shifted.insert(shifted.end(), 8, value);
     const ServoSolution s = solve_exactly(linear_motor_table(), u, 3 * fine.sample_time);
     const ServoSolution reference = solve_exactly(fine, shifted);
-    for (std::size_t k = 0; k < u.size(); ++k)
-        EXPECT_NEAR(s.x[k], reference.x[8 * k], position_tolerance) << k;
+    for (std::size_t k = 0; k < u.size(); ++k) EXPECT_NEAR(s.x[k], reference.x[8 * k], position_tolerance) << k;
     EXPECT_GT(s.events.size(), 20u);
 }
 

@@ -13,12 +13,10 @@ namespace {
 
 const ModalModel two_modes{0.09, {{0.013, 33.3, 0.025}, {0.005, 82.2, 0.003}}};
 
-FrequencyResponse sampled(const ModalModel& model, double delay, double from_hz, double to_hz,
-                          std::size_t count) {
+FrequencyResponse sampled(const ModalModel& model, double delay, double from_hz, double to_hz, std::size_t count) {
     FrequencyResponse response;
     for (std::size_t i = 0; i < count; ++i) {
-        const double f =
-            from_hz + (to_hz - from_hz) * static_cast<double>(i) / static_cast<double>(count - 1);
+        const double f = from_hz + (to_hz - from_hz) * static_cast<double>(i) / static_cast<double>(count - 1);
         response.frequency_hz.push_back(f);
         response.value.push_back(model.response(f));
     }
@@ -66,8 +64,7 @@ TEST(FrequencyResponse, InterpolationIsExactForAMassWithDelayAndAtThePoints) {
     const double delay = 1e-3;
     const FrequencyResponse response = sampled(mass, delay, 10, 200, 20);
     const double f = 47.11;
-    const std::complex<double> expected =
-        mass.response(f) * std::polar(1.0, -2 * std::numbers::pi * f * delay);
+    const std::complex<double> expected = mass.response(f) * std::polar(1.0, -2 * std::numbers::pi * f * delay);
     EXPECT_LT(std::abs(response.at(f) / expected - 1.0), 1e-12);
     EXPECT_EQ(response.at(10), response.value.front());
     EXPECT_EQ(response.at(200), response.value.back());

@@ -29,9 +29,9 @@ FrequencyResponse measured(const ModalModel& model, std::size_t count, const Err
         const bool wild = uniform(seed, 2, i) < errors.wild_fraction;
         const double size = wild ? 2 : errors.relative;
         response.frequency_hz.push_back(f);
-        response.value.push_back(model.response(f) *
-                                 std::exp(std::complex<double>(size * standard_normal(seed, 0, i),
-                                                               size * standard_normal(seed, 1, i))));
+        response.value.push_back(
+            model.response(f) *
+            std::exp(std::complex<double>(size * standard_normal(seed, 0, i), size * standard_normal(seed, 1, i))));
     }
     return response;
 }
@@ -44,8 +44,7 @@ ModalFitOptions with_modes(std::size_t modes) {
 
 std::vector<double> parameters(const ModalModel& model) {
     std::vector<double> all = {model.rigid_gain};
-    for (const ModalModel::Mode& mode : model.modes)
-        all.insert(all.end(), {mode.gain, mode.freq_hz, mode.zeta});
+    for (const ModalModel::Mode& mode : model.modes) all.insert(all.end(), {mode.gain, mode.freq_hz, mode.zeta});
     return all;
 }
 
@@ -106,8 +105,8 @@ TEST(ModalFit, WithNoiseStaysWithinItsStandardErrors) {
 
 // Share of the pulls of all parameters of many noisy repetitions that lie within `widths` standard errors.
 double coverage(const std::vector<double>& all_pulls, double widths) {
-    const auto inside = std::count_if(all_pulls.begin(), all_pulls.end(),
-                                      [&](double pull) { return std::abs(pull) < widths; });
+    const auto inside =
+        std::count_if(all_pulls.begin(), all_pulls.end(), [&](double pull) { return std::abs(pull) < widths; });
     return static_cast<double>(inside) / static_cast<double>(all_pulls.size());
 }
 
@@ -119,10 +118,9 @@ TEST(ModalFit, StandardErrorsCoverTheTruthAsOftenAsTheyPromise) {
         ModalFitOptions options = with_modes(1);
         options.robust_scale = scale;
         for (int seed = 1; seed <= repetitions; ++seed) {
-            const std::vector<double> own =
-                pulls(fit_modal_model(
-                          measured(plant, 90, {.relative = 0.02}, static_cast<std::uint64_t>(seed)), options),
-                      plant);
+            const std::vector<double> own = pulls(
+                fit_modal_model(measured(plant, 90, {.relative = 0.02}, static_cast<std::uint64_t>(seed)), options),
+                plant);
             all.insert(all.end(), own.begin(), own.end());
         }
         // 60 independent repetitions; the four parameters of one are correlated, so the deviation of the
@@ -159,8 +157,7 @@ TEST(ModalFit, ConvergesOnAResponseThatFrictionHasDistorted) {
     FrequencyResponse response = measured(flattened, 400, {.relative = 0.01});
     for (std::size_t i = 0; i < response.size(); ++i) {
         const double f = response.frequency_hz[i];
-        const std::complex<double> spring_and_loss =
-            1.0 + std::complex<double>(-0.6, 0.5) * std::pow(15 / f, 2);
+        const std::complex<double> spring_and_loss = 1.0 + std::complex<double>(-0.6, 0.5) * std::pow(15 / f, 2);
         response.value[i] /= spring_and_loss;
     }
     const ModalFitResult result = fit_modal_model(response);
@@ -189,8 +186,7 @@ TEST(ModalFit, RefusesUnusableInput) {
     FrequencyResponse shorter = good;
     shorter.value.pop_back();
     EXPECT_THROW(fit_modal_model(shorter), InputError);
-    for (const std::complex<double> bad :
-         {std::complex<double>(std::nan(""), 0), std::complex<double>(0, 0)}) {
+    for (const std::complex<double> bad : {std::complex<double>(std::nan(""), 0), std::complex<double>(0, 0)}) {
         FrequencyResponse broken = good;
         broken.value[200] = bad;
         EXPECT_THROW(fit_modal_model(broken), InputError);
@@ -204,8 +200,8 @@ TEST(ModalFit, WritesItsParametersUnderTheirNames) {
     const Json json = to_json(fit_modal_model(measured(paper_plant, 200, {.relative = 0.01})));
     std::vector<std::string> keys;
     for (const auto& [key, value] : json.items()) keys.push_back(key);
-    EXPECT_EQ(keys, (std::vector<std::string>{"k0", "k1", "f1_hz", "zeta1", "k2", "f2_hz", "zeta2",
-                                              "standard_errors", "residual_rms", "converged", "message"}));
+    EXPECT_EQ(keys, (std::vector<std::string>{"k0", "k1", "f1_hz", "zeta1", "k2", "f2_hz", "zeta2", "standard_errors",
+                                              "residual_rms", "converged", "message"}));
     EXPECT_EQ(json["standard_errors"].size(), 7u);
     EXPECT_GT(json["standard_errors"]["zeta2"].get<double>(), 0);
     EXPECT_LT(json["f1_hz"].get<double>(), json["f2_hz"].get<double>());

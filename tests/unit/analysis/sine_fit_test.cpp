@@ -16,11 +16,9 @@ namespace {
 constexpr double sample_time = 500e-6; // [s]
 constexpr double turn = 2 * std::numbers::pi;
 
-std::vector<double> sampled(std::size_t count, double first_instant,
-                            const std::function<double(double)>& signal) {
+std::vector<double> sampled(std::size_t count, double first_instant, const std::function<double(double)>& signal) {
     std::vector<double> samples(count);
-    for (std::size_t i = 0; i < count; ++i)
-        samples[i] = signal(first_instant + static_cast<double>(i) * sample_time);
+    for (std::size_t i = 0; i < count; ++i) samples[i] = signal(first_instant + static_cast<double>(i) * sample_time);
     return samples;
 }
 
@@ -47,8 +45,7 @@ TEST(SineFit, FindsOffsetDriftAndHarmonicsOfAnIncommensurateSignal) {
     EXPECT_LT(std::abs(fit.harmonics[1] - x2), rounding);
     EXPECT_LT(std::abs(fit.harmonics[2] - x3), rounding);
     EXPECT_LT(fit.residual_rms, rounding);
-    EXPECT_NEAR(fit.total_harmonic_distortion(), std::sqrt(std::norm(x2) + std::norm(x3)) / std::abs(x1),
-                rounding);
+    EXPECT_NEAR(fit.total_harmonic_distortion(), std::sqrt(std::norm(x2) + std::norm(x3)) / std::abs(x1), rounding);
 }
 
 TEST(SineFit, PhaseIsThatOfTheRunWhateverTheWindow) {
@@ -74,8 +71,7 @@ TEST(SineFit, HarmonicsThatCannotBeToldAreZeroAndLeaveTheOthersRight) {
 
 TEST(SineFit, HarmonicsOnlyJustBelowNyquistAreLeftOut) {
     // 5 * 199.9 Hz is 0.5 Hz below the Nyquist frequency; a window of 50 ms resolves 20 Hz.
-    const auto samples =
-        sampled(100, 0, [](double t) { return wave(t, 199.9, 1.0) + 1e-3 * std::cos(1e4 * t * t); });
+    const auto samples = sampled(100, 0, [](double t) { return wave(t, 199.9, 1.0) + 1e-3 * std::cos(1e4 * t * t); });
     EXPECT_EQ(fit_sine(samples, sample_time, 199.9, 0, 5).harmonics[4], 0.0);
     // A window of 2.5 s resolves 0.4 Hz.
     const auto longer = sampled(5000, 0, [](double t) { return wave(t, 199.9, 1.0) + wave(t, 999.5, 0.1); });

@@ -27,8 +27,7 @@ std::string problem_of_number(double value, Allowed allowed) {
 }
 
 TEST(FieldReader, ReadsEveryKindOfField) {
-    const Json fields =
-        Json::parse(R"({"a": 1.5, "b": -2, "c": true, "d": "text", "e": [1, 2.5], "f": ["x", "y"],
+    const Json fields = Json::parse(R"({"a": 1.5, "b": -2, "c": true, "d": "text", "e": [1, 2.5], "f": ["x", "y"],
                                         "g": {"h": 3}, "i": [{"j": 4}, {"j": 5}], "k": "two", "l": [1, "any"]})");
     FieldReader reader(fields, "m.lua");
     EXPECT_EQ(reader.number("a", "N", Allowed::positive), 1.5);
@@ -51,8 +50,7 @@ TEST(FieldReader, ReadsEveryKindOfField) {
 
 TEST(FieldReader, AbsentAndNullFieldsGiveTheFallback) {
     for (const char* text :
-         {"{}", "null", "[]",
-          R"({"a": null, "c": null, "d": null, "e": null, "f": null, "g": null, "i": null})"}) {
+         {"{}", "null", "[]", R"({"a": null, "c": null, "d": null, "e": null, "f": null, "g": null, "i": null})"}) {
         const Json fields = Json::parse(text);
         FieldReader reader(fields, "m.lua");
         EXPECT_FALSE(reader.has("a"));
@@ -81,9 +79,7 @@ TEST(FieldReader, ZeroAndFalseAreNotAbsent) {
 }
 
 TEST(FieldReader, EachKindOfNumberHasItsBounds) {
-    const auto accepts = [](Allowed allowed, double value) {
-        return problem_of_number(value, allowed) == "none: ";
-    };
+    const auto accepts = [](Allowed allowed, double value) { return problem_of_number(value, allowed) == "none: "; };
     EXPECT_TRUE(accepts(Allowed::finite, -1));
     EXPECT_TRUE(accepts(Allowed::positive, 5e-324));
     EXPECT_FALSE(accepts(Allowed::positive, 0));
@@ -92,15 +88,13 @@ TEST(FieldReader, EachKindOfNumberHasItsBounds) {
     EXPECT_TRUE(accepts(Allowed::fraction, 0.5));
     EXPECT_FALSE(accepts(Allowed::fraction, 0));
     EXPECT_FALSE(accepts(Allowed::fraction, 1));
-    for (const Allowed allowed :
-         {Allowed::finite, Allowed::positive, Allowed::non_negative, Allowed::fraction}) {
+    for (const Allowed allowed : {Allowed::finite, Allowed::positive, Allowed::non_negative, Allowed::fraction}) {
         for (const double value : {HUGE_VAL, -HUGE_VAL, std::nan("")}) EXPECT_FALSE(accepts(allowed, value));
     }
 }
 
 TEST(FieldReader, AMessageSaysWhereWhatAndWhatIsAllowed) {
-    EXPECT_EQ(problem_of_number(-2.5, Allowed::positive),
-              "input: m.lua: x = -2.5 m, must be positive and finite");
+    EXPECT_EQ(problem_of_number(-2.5, Allowed::positive), "input: m.lua: x = -2.5 m, must be positive and finite");
     EXPECT_EQ(problem_of_number(-2.5, Allowed::non_negative),
               "input: m.lua: x = -2.5 m, must be zero or positive and finite");
     EXPECT_EQ(problem_of_number(INFINITY, Allowed::finite), "input: m.lua: x = inf m, must be finite");
@@ -132,14 +126,11 @@ TEST(FieldReader, AFieldOfAnotherKindIsShownAsItStands) {
     EXPECT_EQ(problem(R"({"a": {"b": 1}})", number), "input: m.lua: a = a table, must be a number");
     EXPECT_EQ(problem(R"({"a": [1]})", number), "input: m.lua: a = a list, must be a number");
     EXPECT_EQ(problem("{}", number), "input: m.lua: a is missing (a number in N)");
-    EXPECT_EQ(problem("{}", [](FieldReader& r) { r.number("a", "", Allowed::finite); }),
-              "input: m.lua: a is missing");
+    EXPECT_EQ(problem("{}", [](FieldReader& r) { r.number("a", "", Allowed::finite); }), "input: m.lua: a is missing");
     EXPECT_EQ(problem(R"({"a": 1})", [](FieldReader& r) { r.boolean("a", false); }),
               "input: m.lua: a = 1, must be true or false");
-    EXPECT_EQ(problem(R"({"a": 1})", [](FieldReader& r) { r.text("a"); }),
-              "input: m.lua: a = 1, must be a text");
-    EXPECT_EQ(problem(R"({"a": 1})", [](FieldReader& r) { r.text("a", ""); }),
-              "input: m.lua: a = 1, must be a text");
+    EXPECT_EQ(problem(R"({"a": 1})", [](FieldReader& r) { r.text("a"); }), "input: m.lua: a = 1, must be a text");
+    EXPECT_EQ(problem(R"({"a": 1})", [](FieldReader& r) { r.text("a", ""); }), "input: m.lua: a = 1, must be a text");
     EXPECT_EQ(problem("{}", [](FieldReader& r) { r.text("a"); }), "input: m.lua: a is missing (a text)");
     EXPECT_EQ(problem(R"({"a": "three"})",
                       [](FieldReader& r) {
@@ -150,8 +141,7 @@ TEST(FieldReader, AFieldOfAnotherKindIsShownAsItStands) {
               "input: m.lua: a = 1, must be a list of tables");
     EXPECT_EQ(problem(R"({"a": [1]})", [](FieldReader& r) { r.table("a"); }),
               "input: m.lua: a is a list, must be a table of named fields");
-    EXPECT_EQ(problem("{}", [](FieldReader& r) { r.table("a", true); }),
-              "input: m.lua: a is missing (a table)");
+    EXPECT_EQ(problem("{}", [](FieldReader& r) { r.table("a", true); }), "input: m.lua: a is missing (a table)");
     EXPECT_EQ(problem("3", [](FieldReader&) {}), "input: m.lua is 3, must be a table of named fields");
 }
 
@@ -198,8 +188,7 @@ TEST(FieldReader, AnUnknownFieldIsRefusedWithTheNearestKnownOne) {
     };
     EXPECT_EQ(problem(R"({"amplitud": 1})", read),
               "input: m.lua: amplitud is not a known field (did you mean \"amplitude\"?)");
-    EXPECT_EQ(problem(R"({"speed": 1})", read),
-              "input: m.lua: speed is not a known field (known: amplitude, periods)");
+    EXPECT_EQ(problem(R"({"speed": 1})", read), "input: m.lua: speed is not a known field (known: amplitude, periods)");
     EXPECT_EQ(problem(R"({"speed": null})", read),
               "input: m.lua: speed is not a known field (known: amplitude, periods)");
 }

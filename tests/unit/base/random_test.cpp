@@ -98,8 +98,7 @@ TEST(StandardNormal, NeighboursInSeedStreamAndIndexAreUncorrelated) {
 TEST(StandardNormal, SizesOfNeighboursAreUncorrelated) {
     auto x = normals(1, 1), y = normals(1, 1, 1);
     for (auto* numbers : {&x, &y}) {
-        for (double& value : *numbers)
-            value = (value * value - 1) / std::numbers::sqrt2; // mean zero, variance one
+        for (double& value : *numbers) value = (value * value - 1) / std::numbers::sqrt2; // mean zero, variance one
     }
     EXPECT_LT(std::abs(correlation(x, y)), bound / std::sqrt(static_cast<double>(count)));
 }

@@ -113,9 +113,7 @@ TEST_P(ForEachIndex, AnExceptionOfTheProgressDisplayArrivesToo) {
     control.progress = [](const std::string&, std::size_t done, std::size_t) {
         if (done == 3) throw OutputError("the display is gone");
     };
-    EXPECT_EQ(problem_of([&] {
-                  for_each_index(100, control, "runs", [](std::size_t) { std::this_thread::yield(); });
-              }),
+    EXPECT_EQ(problem_of([&] { for_each_index(100, control, "runs", [](std::size_t) { std::this_thread::yield(); }); }),
               "output: the display is gone");
 }
 

@@ -56,8 +56,8 @@ TEST(ParseNumber, AllowsBlanksAroundAndASignInFront) {
 }
 
 TEST(ParseNumber, RefusesWhatIsNotOneNumber) {
-    for (const char* text : {"", "  ", "+", "-", "e5", "1,5", "1.5x", "1 2", "0x10", "--1", "++1", "+-1",
-                             "-+1", "+ 1", "1e", "1e400", "one"}) {
+    for (const char* text : {"", "  ", "+", "-", "e5", "1,5", "1.5x", "1 2", "0x10", "--1", "++1", "+-1", "-+1", "+ 1",
+                             "1e", "1e400", "one"}) {
         EXPECT_EQ(parse_number(text), std::nullopt) << '"' << text << '"';
     }
 }

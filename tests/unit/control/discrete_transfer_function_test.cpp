@@ -103,8 +103,8 @@ TEST_P(PadeDelay, ItsPhaseIsThatOfTheDelayToTheOrderOfTheApproximant) {
     const auto filter = DiscreteTransferFunction::pade_delay(delay, n, sample_time);
     const double f = 120, angle = warped(turn * f) * delay; // 1.05 rad
     const double error = std::arg(filter.response(f, sample_time) * std::polar(1.0, angle));
-    const double leading = std::pow(std::tgamma(n + 1.0), 2) /
-                           (std::tgamma(2 * n + 1.0) * std::tgamma(2 * n + 2.0)) * std::pow(angle, 2 * n + 1);
+    const double leading = std::pow(std::tgamma(n + 1.0), 2) / (std::tgamma(2 * n + 1.0) * std::tgamma(2 * n + 2.0)) *
+                           std::pow(angle, 2 * n + 1);
     // The next term is smaller by about (w L)^2 / 10; below 1e-13 rounding is larger.
     EXPECT_NEAR(error, leading, 0.15 * leading + 1e-13);
 }

@@ -20,8 +20,7 @@ TEST(PidController, ThreeSamplesByHand) {
 }
 
 TEST(PidController, ThreeSamplesWithTheDerivativeFilterByHand) {
-    const PidController pid{
-        .kp = 100, .ki = 50, .kd = 2, .derivative_filter_hz = half_hz, .sample_time = 1e-3};
+    const PidController pid{.kp = 100, .ki = 50, .kd = 2, .derivative_filter_hz = half_hz, .sample_time = 1e-3};
     PidController::State state;
     // d = 500, 250 + 1000, 625 - 500. Rounding of numbers near 3000.
     EXPECT_NEAR(pid.step(state, 1), 100 + 0.05 + 1000, 1e-11);

@@ -47,8 +47,7 @@ class TemporaryFile {
   public:
     TemporaryFile() {
         std::random_device random;
-        path_ =
-            std::filesystem::temp_directory_path() / ("tribode-sweep-" + std::to_string(random()) + ".json");
+        path_ = std::filesystem::temp_directory_path() / ("tribode-sweep-" + std::to_string(random()) + ".json");
     }
     ~TemporaryFile() { std::filesystem::remove(path_); }
     TemporaryFile(const TemporaryFile&) = delete;
@@ -248,9 +247,7 @@ std::pair<SweepResult, std::size_t> resumed_sweep(const MachineModel& machine, c
                                                   const std::filesystem::path& checkpoint) {
     std::size_t first = 0;
     RunControl control;
-    control.progress = [&](const std::string&, std::size_t done, std::size_t) {
-        first = first ? first : done;
-    };
+    control.progress = [&](const std::string&, std::size_t done, std::size_t) { first = first ? first : done; };
     SweepResult result = run_sweep(machine, options, control, checkpoint);
     return {std::move(result), first};
 }
@@ -336,8 +333,7 @@ TEST(FrequencySweep, refuses_frequencies_that_cannot_be_measured_and_machines_wi
 TEST(FrequencySweep, the_signals_of_one_frequency_cover_the_periods_asked_for) {
     const SweepSignals s = run_single_frequency(reference(), sweep({}), 20, 2);
     EXPECT_NEAR(static_cast<double>(s.trace.t.size()), 2 * 100 + 1, 1);
-    for (const auto* column :
-         {&s.trace.u, &s.trace.y, &s.delayed_thrust, &s.friction_estimate, &s.effective_thrust}) {
+    for (const auto* column : {&s.trace.u, &s.trace.y, &s.delayed_thrust, &s.friction_estimate, &s.effective_thrust}) {
         EXPECT_EQ(column->size(), s.trace.t.size());
     }
     for (std::size_t i = 0; i < s.effective_thrust.size(); ++i) {

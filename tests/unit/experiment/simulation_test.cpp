@@ -35,8 +35,7 @@ Table table_of(const std::vector<std::pair<std::string, Values>>& columns) {
 MachineModel reference() { return machine_of(reference_description()); }
 MachineModel bare_mass() { return machine_of({{"rigid_gain_per_kg", 0.1}}); }
 
-DriveRecord record_of(const std::vector<std::pair<std::string, Values>>& columns,
-                      const MachineModel& machine) {
+DriveRecord record_of(const std::vector<std::pair<std::string, Values>>& columns, const MachineModel& machine) {
     return DriveRecord::from_table(table_of(columns), machine, "in.csv");
 }
 
@@ -85,10 +84,8 @@ TEST(DriveRecord, where_both_are_given_the_machine_decides) {
 TEST(DriveRecord, refuses_what_does_not_fit_and_says_what) {
     const Values v(5, 0.1);
     EXPECT_NE(refusal({{"t", times(5)}, {"y", v}}, reference()).find("no column u"), std::string::npos);
-    EXPECT_NE(refusal({{"t", times(5)}, {"u", v}, {"exx", v}}, reference()).find("\"exc\""),
-              std::string::npos);
-    EXPECT_NE(refusal({{"t", times(5)}, {"r", v}}, bare_mass()).find("the machine has none"),
-              std::string::npos);
+    EXPECT_NE(refusal({{"t", times(5)}, {"u", v}, {"exx", v}}, reference()).find("\"exc\""), std::string::npos);
+    EXPECT_NE(refusal({{"t", times(5)}, {"r", v}}, bare_mass()).find("the machine has none"), std::string::npos);
     EXPECT_NE(refusal({{"u", v}}, reference()).find("no column t"), std::string::npos);
     Values gap = times(5);
     gap[3] += ts;
@@ -102,8 +99,8 @@ TEST(Simulate, columns_are_left_limits_at_the_sample_instants) {
     Json description = {{"rigid_gain_per_kg", 0.1}, {"input_delay_s", ts}, {"output_delay_s", ts / 2}};
     description["friction"]["viscous"] = 0.0;
     const std::size_t count = 101;
-    const auto s = run(machine_of(description),
-                       record_of({{"t", times(count, 7.0)}, {"u", Values(count, 2.0)}}, bare_mass()));
+    const auto s =
+        run(machine_of(description), record_of({{"t", times(count, 7.0)}, {"u", Values(count, 2.0)}}, bare_mass()));
     ASSERT_EQ(s.trace.t, times(count, 7.0)); // as in the record
     const auto position = [](double t) { return t < ts ? 0.0 : 0.1 * 2 * (t - ts) * (t - ts) / 2; };
     for (std::size_t k = 0; k < count; ++k) {
@@ -138,8 +135,7 @@ TEST(Simulate, in_closed_loop_the_axis_follows_and_u_is_the_whole_thrust) {
     description["friction"] = {{"viscous", 2.35}};
     const MachineModel machine = machine_of(description);
     const auto s =
-        run(machine,
-            record_of({{"t", times(4001)}, {"r", Values(4001, 1e-3)}, {"exc", Values(4001, 1.5)}}, machine));
+        run(machine, record_of({{"t", times(4001)}, {"r", Values(4001, 1e-3)}, {"exc", Values(4001, 1.5)}}, machine));
     EXPECT_NEAR(s.trace.x.back(), 1e-3, 1e-6); // integral action after 2 s
     EXPECT_NEAR(s.trace.u.back(), 0.0, 1e-2);  // at rest the controller takes back the excitation
     const double kp = description["controller"]["kp"], ki = description["controller"]["ki"],
@@ -155,9 +151,8 @@ TEST(Simulate, without_a_controller_closed_loop_is_refused) {
 }
 
 TEST(Simulate, events_are_written_with_time_element_and_kind) {
-    const MachineModel machine =
-        machine_of({{"rigid_gain_per_kg", 0.1},
-                    {"friction", {{"coulomb", 0.5}, {"elements", {{{"K", 1e5}, {"F", 0.3}}}}}}});
+    const MachineModel machine = machine_of(
+        {{"rigid_gain_per_kg", 0.1}, {"friction", {{"coulomb", 0.5}, {"elements", {{{"K", 1e5}, {"F", 0.3}}}}}}});
     const auto s = run(machine, record_of({{"t", times(201)}, {"u", sine(3, 20, 201)}}, machine));
     const std::string text = to_csv(s.events);
     EXPECT_EQ(text.substr(0, text.find('\n')), "t,element,kind");
@@ -218,8 +213,8 @@ TEST(Simulate, a_stop_request_ends_early_and_keeps_the_samples_so_far) {
     control.stop = &stop;
     control.progress = [&](const std::string&, std::size_t done, std::size_t) { stop = done >= 1000; };
     const MachineModel machine = bare_mass();
-    const auto s = simulate(machine, record_of({{"t", times(4001)}, {"u", Values(4001, 1.0)}}, machine), erk,
-                            0, control);
+    const auto s =
+        simulate(machine, record_of({{"t", times(4001)}, {"u", Values(4001, 1.0)}}, machine), erk, 0, control);
     EXPECT_EQ(s.outcome.end, RunEnd::interrupted);
     EXPECT_GE(s.trace.t.size(), 1000u);
     EXPECT_LT(s.trace.t.size(), 1100u);
@@ -238,8 +233,7 @@ TEST(BandLimited, a_sine_well_below_nyquist_is_interpolated) {
         for (std::size_t k = 40; k < 360; ++k) { // away from the ends, beyond which u is not known
             for (const double s : {0.0, 0.25, 0.5, 0.75}) {
                 const double t = (static_cast<double>(k) + s) * ts;
-                worst =
-                    std::max(worst, std::abs(value(pieces[k], s) - std::sin(2 * std::numbers::pi * f * t)));
+                worst = std::max(worst, std::abs(value(pieces[k], s) - std::sin(2 * std::numbers::pi * f * t)));
             }
         }
         EXPECT_LT(worst, 1e-4) << f;

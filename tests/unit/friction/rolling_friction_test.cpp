@@ -76,9 +76,7 @@ struct Clip {
 };
 
 // The curve from rest, F(d) [N].
-double virgin_curve(const std::vector<MaxwellSlipElement>& elements, double d) {
-    return Clip{elements}.force_at(d);
-}
+double virgin_curve(const std::vector<MaxwellSlipElement>& elements, double d) { return Clip{elements}.force_at(d); }
 
 TEST(MaxwellSlipElement, LimitIsTheDeflectionAtItsLevel) {
     EXPECT_DOUBLE_EQ((MaxwellSlipElement{2e6, 1.0, 0}.limit()), 0.5e-6);
@@ -216,10 +214,8 @@ TEST(RollingFriction, StickLeavesEveryDeflectionAndTheForceAsTheyAre) {
     const double force = motion.force();
     Reports reports;
     motion.law.stick(motion.state, motion.y, [&](auto i, auto now) { reports.emplace_back(i, now); });
-    EXPECT_EQ(
-        reports,
-        (Reports{
-            {0, SlipState::stick}, {1, SlipState::stick}, {2, SlipState::stick}, {4, SlipState::stick}}));
+    EXPECT_EQ(reports,
+              (Reports{{0, SlipState::stick}, {1, SlipState::stick}, {2, SlipState::stick}, {4, SlipState::stick}}));
     for (const std::size_t i : {0u, 1u, 2u, 4u}) {
         EXPECT_EQ(motion.state.z[i], motion.law.elements()[i].limit()) << i;
     }

@@ -106,8 +106,8 @@ TEST(MachineModel, ReadsACascade) {
     EXPECT_EQ(cascade.kv, 243.45);
     EXPECT_EQ(cascade.limit, 351.5);
     EXPECT_EQ(cascade.delay_samples, 1);
-    const MachineModel unlimited = parsed(
-        R"({"rigid_gain_per_kg": 1, "controller": {"type": "cascade", "kp": 1, "kv": 1, "limit": null}})");
+    const MachineModel unlimited =
+        parsed(R"({"rigid_gain_per_kg": 1, "controller": {"type": "cascade", "kp": 1, "kv": 1, "limit": null}})");
     EXPECT_EQ(std::get<CascadeSettings>(unlimited.controller).limit, std::nullopt);
     EXPECT_EQ(std::get<CascadeSettings>(unlimited.controller).delay_samples, 0);
 }
@@ -201,17 +201,13 @@ TEST(MachineModel, EachNumberIsRefusedWithItsPathItsUnitAndWhatIsAllowed) {
 TEST(MachineModel, AnInfiniteGainOfTheControllerIsRefused) {
     Json description = Json::parse(complete);
     description["controller"]["kd"] = -HUGE_VAL;
-    EXPECT_EQ(problem_of([&] { model(description); }),
-              "input: x.json: controller.kd = -inf N s/m, must be finite");
+    EXPECT_EQ(problem_of([&] { model(description); }), "input: x.json: controller.kd = -inf N s/m, must be finite");
 }
 
-TEST(MachineModel, ANegativeGainOfTheControllerIsAllowed) {
-    EXPECT_EQ(problem("/controller/kp", "-5"), "none: ");
-}
+TEST(MachineModel, ANegativeGainOfTheControllerIsAllowed) { EXPECT_EQ(problem("/controller/kp", "-5"), "none: "); }
 
 TEST(MachineModel, AMissingFieldIsNamedWithItsUnit) {
-    EXPECT_EQ(problem_without("/modes/1", "freq_hz"),
-              "input: x.json: modes[2].freq_hz is missing (a number in Hz)");
+    EXPECT_EQ(problem_without("/modes/1", "freq_hz"), "input: x.json: modes[2].freq_hz is missing (a number in Hz)");
     EXPECT_EQ(problem_without("/modes/1", "zeta"), "input: x.json: modes[2].zeta is missing");
     EXPECT_EQ(problem_without("/friction/elements/0", "K"),
               "input: x.json: friction.elements[1].K is missing (a number in N/m)");
@@ -219,8 +215,7 @@ TEST(MachineModel, AMissingFieldIsNamedWithItsUnit) {
               "input: x.json: friction.elements[1].F is missing (a number in N)");
     EXPECT_EQ(problem_without("/friction/stribeck", "static"),
               "input: x.json: friction.stribeck.static is missing (a number in N)");
-    EXPECT_EQ(problem_without("/controller", "kp"),
-              "input: x.json: controller.kp is missing (a number in N/m)");
+    EXPECT_EQ(problem_without("/controller", "kp"), "input: x.json: controller.kp is missing (a number in N/m)");
     EXPECT_EQ(problem("/controller", R"({"type": "cascade", "kp": 1})"),
               "input: x.json: controller.kv is missing (a number in N s/m)");
 }
@@ -239,15 +234,13 @@ TEST(MachineModel, AnUnknownFieldIsRefusedWithTheNearestKnownOne) {
               "input: x.json: friction.viscuos is not a known field (did you mean \"viscous\"?)");
     EXPECT_EQ(problem("/friction/elements/1/k", "1"),
               "input: x.json: friction.elements[2].k is not a known field (known: K, F, D)");
-    EXPECT_EQ(
-        problem("/friction/stribeck/speed", "1"),
-        "input: x.json: friction.stribeck.speed is not a known field (known: static, velocity, exponent)");
+    EXPECT_EQ(problem("/friction/stribeck/speed", "1"),
+              "input: x.json: friction.stribeck.speed is not a known field (known: static, velocity, exponent)");
     EXPECT_EQ(problem("/controller/derivative_filter", "1"),
               "input: x.json: controller.derivative_filter is not a known field (did you mean "
               "\"derivative_filter_hz\"?)");
-    EXPECT_EQ(
-        problem("/tolerance/modes.frequency_hz", "0.1"),
-        "input: x.json: tolerance.modes.frequency_hz is not a known field (did you mean \"modes.freq_hz\"?)");
+    EXPECT_EQ(problem("/tolerance/modes.frequency_hz", "0.1"),
+              "input: x.json: tolerance.modes.frequency_hz is not a known field (did you mean \"modes.freq_hz\"?)");
     // What belongs to the other kind of controller.
     EXPECT_EQ(problem("/controller/kv", "1"),
               "input: x.json: controller.kv is not a known field (did you mean \"kp\"?)");
@@ -256,8 +249,8 @@ TEST(MachineModel, AnUnknownFieldIsRefusedWithTheNearestKnownOne) {
 TEST(MachineModel, NotesAreIgnoredAtEveryLevel) {
     const Json notes = {
         {"comment", "c"}, {"units", {{"K", "N/m"}}}, {"conventions", 1}, {"records", 2}, {"equations", 3}};
-    for (const char* table : {"", "/modes/0", "/friction", "/friction/stribeck", "/friction/elements/1",
-                              "/controller", "/tolerance"}) {
+    for (const char* table :
+         {"", "/modes/0", "/friction", "/friction/stribeck", "/friction/elements/1", "/controller", "/tolerance"}) {
         Json description = Json::parse(complete);
         description[Json::json_pointer(table)].update(notes);
         EXPECT_EQ(problem_of([&] { model(description); }), "none: ") << table;
@@ -266,17 +259,15 @@ TEST(MachineModel, NotesAreIgnoredAtEveryLevel) {
 
 TEST(MachineModel, AMachineThatCannotMoveIsRefused) {
     for (const char* text : {"{}", R"({"rigid_gain_per_kg": 0, "modes": []})"}) {
-        EXPECT_EQ(
-            problem_of([&] { parsed(text); }),
-            "input: x.json: rigid_gain_per_kg is zero or missing and there is no mode: nothing could move");
+        EXPECT_EQ(problem_of([&] { parsed(text); }),
+                  "input: x.json: rigid_gain_per_kg is zero or missing and there is no mode: nothing could move");
     }
     EXPECT_NO_THROW(parsed(R"({"modes": [{"gain": 1, "freq_hz": 10, "zeta": 0.1}]})"));
 }
 
 TEST(MachineModel, ABandLimitedInputNeedsAnOpenLoop) {
-    EXPECT_EQ(
-        problem("/input", "\"band_limited\""),
-        "input: x.json: input = \"band_limited\" needs u as a whole record, so closed_loop must be false");
+    EXPECT_EQ(problem("/input", "\"band_limited\""),
+              "input: x.json: input = \"band_limited\" needs u as a whole record, so closed_loop must be false");
     EXPECT_EQ(parsed(R"({"rigid_gain_per_kg": 1, "input": "band_limited"})").input, InputKind::band_limited);
     EXPECT_NO_THROW(parsed(R"({"rigid_gain_per_kg": 1, "input": "band_limited", "controller": {"kp": 1},
                               "closed_loop": false})"));

@@ -96,9 +96,9 @@ class Delayed : public ::testing::TestWithParam<Delays> {
 };
 
 INSTANTIATE_TEST_SUITE_P(Samples, Delayed,
-                         ::testing::Values(Delays{0, 0}, Delays{1, 0}, Delays{0, 1}, Delays{3, 2},
-                                           Delays{0.25, 0}, Delays{0, 0.836}, Delays{1, 0.836},
-                                           Delays{0.4, 0.4}, Delays{2.7, 3.1}, Delays{0.001, 0.999}),
+                         ::testing::Values(Delays{0, 0}, Delays{1, 0}, Delays{0, 1}, Delays{3, 2}, Delays{0.25, 0},
+                                           Delays{0, 0.836}, Delays{1, 0.836}, Delays{0.4, 0.4}, Delays{2.7, 3.1},
+                                           Delays{0.001, 0.999}),
                          [](const auto& delays) {
                              return "In" + std::to_string(std::lround(1000 * delays.param.input)) + "Out" +
                                     std::to_string(std::lround(1000 * delays.param.output));
@@ -186,15 +186,13 @@ TEST(ServoSystem, TheExcitationIsAddedAfterTheLimitOfTheCascade) {
     FreeRun run(system);
     std::vector<double> u;
     run.to(period, [&](long) { u.push_back(run.values().thrust); });
-    EXPECT_EQ(
-        u, (std::vector<double>{5, 25})); // the first output of 300 N, limited to 20 N, comes a sample later
+    EXPECT_EQ(u, (std::vector<double>{5, 25})); // the first output of 300 N, limited to 20 N, comes a sample later
 }
 
 TEST(ServoSystem, WithoutAControllerItDoesNotRunInClosedLoop) {
-    EXPECT_EQ(
-        problem_of([] { ServoSystem(free_body(), towards(0, 0)); }),
-        "input: the machine has no controller, so it cannot run in closed loop; give it one or drive it with "
-        "u in open loop");
+    EXPECT_EQ(problem_of([] { ServoSystem(free_body(), towards(0, 0)); }),
+              "input: the machine has no controller, so it cannot run in closed loop; give it one or drive it with "
+              "u in open loop");
 }
 
 TEST(ServoSystem, AControllerIsLeftAloneInOpenLoop) {
@@ -299,8 +297,7 @@ TEST(ServoSystemNoise, OfTheForceIsANewOneEachSample) {
         const ServoSystem system(m, no_thrust(), seed);
         FreeRun run(system);
         std::vector<double> f;
-        run.to(static_cast<double>(many - 1) * period,
-               [&](long) { f.push_back(run.values().plant.disturbance); });
+        run.to(static_cast<double>(many - 1) * period, [&](long) { f.push_back(run.values().plant.disturbance); });
         return f;
     };
     const auto f = forces(11);

@@ -57,7 +57,8 @@ TEST(JsonFile, SaysLineAndColumn) {
         const std::string message = problem_of([&] { read_json(file); });
         return message.substr(std::min(message.size(), ("input: " + file.string()).size()));
     };
-    EXPECT_TRUE(problem("{\n  \"a\": 1,\n  \"b\" 2\n}\n").starts_with(":3:")) << problem("{\n  \"a\": 1,\n  \"b\" 2\n}\n");
+    EXPECT_TRUE(problem("{\n  \"a\": 1,\n  \"b\" 2\n}\n").starts_with(":3:"))
+        << problem("{\n  \"a\": 1,\n  \"b\" 2\n}\n");
     EXPECT_TRUE(problem("").starts_with(":1:1"));
     EXPECT_NE(problem("{\"a\": 1, \"a\": 2}").find("twice"), std::string::npos);
     EXPECT_NE(problem("{\"a\": 1e999}"), "");

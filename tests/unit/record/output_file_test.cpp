@@ -53,7 +53,8 @@ TEST(OutputFile, WhatIsNoFileIsRefused) {
     folder.write("file", "x");
     EXPECT_TRUE(problem_of([&] { write_file(folder.path(), "x"); }).starts_with("output: " + folder.path().string()));
     EXPECT_TRUE(problem_of([&] { write_file(folder / "file/below", "x"); }).starts_with("output: "));
-    EXPECT_TRUE(problem_of([&] { read_file(folder / "none"); }).ends_with("cannot be read (No such file or directory)"));
+    EXPECT_TRUE(
+        problem_of([&] { read_file(folder / "none"); }).ends_with("cannot be read (No such file or directory)"));
     EXPECT_TRUE(problem_of([&] { read_file(folder.path()); }).starts_with("input: "));
 }
 

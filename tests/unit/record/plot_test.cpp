@@ -1,5 +1,5 @@
-#include "record/plot.hpp"
 #include "record/output_file.hpp"
+#include "record/plot.hpp"
 #include "unit/script/messages.hpp"
 #include "unit/script/temporary_folder.hpp"
 
@@ -14,7 +14,8 @@ namespace {
 
 TEST(Plot, WritesPngAndSvgAndTheSamePlotGivesTheSameBytes) {
     const TemporaryFolder folder;
-    Plot plot{.title = "It's a \"title\" with \\ and _", .panels = {{.x_label = "f [Hz]", .y_label = "g [dB]", .x_log = true}}};
+    Plot plot{.title = "It's a \"title\" with \\ and _",
+              .panels = {{.x_label = "f [Hz]", .y_label = "g [dB]", .x_log = true}}};
     plot.panels[0].series.push_back({.name = "a_b '{x}'", .x = {1, 10, 100}, .y = {0, std::nan(""), 3}});
     draw_plot(folder / "a", plot);
     draw_plot(folder / "b", plot);
@@ -48,7 +49,8 @@ TEST(Plot, RefusesWhatDoesNotFit) {
     EXPECT_NE(refused(R"({"panels": [{"series": [{"color": "red"}]}]})").find("must be #rrggbb"), std::string::npos);
     EXPECT_NE(refused(R"({"panels": [{"x_range": [2, 1]}]})").find("must be {lowest, highest}"), std::string::npos);
     EXPECT_NE(refused(R"({"panels": [{"legend": "left"}]})").find("must be one of above"), std::string::npos);
-    EXPECT_EQ(refused(R"({"title": "t", "panels": [{"series": [{"x": [1], "y": [2], "style": "points"}]}]})"), "none: ");
+    EXPECT_EQ(refused(R"({"title": "t", "panels": [{"series": [{"x": [1], "y": [2], "style": "points"}]}]})"),
+              "none: ");
 }
 
 TEST(Plot, SaysThatGnuplotIsMissing) {

@@ -16,17 +16,14 @@ class MachineFileTest : public ::testing::Test {
 };
 
 TEST_F(MachineFileTest, LuaAndJsonGiveTheSameTable) {
-    const auto lua =
-        folder.write("m.lua", "return {Ts = 0.0005, modes = {{freq_hz = 33.32, gain = 0.01308}}}");
-    const auto json =
-        folder.write("m.json", R"({"Ts": 0.0005, "modes": [{"freq_hz": 33.32, "gain": 0.01308}]})");
+    const auto lua = folder.write("m.lua", "return {Ts = 0.0005, modes = {{freq_hz = 33.32, gain = 0.01308}}}");
+    const auto json = folder.write("m.json", R"({"Ts": 0.0005, "modes": [{"freq_hz": 33.32, "gain": 0.01308}]})");
     EXPECT_EQ(read_description(lua).dump(), read_description(json).dump());
     EXPECT_EQ(read_description(lua)["modes"][0]["freq_hz"], Json(33.32));
 }
 
 TEST_F(MachineFileTest, ALuaMachineMayTakeAnArgument) {
-    const auto file =
-        folder.write("m.lua", "local options = ... or {}\nreturn {table = options.table_ii or 'read'}");
+    const auto file = folder.write("m.lua", "local options = ... or {}\nreturn {table = options.table_ii or 'read'}");
     EXPECT_EQ(read_description(file)["table"], Json("read"));
     EXPECT_EQ(read_description(file, {}, {{"table_ii", "printed"}})["table"], Json("printed"));
 }
@@ -37,13 +34,11 @@ TEST_F(MachineFileTest, ALuaMachineMayUseModulesOfItsFolder) {
 }
 
 TEST_F(MachineFileTest, ALuaMachineMayNotTouchOtherFiles) {
-    EXPECT_NE(
-        problem(folder.write("a.lua", "io.open('/etc/passwd')")).find("a.lua:1: \"/etc/passwd\" is outside"),
-        std::string::npos);
+    EXPECT_NE(problem(folder.write("a.lua", "io.open('/etc/passwd')")).find("a.lua:1: \"/etc/passwd\" is outside"),
+              std::string::npos);
     const std::string own = (folder / "new.txt").string();
-    EXPECT_NE(
-        problem(folder.write("b.lua", "io.open('" + own + "', 'w')")).find("a script writes only there"),
-        std::string::npos);
+    EXPECT_NE(problem(folder.write("b.lua", "io.open('" + own + "', 'w')")).find("a script writes only there"),
+              std::string::npos);
     EXPECT_FALSE(std::filesystem::exists(own));
 }
 

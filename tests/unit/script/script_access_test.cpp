@@ -46,10 +46,9 @@ TEST_F(ScriptAccessTest, WhatTheUserNamedMayBeReadOnly) {
 }
 
 TEST_F(ScriptAccessTest, AFileOutsideIsRefusedWithAdvice) {
-    EXPECT_EQ(
-        problem_of([&] { access.check_read("/etc/passwd"); }),
-        "input: \"/etc/passwd\" is outside the run folder; name it with -D, --machine, --data or --input, or "
-        "use --allow-all");
+    EXPECT_EQ(problem_of([&] { access.check_read("/etc/passwd"); }),
+              "input: \"/etc/passwd\" is outside the run folder; name it with -D, --machine, --data or --input, or "
+              "use --allow-all");
     EXPECT_EQ(problem_of([&] { access.check_write("/etc/passwd"); }),
               "input: \"/etc/passwd\" is outside the run folder " + access.run_folder.string() +
                   ", and a script writes only there; choose the folder with -o, or use --allow-all");

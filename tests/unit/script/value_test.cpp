@@ -11,9 +11,7 @@ namespace {
 
 class ValueTest : public ::testing::Test {
   protected:
-    static ScriptLimits limits() {
-        return {.memory_bytes = std::size_t{64} << 20, .instructions = 10'000'000};
-    }
+    static ScriptLimits limits() { return {.memory_bytes = std::size_t{64} << 20, .instructions = 10'000'000}; }
 
     Json from_lua(const std::string& expression) {
         return state.run_text("local value = " + expression + "\nreturn value", "t");
@@ -70,8 +68,7 @@ TEST_F(ValueTest, LargeUnsignedNumbersBecomeTheNearestDouble) {
 }
 
 TEST_F(ValueTest, AMillionNumbersArriveInOrder) {
-    const Json numbers =
-        state.run_text("local t = {} for i = 1, 1000000 do t[i] = i + 0.5 end return t", "t");
+    const Json numbers = state.run_text("local t = {} for i = 1, 1000000 do t[i] = i + 0.5 end return t", "t");
     ASSERT_EQ(numbers.size(), 1000000u);
     EXPECT_EQ(numbers.front(), Json(1.5));
     EXPECT_EQ(numbers.back(), Json(1000000.5));
@@ -93,8 +90,7 @@ TEST_F(ValueTest, WhatIsNotDataIsRefusedWithItsPath) {
               "input: t: the returned value.x[2] is missing: a list has the entries 1 to n without a hole");
     EXPECT_EQ(problem("return {x = {[0] = 1, [1] = 2}}"),
               "input: t: the returned value.x[2] is missing: a list has the entries 1 to n without a hole");
-    EXPECT_EQ(problem("return {name = 'a\\xff'}"),
-              "input: t: the returned value.name is a text that is not UTF-8");
+    EXPECT_EQ(problem("return {name = 'a\\xff'}"), "input: t: the returned value.name is a text that is not UTF-8");
 }
 
 TEST_F(ValueTest, ATableThatContainsItselfIsRefused) {
@@ -108,9 +104,7 @@ TEST_F(ValueTest, ATableMayStandAtTwoPlaces) {
 
 TEST_F(ValueTest, SixtyFourLevelsAreTheMost) {
     const std::string nest = "local t = {} for i = 2, N do t = {t} end return t";
-    const auto nested = [&](const std::string& levels) {
-        return problem("local N = " + levels + " " + nest);
-    };
+    const auto nested = [&](const std::string& levels) { return problem("local N = " + levels + " " + nest); };
     EXPECT_EQ(nested("64"), "none: ");
     EXPECT_NE(nested("65").find("is nested deeper than 64 levels"), std::string::npos);
 
@@ -125,8 +119,7 @@ TEST_F(ValueTest, SharedTablesDoNotGrowBeyondTheMemoryLimit) {
     LuaState small({.memory_bytes = std::size_t{1} << 20}, {}, {});
     const std::string bomb = "local t = {0} for i = 1, 24 do t = {t, t} end return t";
     const std::string text = problem_of([&] { small.run_text(bomb, "t"); });
-    EXPECT_NE(text.find("is part of a value larger than the memory limit of the script"), std::string::npos)
-        << text;
+    EXPECT_NE(text.find("is part of a value larger than the memory limit of the script"), std::string::npos) << text;
 }
 
 TEST_F(ValueTest, MetatablesAreIgnored) {

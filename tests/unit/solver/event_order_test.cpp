@@ -13,9 +13,7 @@ using Log = std::vector<std::string>;
 class LoggingObserver final : public Observer {
   public:
     explicit LoggingObserver(Log& log) : log_(log) {}
-    void left_limit(const SystemState& s) override {
-        log_.push_back(fmt::format("left limit, x = {:.6g}", s.x[0]));
-    }
+    void left_limit(const SystemState& s) override { log_.push_back(fmt::format("left limit, x = {:.6g}", s.x[0])); }
     void sampled(ClockId clock, long k, const SystemState& s) override {
         log_.push_back(fmt::format("seen {} {}, x = {:.6g}", clock, k, s.x[0]));
     }
@@ -25,8 +23,7 @@ class LoggingObserver final : public Observer {
 };
 
 class Events : public testing::TestWithParam<Method> {};
-INSTANTIATE_TEST_SUITE_P(Methods, Events, testing::Values(Method::erk, Method::adams, Method::bdf),
-                         method_of);
+INSTANTIATE_TEST_SUITE_P(Methods, Events, testing::Values(Method::erk, Method::adams, Method::bdf), method_of);
 
 // x' = 1 from 0. At t = 1 guard 0 falls (its zero is exactly there), clocks 0 and 1 are due, and the sample
 // of clock 1 makes guard 1 fall.
@@ -83,8 +80,7 @@ TEST_P(Events, two_guards_that_fall_at_one_time_are_handled_once_each_in_declare
     system.start_memory = {0, 0};
     system.slope = [](double, auto, auto&, auto dxdt) { dxdt[0] = -1; };
     for (const std::size_t i : {0u, 1u}) {
-        system.guard.push_back(
-            [i](double, auto x, auto& d) { return d[i] > 0 ? 1.0 : (x[0] - 0.5) * (1.0 + i); });
+        system.guard.push_back([i](double, auto x, auto& d) { return d[i] > 0 ? 1.0 : (x[0] - 0.5) * (1.0 + i); });
     }
     system.crossing = [](GuardId id, double, auto&, auto& d) {
         d[id] = 1;
@@ -148,8 +144,7 @@ TEST_P(Events, each_fall_is_found_once_however_the_clocks_cut_the_time) {
 // The guard falls at a sample instant, or so near that only rounding tells: one event, one sample, and the
 // run goes on.
 TEST_P(Events, a_fall_at_a_sample_instant_or_within_rounding_of_it_is_one_event) {
-    for (const double shift :
-         {0.0, 1e-17, -1e-17, 5e-17, -5e-17, 2e-16, -2e-16, 1e-15, -1e-15, 1e-13, -1e-13}) {
+    for (const double shift : {0.0, 1e-17, -1e-17, 5e-17, -5e-17, 2e-16, -2e-16, 1e-15, -1e-15, 1e-13, -1e-13}) {
         FunctionSystem system;
         system.start = {0.3 + shift};
         system.start_memory = {1, 0};
@@ -207,8 +202,7 @@ TEST_P(EventsOfEveryMethod, a_sliding_system_ends_as_chattering_and_names_the_gu
     system.start = {0.1};
     system.start_memory = {1};
     system.slope = [](double, auto, auto& d, auto dxdt) { dxdt[0] = -d[0]; };
-    system.guard = {[](double, auto, auto&) { return 1.0; },
-                    [](double, auto x, auto& d) { return d[0] * x[0]; }};
+    system.guard = {[](double, auto, auto&) { return 1.0; }, [](double, auto x, auto& d) { return d[0] * x[0]; }};
     system.crossing = [](GuardId, double, auto&, auto& d) {
         d[0] = -d[0];
         return EventEffect::restart;
@@ -247,8 +241,7 @@ TEST_P(Events, a_zeno_system_ends_with_an_outcome_at_its_accumulation_point) {
     const FunctionSystem ball = bouncing_ball(1.0, 9.81, e);
     Simulator run(ball, tight(GetParam()));
     const RunOutcome outcome = run.advance_to(10.0);
-    EXPECT_TRUE(outcome.end == RunEnd::chattering || outcome.end == RunEnd::step_too_small)
-        << outcome.message;
+    EXPECT_TRUE(outcome.end == RunEnd::chattering || outcome.end == RunEnd::step_too_small) << outcome.message;
     EXPECT_FALSE(outcome.message.empty());
     EXPECT_NEAR(outcome.t, std::sqrt(2 / 9.81) * (1 + e) / (1 - e), Simulator::chatter_window);
 }

@@ -29,8 +29,7 @@ class FunctionSystem final : public HybridSystem {
     std::function<void(double t, Values x, std::span<double> matrix)> matrix; // empty: none
     std::vector<std::function<double(double t, Values x, Held d)>> guard;
     std::function<EventEffect(GuardId, double t, std::vector<double>& x, std::vector<double>& d)> crossing;
-    std::function<EventEffect(ClockId, long k, double t, std::vector<double>& x, std::vector<double>& d)>
-        sample;
+    std::function<EventEffect(ClockId, long k, double t, std::vector<double>& x, std::vector<double>& d)> sample;
 
     // How often the functions were called, to be compared with the statistics of a run.
     mutable long slope_calls = 0, guard_calls = 0, matrix_calls = 0;
@@ -68,9 +67,7 @@ class FunctionSystem final : public HybridSystem {
         return sample ? sample(id, k, state.t, state.x, static_cast<Memory&>(*state.discrete).value)
                       : EventEffect::none;
     }
-    std::string guard_name(GuardId id, const SystemState&) const override {
-        return "guard " + std::to_string(id);
-    }
+    std::string guard_name(GuardId id, const SystemState&) const override { return "guard " + std::to_string(id); }
 
   private:
     mutable std::vector<StateVariable> variables_;

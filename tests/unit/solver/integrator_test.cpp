@@ -14,8 +14,8 @@ INSTANTIATE_TEST_SUITE_P(Methods, EveryIntegrator,
                          testing::Values(Method::erk, Method::adams, Method::bdf, Method::fixed), method_of);
 
 class VariableStepIntegrator : public testing::TestWithParam<Method> {};
-INSTANTIATE_TEST_SUITE_P(Methods, VariableStepIntegrator,
-                         testing::Values(Method::erk, Method::adams, Method::bdf), method_of);
+INSTANTIATE_TEST_SUITE_P(Methods, VariableStepIntegrator, testing::Values(Method::erk, Method::adams, Method::bdf),
+                         method_of);
 
 double oscillator_error(const SolverOptions& options) {
     const FunctionSystem system = oscillator();
@@ -29,8 +29,7 @@ TEST(FixedStep, has_order_four) {
     double coarse = oscillator_error({.method = Method::fixed, .fixed_step = 0.1});
     for (const double step : {0.05, 0.025, 0.0125}) {
         const double fine = oscillator_error({.method = Method::fixed, .fixed_step = step});
-        EXPECT_NEAR(std::log2(coarse / fine), 4.0, 0.1)
-            << step; // the next term of the error is h times smaller
+        EXPECT_NEAR(std::log2(coarse / fine), 4.0, 0.1) << step; // the next term of the error is h times smaller
         coarse = fine;
     }
 }
@@ -49,8 +48,8 @@ TEST(FixedStep, takes_steps_of_the_given_length_and_a_shorter_one_to_end) {
 TEST_P(VariableStepIntegrator, the_error_follows_the_tolerance) {
     double previous = 1;
     for (const double tolerance : {1e-4, 1e-6, 1e-8, 1e-10}) {
-        const double error = oscillator_error(
-            {.method = GetParam(), .relative_tolerance = tolerance, .absolute_tolerance = tolerance});
+        const double error =
+            oscillator_error({.method = GetParam(), .relative_tolerance = tolerance, .absolute_tolerance = tolerance});
         // Local errors are held at the tolerance; over 10 s their sum stays within a few hundred times of it.
         EXPECT_LT(error, 500 * tolerance) << tolerance;
         // A hundredth of the tolerance gives about a hundredth of the error; a fifth of that gain is asked
@@ -76,8 +75,7 @@ TEST(Bdf, uses_and_counts_the_analytic_jacobian) {
     FunctionSystem with = stiff();
     with.matrix = [](double, auto, auto m) { m[0] = -1000; };
     const FunctionSystem without = stiff();
-    const SolverOptions options{
-        .method = Method::bdf, .relative_tolerance = 1e-8, .absolute_tolerance = 1e-10};
+    const SolverOptions options{.method = Method::bdf, .relative_tolerance = 1e-8, .absolute_tolerance = 1e-10};
     Simulator analytic(with, options), differences(without, options);
     const long at_set_up = with.matrix_calls; // the integrator asks whether there is one
     ASSERT_TRUE(analytic.advance_to(10.0).ok());
@@ -99,8 +97,7 @@ TEST(Bdf, a_jacobian_of_several_states_is_read_by_columns) {
         dxdt[0] = -x[0];
         dxdt[1] = 1e5 * x[0] - 1e5 * x[1];
     };
-    const SolverOptions options{
-        .method = Method::bdf, .relative_tolerance = 1e-8, .absolute_tolerance = 1e-10};
+    const SolverOptions options{.method = Method::bdf, .relative_tolerance = 1e-8, .absolute_tolerance = 1e-10};
     const auto steps_with = [&](std::array<double, 4> by_columns) {
         system.matrix = [by_columns](double, auto, auto m) {
             std::copy(by_columns.begin(), by_columns.end(), m.begin());
@@ -211,8 +208,7 @@ TEST(SolverOptions, are_read_from_fields_and_refuse_nonsense) {
     EXPECT_EQ(options.relative_tolerance, 1e-5);
     EXPECT_EQ(options.absolute_tolerance, SolverOptions{}.absolute_tolerance);
     EXPECT_EQ(options.fixed_step, 1e-4);
-    for (const Json& wrong :
-         {Json{{"solver", "ode45"}}, Json{{"relative_tolerance", 0}}, Json{{"fixed_step_s", -1}}}) {
+    for (const Json& wrong : {Json{{"solver", "ode45"}}, Json{{"relative_tolerance", 0}}, Json{{"fixed_step_s", -1}}}) {
         FieldReader reader(wrong, "run");
         EXPECT_THROW(SolverOptions{}.read(reader), InputError) << wrong;
     }

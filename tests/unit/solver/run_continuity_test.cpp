@@ -22,8 +22,7 @@ FunctionSystem sampled_oscillator(double idle_offset = 0.01) {
         dxdt[0] = x[1];
         dxdt[1] = -x[0] + d[0] + 0.1 * std::sin(7 * t);
     };
-    system.guard = {[](double, auto x, auto&) { return 1 - x[0]; },
-                    [](double, auto x, auto&) { return 1 + x[0]; }};
+    system.guard = {[](double, auto x, auto&) { return 1 - x[0]; }, [](double, auto x, auto&) { return 1 + x[0]; }};
     system.crossing = [](GuardId id, double, auto& x, auto&) {
         x = {id == 0 ? 1.0 : -1.0, -0.9 * x[1]};
         return EventEffect::restart;
@@ -64,8 +63,7 @@ Result run_with_outputs(Method method, std::size_t count) {
     Simulator run(system, tight(method));
     Outputs seen;
     std::vector<double> grid;
-    for (std::size_t i = 0; i < count; ++i)
-        grid.push_back(10.0 * static_cast<double>(i) / static_cast<double>(count));
+    for (std::size_t i = 0; i < count; ++i) grid.push_back(10.0 * static_cast<double>(i) / static_cast<double>(count));
     run.observe(&seen);
     run.set_output_grid(grid);
     EXPECT_TRUE(run.advance_to(10.0).ok());
@@ -106,8 +104,7 @@ TEST_P(RunContinuity, outputs_between_the_steps_are_accurate) {
     ASSERT_TRUE(run.advance_to(grid.back()).ok());
     ASSERT_EQ(seen.t, grid);
     double worst = 0;
-    for (std::size_t i = 0; i < grid.size(); ++i)
-        worst = std::max(worst, std::abs(seen.x[i] - std::cos(grid[i])));
+    for (std::size_t i = 0; i < grid.size(); ++i) worst = std::max(worst, std::abs(seen.x[i] - std::cos(grid[i])));
     // The interpolants are of lower order than the steps: a hundred times the tolerance. Fixed: h^4/384 =
     // 3e-11 between the points, 1e-9 in them.
     EXPECT_LT(worst, 1e-6);
@@ -141,8 +138,7 @@ TEST_P(RunContinuity, a_run_goes_on_from_a_copy_of_its_state_as_from_itself) {
 
         Simulator continued(system, tight(GetParam()), snapshot);
         ASSERT_TRUE(continued.advance_to(2.5).ok());
-        EXPECT_EQ(FunctionSystem::memory(continued.state())[1], FunctionSystem::memory(original.state())[1])
-            << when;
+        EXPECT_EQ(FunctionSystem::memory(continued.state())[1], FunctionSystem::memory(original.state())[1]) << when;
         for (std::size_t i = 0; i < 2; ++i) {
             // The step sizes are chosen afresh: equal to the tolerance times the number of intervals. The
             // fixed step begins anew at each sample, so only the interval of the snapshot is cut otherwise.

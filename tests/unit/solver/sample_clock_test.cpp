@@ -101,8 +101,7 @@ TEST(SampleClocks, two_clocks_with_the_same_instants_stay_together_for_a_million
     const auto fired = firings({{"a", period, period}, {"b", period / 3, 0.0}}, {period * 3e5});
     long apart = 0;
     for (std::size_t i = 1; i < fired.size(); ++i) {
-        if (fired[i - 1].clock == 0)
-            apart += fired[i].t != fired[i - 1].t || fired[i].k != 3 * (fired[i - 1].k + 1);
+        if (fired[i - 1].clock == 0) apart += fired[i].t != fired[i - 1].t || fired[i].k != 3 * (fired[i - 1].k + 1);
     }
     EXPECT_EQ(apart, 0);
     EXPECT_EQ(fired.size(), 300'000u + 900'001u);
