@@ -217,7 +217,7 @@ struct CompareCommand {
     int run(const Common& common) {
         const MachineModel model = what.model();
         const DriveRecord record = what.record(model);
-        RunFolder folder(output);
+        RunFolder folder(output); // first: a folder that cannot be made is said before the work
         const Comparison comparison = compare(model, record, options, common.control());
         write_comparison(comparison, model, folder);
         fmt::print("{}\n", comparison.text());

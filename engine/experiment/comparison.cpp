@@ -265,16 +265,24 @@ Comparison compare(const MachineModel& machine, const DriveRecord& record, const
     return result;
 }
 
+std::vector<const MethodResult*> Comparison::all() const {
+    std::vector<const MethodResult*> list = {&exact};
+    for (const auto& m : methods) list.push_back(&m);
+    return list;
+}
+
 Table Comparison::table() const {
     Table table;
     const auto column = [&](const std::string& name, const std::string& unit, auto value) {
         std::vector<double> values;
-        for (const auto& m : methods) values.push_back(value(m));
+        for (const MethodResult* m : all()) values.push_back(value(*m));
         table.add(name, unit, std::move(values));
     };
     constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
     const auto fixed = [](const MethodResult& m) { return has_fixed_step(m.solver.method); };
-    column("tolerance", "", [&](const MethodResult& m) { return fixed(m) ? unknown : m.solver.relative_tolerance; });
+    column("tolerance", "", [&](const MethodResult& m) {
+        return fixed(m) || m.solver.method == Method::exact ? unknown : m.solver.relative_tolerance;
+    });
     column("step_s", "s", [&](const MethodResult& m) { return fixed(m) ? m.solver.fixed_step : unknown; });
     column("completed", "", [](const MethodResult& m) { return m.outcome.ok() ? 1.0 : 0.0; });
     column("max_difference_m", "m", [](const MethodResult& m) { return m.max_difference; });
@@ -305,8 +313,7 @@ std::string Comparison::text() const {
                         : m.diverged    ? "  diverged"
                                         : "");
     };
-    line(exact);
-    for (const auto& m : methods) line(m);
+    for (const MethodResult* m : all()) line(*m);
     return text;
 }
 
@@ -351,11 +358,12 @@ namespace {
 // The names are texts, which a table of numbers does not hold; they stand in front of its lines.
 std::string csv_with_names(const Comparison& comparison, const Table& table) {
     const std::string numbers = to_csv(table);
+    const auto methods = comparison.all();
     std::string text = "method,";
     std::size_t row = 0;
     for (std::size_t begin = 0; begin < numbers.size();) {
         const std::size_t end = numbers.find('\n', begin) + 1;
-        if (begin > 0) text += comparison.methods[row++].name + ',';
+        if (begin > 0) text += methods[row++]->name + ',';
         text.append(numbers, begin, end - begin);
         begin = end;
     }
@@ -490,9 +498,9 @@ void write_comparison(const Comparison& comparison, const MachineModel& machine,
     folder.write("comparison.csv", csv_with_names(comparison, comparison.table()));
     Table cost;
     std::vector<double> seconds, per_sample;
-    for (const auto& m : comparison.methods) {
-        seconds.push_back(m.seconds);
-        per_sample.push_back(m.seconds / static_cast<double>(std::max<std::size_t>(m.trace.t.size(), 1)) * 1e6);
+    for (const MethodResult* m : comparison.all()) {
+        seconds.push_back(m->seconds);
+        per_sample.push_back(m->seconds / static_cast<double>(std::max<std::size_t>(m->trace.t.size(), 1)) * 1e6);
     }
     cost.add("processor_time_s", "s", seconds);
     cost.add("per_sample_us", "us", per_sample);

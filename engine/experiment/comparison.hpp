@@ -44,9 +44,10 @@ struct Comparison {
     MethodResult exact;                  // the reference itself
     std::vector<MethodResult> methods;
 
-    Table table() const;                       // a row per method; without times, so the same for every run
-    std::string text() const;                  // table of the main columns, for people
-    std::vector<std::string> findings() const; // what the discrete methods get wrong, in words
+    std::vector<const MethodResult*> all() const; // the reference, then the methods
+    Table table() const;                          // a row for each of them; without times, so the same for every run
+    std::string text() const;                     // table of the main columns, for people
+    std::vector<std::string> findings() const;    // what the discrete methods get wrong, in words
 };
 
 // One machine and one input through every method: variable step (exact, ERK, Adams, BDF) and fixed step (Runge-Kutta,

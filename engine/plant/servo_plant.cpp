@@ -63,13 +63,9 @@ double ServoPlant::smooth_friction(std::span<const double> x, const State& s) co
     return p_.rolling.force(s.rolling, position(x), v) + p_.viscous * v;
 }
 
-// The part of smooth_friction that is linear in x; with constant_force it makes up the forces in slip.
+// The part of smooth_friction that is linear in x.
 double ServoPlant::linear_friction(std::span<const double> x, const State& s) const {
     return s.rolling.stiffness * position(x) + (s.rolling.damping + p_.viscous) * velocity(x);
-}
-
-double ServoPlant::constant_force(const State& s) const {
-    return s.disturbance - s.rolling.force + s.rolling.stiffness * s.rolling.reference - sign(s.dry) * p_.dry.coulomb;
 }
 
 double ServoPlant::holding_force(double t, std::span<const double> x, const State& s) const {
@@ -131,15 +127,10 @@ std::optional<std::string> ServoPlant::why_not_affine() const {
 
 void ServoPlant::affine_derivative(int n, double t0, double h, std::span<const double> c, const State& s,
                                    std::span<double> coefficient) const {
+    if (n == 0) return derivative(t0, c, s, coefficient);
     const bool stuck = p_.dry.present() && s.dry == SlipState::stick;
     const double input = s.input.taylor(n, t0, h);
-    double effective;
-    if (stuck) {
-        effective = restoring(c);
-    } else {
-        effective = (corner_ > 0 ? c.back() : input) - linear_friction(c, s);
-        if (n == 0) effective += constant_force(s);
-    }
+    const double effective = stuck ? restoring(c) : (corner_ > 0 ? c.back() : input) - linear_friction(c, s);
     motion(c, effective, coefficient);
     if (stuck) coefficient[1] = 0; // exactly
     if (corner_ > 0) coefficient.back() = corner_ * (input - c.back());

@@ -104,7 +104,6 @@ class ServoPlant {
     double smooth_friction(std::span<const double> x, const State& s) const;         // f - f_dry [N]
     double holding_force(double t, std::span<const double> x, const State& s) const; // f_dry in stick [N]
     double linear_friction(std::span<const double> x, const State& s) const;
-    double constant_force(const State& s) const;
     void motion(std::span<const double> x, double effective, std::span<double> dxdt) const;
     // The axis is let go a little above the static level, so that rounding does not stop it again at once [N].
     double release_level() const { return p_.dry.static_level * (1 + 1e-12); }

@@ -66,7 +66,8 @@ TEST_F(Compare, WritesTableCostFindingsPlotsAndAManifest) {
         const std::string name = line.substr(0, line.find(','));
         EXPECT_NE(ending.out.find(std::string("\n").append(name).append(" ")), std::string::npos) << line;
     }
-    EXPECT_EQ(methods, 3u * 4 + 4 * 7); // variable steps times tolerances, fixed steps times divisions
+    EXPECT_EQ(methods,
+              1u + 3 * 4 + 4 * 7); // the reference, variable steps times tolerances, fixed steps times divisions
 }
 
 TEST_F(Compare, RunsClosedLoopAndMapsColumns) {

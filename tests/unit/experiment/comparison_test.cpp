@@ -404,7 +404,7 @@ TEST(Comparison, a_run_that_ends_early_is_compared_as_far_as_it_came) {
     EXPECT_TRUE(any_contains(c.findings(), {"euler 500 us ends early", "not finite"}));
     EXPECT_NE(c.text().find("ended early"), std::string::npos);
     const auto row = static_cast<std::size_t>(&euler - c.methods.data());
-    EXPECT_EQ(c.table()["completed"].values[row], 0);
+    EXPECT_EQ(c.table()["completed"].values[row + 1], 0); // the reference comes first
 }
 
 // ---- table, text and files ---------------------------------------------------------------------------------------
@@ -416,15 +416,19 @@ TEST(ComparisonTable, has_a_row_per_method_and_its_columns_with_units) {
                                                        "rms_difference_m", "events_found", "events_missed",
                                                        "events_extra", "gain_error", "phase_error_deg",
                                                        "stable_stiffness_N_per_m", "derivative_evaluations", "steps"}));
-    EXPECT_EQ(table.rows(), c.methods.size());
-    for (std::size_t i = 0; i < c.methods.size(); ++i) {
-        const bool fixed = has_fixed_step(c.methods[i].solver.method);
-        EXPECT_EQ(std::isnan(table["tolerance"].values[i]), fixed) << i;
+    const auto methods = c.all();
+    EXPECT_EQ(methods.front(), &c.exact);
+    ASSERT_EQ(table.rows(), methods.size());
+    ASSERT_EQ(methods.size(), c.methods.size() + 1);
+    EXPECT_TRUE(std::isnan(table["tolerance"].values[0])); // the exact solver has none
+    for (std::size_t i = 0; i < methods.size(); ++i) {
+        const bool fixed = has_fixed_step(methods[i]->solver.method);
+        EXPECT_EQ(std::isnan(table["tolerance"].values[i]), fixed || i == 0) << i;
         EXPECT_EQ(std::isnan(table["step_s"].values[i]), !fixed) << i;
         EXPECT_EQ(std::isnan(table["stable_stiffness_N_per_m"].values[i]), !fixed) << i;
-        EXPECT_EQ(table["max_difference_m"].values[i], c.methods[i].max_difference) << i;
-        EXPECT_EQ(table["steps"].values[i], static_cast<double>(c.methods[i].statistics.steps)) << i;
-        EXPECT_NE(c.text().find(c.methods[i].name), std::string::npos) << i;
+        EXPECT_EQ(table["max_difference_m"].values[i], methods[i]->max_difference) << i;
+        EXPECT_EQ(table["steps"].values[i], static_cast<double>(methods[i]->statistics.steps)) << i;
+        EXPECT_NE(c.text().find(methods[i]->name), std::string::npos) << i;
     }
 }
 
@@ -459,9 +463,9 @@ TEST(ComparisonFiles, name_the_methods_in_front_of_each_row) {
         std::string line;
         ASSERT_TRUE(std::getline(lines, line));
         EXPECT_TRUE(line.starts_with(columns)) << line;
-        for (const auto& m : c.methods) {
-            ASSERT_TRUE(std::getline(lines, line)) << m.name;
-            EXPECT_TRUE(line.starts_with(m.name + ",")) << line;
+        for (const auto* m : c.all()) {
+            ASSERT_TRUE(std::getline(lines, line)) << m->name;
+            EXPECT_TRUE(line.starts_with(m->name + ",")) << line;
         }
         EXPECT_FALSE(std::getline(lines, line)) << line;
     }
