@@ -160,7 +160,10 @@ std::vector<std::complex<double>> responses(const std::vector<Point>& points, co
 }
 
 double squared_log_ratio(std::complex<double> measured, std::complex<double> modelled) {
-    return std::norm(std::log(measured / modelled));
+    // As norm(log(ratio)), which takes great care near abs(ratio) = 1, where nothing depends on it here.
+    const auto ratio = measured / modelled;
+    const double gain = 0.5 * std::log(std::norm(ratio)), phase = std::arg(ratio);
+    return gain * gain + phase * phase;
 }
 
 // Starts with one mode more than `fit`: the best of a grid over frequency, damping and share of the total

@@ -290,18 +290,25 @@ ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, doubl
     const std::vector<double> zeros(size_);
     Prepared made{h, Columns(size_ * height_), std::vector<Reach>(guard_count_, Reach{zeros, zeros, zeros})};
     std::vector<double> power(height_), next(height_), largest(height_);
-    bool comes_to_end = true;
     for (std::size_t j = 0; j < size_; ++j) {
         // The response to f = e_j: terms h^{n+1}/(n+1)! A^n e_j.
         std::fill(power.begin(), power.end(), 0.0);
         std::fill(largest.begin(), largest.end(), 0.0);
         power[j] = h;
-        for (int n = 0; n < most_terms; ++n) {
+        int small_in_a_row = 0;
+        for (int n = 0; small_in_a_row < 2; ++n) {
+            // From rest any length comes to an end at once; from elsewhere this one does not.
+            if (n == most_terms) {
+                made.psi.clear();
+                return made;
+            }
+            bool small = true;
             for (std::size_t i = 0; i < size_; ++i) {
                 made.psi[j * height_ + i] += power[i];
                 largest[i] = std::max(largest[i], std::abs(power[i]));
-                if (n >= most_terms - 2 && !(std::abs(power[i]) <= half_ulp * largest[i])) comes_to_end = false;
+                small = small && std::abs(power[i]) <= half_ulp * largest[i];
             }
+            small_in_a_row = small ? small_in_a_row + 1 : 0;
             for (std::size_t guard = 0; guard < guard_count_; ++guard) {
                 double g = 0;
                 for (const auto& [column, value] : pattern.g[guard]) g += value * power[column];
@@ -314,8 +321,6 @@ ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, doubl
             for (std::size_t i = 0; i < size_; ++i) power[i] = next[i] * (h / (n + 2));
         }
     }
-    // From rest any length comes to an end at once; from elsewhere this one does not.
-    if (!comes_to_end) made.psi.clear();
     return made;
 }
 
