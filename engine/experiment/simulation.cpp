@@ -99,10 +99,14 @@ Method resolved(Method method, const MachineModel& machine) {
     return resolved(method, ServoSystem(machine, OpenLoop{}));
 }
 
+ServoSystem driven_system(const MachineModel& machine, const DriveRecord& record, std::uint64_t seed) {
+    const auto start = machine.initial == InitialKind::fitted ? fitted_start(record, machine) : ServoSystem::Start{};
+    return ServoSystem(machine, drive_of(machine, record), seed, start);
+}
+
 Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver,
                     std::uint64_t seed, const RunControl& control) {
-    const auto start = machine.initial == InitialKind::fitted ? fitted_start(record, machine) : ServoSystem::Start{};
-    const ServoSystem system(machine, drive_of(machine, record), seed, start);
+    const ServoSystem system = driven_system(machine, record, seed);
     Simulator simulator(system, solver, control);
     ServoRecorder recorder(system);
     simulator.observe(&recorder);

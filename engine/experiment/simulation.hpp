@@ -40,6 +40,9 @@ struct Simulation {
 // The method that `automatic` stands for with this machine.
 Method resolved(Method method, const MachineModel& machine);
 
+// The machine under the record, from the start that its description says. The record must outlive it.
+ServoSystem driven_system(const MachineModel& machine, const DriveRecord& record, std::uint64_t seed);
+
 // Runs the machine under the record. The first sample is t = 0 of the machine; there it rests, or moves as the first
 // samples of the measured position do where its description says "fitted".
 Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver,

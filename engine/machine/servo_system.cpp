@@ -31,7 +31,7 @@ SplitDelay split(double delay, double period) {
 
 ServoSystem::ServoSystem(const MachineModel& model, Drive drive, std::uint64_t seed, Start start)
     : plant_(model.plant_parameters()),
-      settings_(model.controller),
+      controller_(model),
       drive_(std::move(drive)),
       seed_(seed),
       start_(start),
@@ -43,15 +43,6 @@ ServoSystem::ServoSystem(const MachineModel& model, Drive drive, std::uint64_t s
     if (std::holds_alternative<ClosedLoop>(drive_) && !model.has_controller()) {
         throw InputError("the machine has no controller, so it cannot run in closed loop; give it one or drive it "
                          "with u in open loop");
-    }
-    if (const auto* pid = std::get_if<PidSettings>(&settings_)) {
-        pid_ = {pid->kp, pid->ki, pid->kd, pid->derivative_filter_hz.value_or(0), sample_time_};
-    } else if (const auto* cascade = std::get_if<CascadeSettings>(&settings_)) {
-        cascade_.kp = cascade->kp;
-        cascade_.kv = cascade->kv;
-        if (cascade->limit) cascade_.limit = *cascade->limit;
-        cascade_.delay_samples = static_cast<std::size_t>(cascade->delay_samples);
-        cascade_.sample_time = sample_time_;
     }
     // Encoder instant k Ts - d = (k - lead) Ts + offset with 0 <= offset < Ts.
     const auto [encoder_whole, encoder_rest] = split(output_delay_, sample_time_);
@@ -146,18 +137,13 @@ EventEffect ServoSystem::control(long k, State& s) const {
     } else {
         const LoopInput input = std::get<ClosedLoop>(drive_).input(k);
         s.reference = input.reference;
-        s.thrust = controller_output(s) + input.excitation;
+        s.thrust = controller_.step(s.controller, s.reference, s.detected) + input.excitation;
         coefficients[0] = s.thrust;
     }
     s.hold_ring[static_cast<std::size_t>(k) % s.hold_ring.size()] = coefficients;
     if (process_noise_rms_ == 0) return EventEffect::none;
     s.plant.disturbance = process_noise_rms_ * standard_normal(seed_, process_noise, static_cast<std::uint64_t>(k));
     return EventEffect::restart;
-}
-
-double ServoSystem::controller_output(State& s) const {
-    if (std::holds_alternative<PidSettings>(settings_)) return pid_.step(s.pid, s.reference - s.detected);
-    return cascade_.step(s.cascade, s.reference, s.detected);
 }
 
 EventEffect ServoSystem::apply_hold(long k, double t, State& s) const {

@@ -1,7 +1,6 @@
 #pragma once
-#include "control/cascade_controller.hpp"
-#include "control/pid_controller.hpp"
 #include "hybrid/hybrid_system.hpp"
+#include "machine/machine_controller.hpp"
 #include "machine/machine_model.hpp"
 #include "plant/servo_plant.hpp"
 
@@ -48,8 +47,7 @@ class ServoSystem final : public HybridSystem {
 
     struct State final : DiscreteValues<State> {
         ServoPlant::State plant;
-        PidController::State pid;
-        CascadeController::State cascade;
+        MachineController::State controller;
         double reference = 0;                         // r[k] [m]
         double thrust = 0;                            // u[k] [N]
         double detected = 0;                          // y[k] [m]
@@ -88,13 +86,10 @@ class ServoSystem final : public HybridSystem {
   private:
     double detect(double position, long k) const;
     EventEffect control(long k, State& s) const;
-    double controller_output(State& s) const;
     EventEffect apply_hold(long k, double t, State& s) const;
 
     ServoPlant plant_;
-    ControllerSettings settings_;
-    PidController pid_;
-    CascadeController cascade_;
+    MachineController controller_;
     Drive drive_;
     std::uint64_t seed_;
     Start start_;
