@@ -86,12 +86,17 @@ class ServoSystem final : public HybridSystem {
     std::string guard_name(GuardId guard, const SystemState& state) const override;
 
   private:
+    ServoSystem(const MachineModel& model, ServoAxis axis, Drive drive, std::uint64_t seed, Start start);
+
     double detect(double position, long k) const;
+    std::array<double, 4> amplified(const std::array<double, 4>& u) const;
     EventEffect control(long k, State& s) const;
     double controller_output(State& s) const;
     EventEffect apply_hold(long k, double t, State& s) const;
 
     ServoPlant plant_;
+    Amplifier amplifier_;
+    std::vector<PeriodicEncoderError> encoder_errors_;
     ControllerSettings settings_;
     PidController pid_;
     CascadeController cascade_;
