@@ -159,11 +159,9 @@ Eigen::MatrixXd step_matrix(const ServoPlant& plant, Method method, double h, do
     plant.linear_part({linear.data(), static_cast<std::size_t>(n * n)});
     // A force at the driven point enters as the thrust does: x'' gains of driven point and modes.
     Eigen::VectorXd force = Eigen::VectorXd::Zero(n);
-    force[1] = plant.parameters().rigid_gain;
+    force[1] = plant.driven_gain();
     for (std::size_t j = 0; j < plant.parameters().modes.size(); ++j) {
-        const double gain = plant.parameters().modes[j].gain;
-        force[static_cast<Eigen::Index>(2 * j + 3)] = gain;
-        force[1] += gain;
+        force[static_cast<Eigen::Index>(2 * j + 3)] = plant.parameters().modes[j].gain;
     }
     Eigen::MatrixXd all = linear;
     all.col(0) -= stiffness * force;

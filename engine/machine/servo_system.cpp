@@ -30,14 +30,19 @@ SplitDelay split(double delay, double period) {
 } // namespace
 
 ServoSystem::ServoSystem(const MachineModel& model, Drive drive, std::uint64_t seed, Start start)
-    : plant_(model.plant_parameters()),
+    : ServoSystem(model, model.axis(), std::move(drive), seed, start) {}
+
+ServoSystem::ServoSystem(const MachineModel& model, ServoAxis axis, Drive drive, std::uint64_t seed, Start start)
+    : plant_(std::move(axis.plant)),
+      amplifier_(axis.amplifier),
+      encoder_errors_(std::move(axis.encoder_errors)),
       controller_(model),
       drive_(std::move(drive)),
       seed_(seed),
       start_(start),
       sample_time_(model.sample_time),
       output_delay_(model.output_delay),
-      encoder_resolution_(model.encoder_resolution),
+      encoder_resolution_(axis.encoder_resolution),
       noise_rms_(model.noise_rms),
       process_noise_rms_(model.process_noise_rms) {
     if (std::holds_alternative<ClosedLoop>(drive_) && !model.has_controller()) {
@@ -48,7 +53,7 @@ ServoSystem::ServoSystem(const MachineModel& model, Drive drive, std::uint64_t s
     const auto [encoder_whole, encoder_rest] = split(output_delay_, sample_time_);
     encoder_lead_ = encoder_whole + (encoder_rest > 0 ? 1 : 0);
     const double encoder_offset = encoder_rest > 0 ? sample_time_ - encoder_rest : 0.0;
-    const auto [hold_whole, hold_rest] = split(model.input_delay, sample_time_);
+    const auto [hold_whole, hold_rest] = split(axis.input_delay, sample_time_);
     hold_lag_ = hold_whole;
     clocks_ = {{"encoder", sample_time_, encoder_offset},
                {"controller", sample_time_, 0.0},
@@ -72,6 +77,11 @@ SystemState ServoSystem::initial_state() const {
 }
 
 double ServoSystem::detect(double position, long k) const {
+    if (!encoder_errors_.empty()) {
+        double error = 0;
+        for (const auto& part : encoder_errors_) error += part(position);
+        position += error;
+    }
     if (noise_rms_ > 0) {
         position += noise_rms_ * standard_normal(seed_, sensor_noise, static_cast<std::uint64_t>(k));
     }
@@ -83,9 +93,9 @@ void ServoSystem::derivative(double t, std::span<const double> x, const Discrete
     plant_.derivative(t, x, static_cast<const State&>(d).plant, dxdt);
 }
 
-bool ServoSystem::jacobian(double, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const {
-    plant_.jacobian(x, static_cast<const State&>(d).plant, matrix);
-    return true;
+bool ServoSystem::jacobian(double t, std::span<const double> x, const DiscreteState& d,
+                           std::span<double> matrix) const {
+    return plant_.jacobian(t, x, static_cast<const State&>(d).plant, matrix);
 }
 
 void ServoSystem::guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const {
@@ -124,7 +134,12 @@ EventEffect ServoSystem::on_sample(ClockId clock, long k, SystemState& state) co
         return EventEffect::none;
     }
     case controller: return control(k, s);
-    default: return k < hold_lag_ ? EventEffect::none : apply_hold(k - hold_lag_, state.t, s);
+    default: {
+        if (k < hold_lag_) return EventEffect::none;
+        const EventEffect effect = apply_hold(k - hold_lag_, state.t, s);
+        if (effect == EventEffect::restart) plant_.refresh_sines(state.t, state.x);
+        return effect;
+    }
     }
 }
 
@@ -140,10 +155,21 @@ EventEffect ServoSystem::control(long k, State& s) const {
         s.thrust = controller_.step(s.controller, s.reference, s.detected) + input.excitation;
         coefficients[0] = s.thrust;
     }
+    if (amplifier_.shapes()) coefficients = amplified(coefficients);
     s.hold_ring[static_cast<std::size_t>(k) % s.hold_ring.size()] = coefficients;
     if (process_noise_rms_ == 0) return EventEffect::none;
     s.plant.disturbance = process_noise_rms_ * standard_normal(seed_, process_noise, static_cast<std::uint64_t>(k));
     return EventEffect::restart;
+}
+
+// A hold has one value. A cubic keeps its form: values and slopes at both ends go through the amplifier's curve.
+std::array<double, 4> ServoSystem::amplified(const std::array<double, 4>& u) const {
+    if (u[1] == 0 && u[2] == 0 && u[3] == 0) return {amplifier_(u[0]), 0, 0, 0};
+    const double next = u[0] + u[1] + u[2] + u[3];
+    const double from = amplifier_.slope(u[0]) * u[1];
+    const double to = amplifier_.slope(next) * (u[1] + 2 * u[2] + 3 * u[3]);
+    const double start = amplifier_(u[0]), rise = amplifier_(next) - start;
+    return {start, from, 3 * rise - 2 * from - to, from + to - 2 * rise};
 }
 
 EventEffect ServoSystem::apply_hold(long k, double t, State& s) const {

@@ -84,11 +84,16 @@ class ServoSystem final : public HybridSystem {
     std::string guard_name(GuardId guard, const SystemState& state) const override;
 
   private:
+    ServoSystem(const MachineModel& model, ServoAxis axis, Drive drive, std::uint64_t seed, Start start);
+
     double detect(double position, long k) const;
+    std::array<double, 4> amplified(const std::array<double, 4>& u) const;
     EventEffect control(long k, State& s) const;
     EventEffect apply_hold(long k, double t, State& s) const;
 
     ServoPlant plant_;
+    Amplifier amplifier_;
+    std::vector<PeriodicEncoderError> encoder_errors_;
     MachineController controller_;
     Drive drive_;
     std::uint64_t seed_;
