@@ -39,10 +39,11 @@ class LoopSignals final : public Observer {
         delayed_thrust.push_back(delayed);
         input[0].push_back(values.thrust);
         input[1].push_back(values.thrust - friction);
+        before_feedback.push_back(values.thrust - values.friction_fed_back);
         input[2].push_back(delayed - friction);
     }
 
-    std::vector<double> position, friction_estimate, delayed_thrust;
+    std::vector<double> position, friction_estimate, delayed_thrust, before_feedback;
     std::array<std::vector<double>, analysis_count> input; // of each analysis [N]
 
   private:
@@ -77,9 +78,11 @@ class SinglePoint {
           options_(options),
           frequency_(frequency),
           ts_(machine.sample_time),
-          system_(machine, ClosedLoop{[this](long k) {
-                      return LoopInput{0.0, excitation(k)};
-                  }},
+          system_(machine,
+                  ClosedLoop{[this](long k) {
+                                 return LoopInput{0.0, excitation(k)};
+                             },
+                             options.friction_feedback},
                   seed),
           simulator_(system_, options.solver, control),
           signals_(machine, options) {
@@ -124,6 +127,11 @@ class SinglePoint {
             point.coherence[a] = coherence(cut(signals_.input[a]), cut(signals_.position), ts_, frequency_);
         }
         if (options_.improved) point.improved = improved_response(machine_, frequency_, u.fundamental(), y.harmonics);
+        if (options_.friction_feedback > 0) {
+            point.add_on = y.fundamental() / fit(signals_.before_feedback).fundamental();
+        }
+        // The phasor of A sin is -jA.
+        point.loop_gain = std::complex(0.0, -options_.amplitude) / u.fundamental() - 1.0;
         point.thrust = u.fundamental();
         point.position = y.fundamental();
         point.thrust_distortion = u.total_harmonic_distortion();
@@ -218,6 +226,7 @@ void SweepOptions::read(FieldReader& fields) {
     delay = fields.number("delay_s", "s", Allowed::non_negative, delay);
     delay_order = static_cast<int>(fields.integer("delay_order", 1, 10, delay_order));
     improved = fields.boolean("improved", improved);
+    friction_feedback = fields.number("friction_feedback", "", Allowed::non_negative, friction_feedback);
     seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, static_cast<long>(seed)));
     solver.read(fields);
 }
@@ -278,10 +287,12 @@ SweepSignals run_single_frequency(const MachineModel& machine, const SweepOption
         ServoRecorder recorder;
     };
     const double ts = machine.sample_time;
-    const ServoSystem system(machine, ClosedLoop{[&](long k) {
-                                 const double t = static_cast<double>(k) * ts;
-                                 return LoopInput{0.0, one.amplitude * std::sin(2 * pi * frequency * t)};
-                             }},
+    const ServoSystem system(machine,
+                             ClosedLoop{[&](long k) {
+                                            const double t = static_cast<double>(k) * ts;
+                                            return LoopInput{0.0, one.amplitude * std::sin(2 * pi * frequency * t)};
+                                        },
+                                        one.friction_feedback},
                              options.seed);
     Simulator simulator(system, options.solver, control);
     Both seen(machine, one, system);
@@ -328,6 +339,26 @@ FrequencyResponse SweepResult::improved() const {
     return response;
 }
 
+FrequencyResponse SweepResult::add_on() const {
+    FrequencyResponse response;
+    for (const auto& point : points) {
+        if (!point.add_on) continue;
+        response.frequency_hz.push_back(point.frequency_hz);
+        response.value.push_back(*point.add_on);
+    }
+    return response;
+}
+
+FrequencyResponse SweepResult::loop_gain() const {
+    FrequencyResponse response;
+    for (const auto& point : points) {
+        if (!point.outcome.ok()) continue;
+        response.frequency_hz.push_back(point.frequency_hz);
+        response.value.push_back(point.loop_gain);
+    }
+    return response;
+}
+
 RunStatistics SweepResult::statistics() const {
     RunStatistics all;
     for (const auto& point : points) all += point.statistics;
@@ -369,6 +400,12 @@ Table SweepResult::table() const {
         column("improved_real_m_per_N", "m/N", [](const SweepPoint& p) { return p.improved->real(); });
         column("improved_imag_m_per_N", "m/N", [](const SweepPoint& p) { return p.improved->imag(); });
     }
+    if (std::ranges::any_of(points, [](const SweepPoint& p) { return p.add_on.has_value(); })) {
+        column("add_on_real_m_per_N", "m/N", [](const SweepPoint& p) { return p.add_on->real(); });
+        column("add_on_imag_m_per_N", "m/N", [](const SweepPoint& p) { return p.add_on->imag(); });
+    }
+    column("loop_gain_real", "", [](const SweepPoint& p) { return p.loop_gain.real(); });
+    column("loop_gain_imag", "", [](const SweepPoint& p) { return p.loop_gain.imag(); });
     column("u_amplitude_N", "N", [](const SweepPoint& p) { return std::abs(p.thrust); });
     column("y_amplitude_m", "m", [](const SweepPoint& p) { return std::abs(p.position); });
     column("u_distortion", "", [](const SweepPoint& p) { return p.thrust_distortion; });

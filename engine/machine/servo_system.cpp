@@ -1,6 +1,7 @@
 #include "machine/servo_system.hpp"
 #include "base/error.hpp"
 #include "base/random.hpp"
+#include "base/text.hpp"
 #include "control/quantizer.hpp"
 
 #include <cmath>
@@ -49,6 +50,13 @@ ServoSystem::ServoSystem(const MachineModel& model, ServoAxis axis, Drive drive,
         throw InputError("the machine has no controller, so it cannot run in closed loop; give it one or drive it "
                          "with u in open loop");
     }
+    if (const auto* loop = std::get_if<ClosedLoop>(&drive_)) {
+        const double share = loop->friction_feedback;
+        if (!(share >= 0) || !std::isfinite(share)) {
+            throw InputError("friction_feedback = " + to_text(share) + ", must be finite and not negative");
+        }
+        if (share > 0) friction_model_.emplace(model.elements, model.viscous, sample_time_);
+    }
     // Encoder instant k Ts - d = (k - lead) Ts + offset with 0 <= offset < Ts.
     const auto [encoder_whole, encoder_rest] = split(output_delay_, sample_time_);
     encoder_lead_ = encoder_whole + (encoder_rest > 0 ? 1 : 0);
@@ -72,6 +80,7 @@ SystemState ServoSystem::initial_state() const {
         values->encoder_ring[static_cast<std::size_t>(k)] = detect(start_.position + start_.velocity * t, k);
     }
     values->hold_ring.resize(static_cast<std::size_t>(hold_lag_) + 1);
+    values->friction_model = friction_model_;
     state.discrete = std::move(values);
     return state;
 }
@@ -150,9 +159,11 @@ EventEffect ServoSystem::control(long k, State& s) const {
         coefficients = open->thrust(k);
         s.thrust = coefficients[0];
     } else {
-        const LoopInput input = std::get<ClosedLoop>(drive_).input(k);
+        const ClosedLoop& loop = std::get<ClosedLoop>(drive_);
+        const LoopInput input = loop.input(k);
         s.reference = input.reference;
-        s.thrust = controller_.step(s.controller, s.reference, s.detected) + input.excitation;
+        if (s.friction_model) s.friction_fed_back = loop.friction_feedback * s.friction_model->step(s.detected);
+        s.thrust = controller_.step(s.controller, s.reference, s.detected) + input.excitation + s.friction_fed_back;
         coefficients[0] = s.thrust;
     }
     if (amplifier_.shapes()) coefficients = amplified(coefficients);

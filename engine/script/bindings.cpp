@@ -9,6 +9,7 @@
 #include "design/feedforward.hpp"
 #include "experiment/comparison.hpp"
 #include "experiment/frequency_sweep.hpp"
+#include "experiment/friction_margins.hpp"
 #include "experiment/positioning.hpp"
 #include "experiment/simulation.hpp"
 #include "machine/machine_model.hpp"
@@ -91,6 +92,16 @@ Json to_json(const StabilityMargins& margins) {
             {"modulus_margin", margins.modulus_margin}};
 }
 
+Json to_json(const FrictionMargins& margins) {
+    Json json = to_json(margins.margins);
+    json["stable"] = margins.stable;
+    if (margins.critical) {
+        json["critical_feedback"] = margins.critical->share;
+        json["critical_hz"] = margins.critical->frequency_hz;
+    }
+    return json;
+}
+
 // As tb.write_csv takes them.
 Json columns_of(const Table& table) {
     Json columns = Json::array();
@@ -155,13 +166,15 @@ Json simulate_machine(ScriptRun& run, const Json& arguments) {
     SolverOptions solver;
     solver.read(fields);
     const auto seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, 0));
+    const double feedback = fields.number("friction_feedback", "", Allowed::non_negative, 0);
     fields.finish();
-    const Simulation result = simulate(machine, record, solver, seed, run.control());
+    const Simulation result = simulate(machine, record, solver, seed, run.control(), feedback);
     if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
     run.note_work({{"function", "simulate"},
                    {"machine", machine.hash()},
                    {"solver", name_of(result.method)},
                    {"seed", seed},
+                   {"friction_feedback", feedback},
                    {"outcome", result.outcome.message},
                    {"statistics", to_json(result.statistics)}});
     Json json = to_json(result.trace);
@@ -218,6 +231,7 @@ Json sweep(ScriptRun& run, const Json& arguments) {
                    {"absolute_tolerance_m", options.solver.absolute_tolerance},
                    {"amplitude_N", options.amplitude},
                    {"delay_s", options.delay},
+                   {"friction_feedback", options.friction_feedback},
                    {"seed", options.seed},
                    {"frequencies", options.frequency_hz.size()},
                    {"warnings", result.warnings()},
@@ -230,6 +244,8 @@ Json sweep(ScriptRun& run, const Json& arguments) {
     Json json{{"columns", columns_of(result.table())}};
     for (std::size_t a = 0; a < analysis_count; ++a) json["responses"][analysis_names[a]] = to_json(result.response(a));
     if (options.improved) json["responses"]["Improved"] = to_json(result.improved());
+    if (options.friction_feedback > 0) json["responses"]["Add-on"] = to_json(result.add_on());
+    json["loop_gain"] = to_json(result.loop_gain());
     json["warnings"] = result.warnings();
     json["statistics"] = to_json(result.statistics());
     return json;
@@ -429,8 +445,23 @@ Json positioning(ScriptRun& run, const Json& arguments) {
 Json loop_margins(const Json& arguments) {
     FieldReader fields(arguments, "tb.loop_margins");
     const MachineModel machine = machine_of(fields);
+    const auto amplitude = fields.optional_number("amplitude_m", "m", Allowed::non_negative);
+    const double feedback = fields.number("friction_feedback", "", Allowed::non_negative, 0);
+    if (!amplitude && feedback > 0) {
+        fields.fail("amplitude_m", "is missing; friction_feedback needs one (0: the elements stick)");
+    }
     fields.finish();
-    return to_json(positioning_margins(machine));
+    return amplitude ? to_json(friction_margins(machine, feedback, *amplitude)) : to_json(positioning_margins(machine));
+}
+
+Json loop_gain(const Json& arguments) {
+    FieldReader fields(arguments, "tb.loop_gain");
+    const MachineModel machine = machine_of(fields);
+    const auto amplitude = fields.numbers("amplitude_m", "m", Allowed::non_negative, {0.0});
+    const double feedback = fields.number("friction_feedback", "", Allowed::non_negative, 0);
+    const auto frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, {});
+    fields.finish();
+    return to_json(friction_loop_gain(machine, feedback, amplitude, frequency_hz));
 }
 
 // ---- results -----------------------------------------------------------------------------------------------------
@@ -526,6 +557,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("feedforward", feedforward);
     lua.add_function("positioning", [&run](const Json& a) { return positioning(run, a); });
     lua.add_function("loop_margins", loop_margins);
+    lua.add_function("loop_gain", loop_gain);
     lua.add_function("read_json", [&run, &lua](const Json& a) { return read_json_file(run, lua.access(), a); });
     lua.add_function("write_csv", [&run](const Json& a) { return write_csv_file(run, a); });
     lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });
