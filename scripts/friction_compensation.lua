@@ -47,7 +47,9 @@ local function sweep_at(share, amplitude, on, name)
   }
   local column = {}
   for _, entry in ipairs(sweep.columns) do column[entry.name] = entry.values end
-  return { share = share, sweep = sweep, column = column, unsettled = #sweep.warnings }
+  local unsettled = #sweep.warnings
+  return { share = share, sweep = sweep, column = column, unsettled = unsettled,
+    usable = unsettled <= option.frequencies / 10 }
 end
 
 local moving = {}
@@ -91,7 +93,7 @@ results.add_on = {}
 for i, run in ipairs(moving) do
   local entry = { feedback = run.share, unsettled = run.unsettled, frequencies = option.frequencies }
   if run.share > 0 then
-    if not can_fit or run.unsettled > option.frequencies / 10 then
+    if not can_fit or not run.usable then
       print(string.format("  FRA-2, %s fed back: %d of %d frequencies did not settle%s", percent(run.share),
         run.unsettled, option.frequencies, can_fit and ", no fit" or ""))
     else
@@ -117,8 +119,17 @@ end
 show("FRA-1", "fra1", calculated.sweep.responses["FRA-1"])
 for _, run in ipairs(moving) do
   if run.share > 0 then
-    show(percent(run.share) .. " fed back", string.format("add_on_%g", 100 * run.share),
-      run.sweep.responses["Add-on"], run.unsettled > 0 and "points" or nil)
+    local response = run.sweep.responses["Add-on"]
+    if not run.usable then
+      -- Frequencies that did not settle are left out; unwrapping across them means nothing.
+      for k = 1, #response.frequency_hz do
+        local turns = math.ceil(response.phase_deg[k] / 360)
+        response.phase_deg[k] = response.phase_deg[k] - 360 * turns
+        if run.column.settled[k] ~= 1 then response.gain_db[k], response.phase_deg[k] = 0 / 0, 0 / 0 end
+      end
+    end
+    show(percent(run.share) .. " fed back", string.format("add_on_%g", 100 * run.share), response,
+      not run.usable and "points" or nil)
   end
 end
 show("FRA-2, calculated", "fra2", calculated.sweep.responses["FRA-2"], "dashed")
@@ -147,7 +158,7 @@ local function loop_gain(file, title, runs, on)
   local above, below, entry = {}, {}, {}
   for _, run in ipairs(runs) do
     local seen = run.sweep.loop_gain
-    if run.unsettled == 0 and #seen.real == #frequency_hz then
+    if run.usable and #seen.real == #frequency_hz then
       local made = tb.loop_gain {
         machine = on, friction_feedback = run.share, frequency_hz = frequency_hz,
         amplitude_m = run.column.y_amplitude_m,
@@ -163,17 +174,15 @@ local function loop_gain(file, title, runs, on)
       below[#below + 1] = { name = name, x = frequency_hz, y = seen.phase_deg }
       above[#above + 1] = { name = name .. ", desc. function", x = frequency_hz, y = made.gain_db, style = "dashed" }
       below[#below + 1] = { name = name, x = frequency_hz, y = made.phase_deg, style = "dashed" }
-      for part, values in pairs { simulated = seen, described = made } do
-        local stem = string.format("%s_%g_%s", file:gsub("loop_gain_", ""), 100 * run.share, part)
-        columns_of_loop[#columns_of_loop + 1] = { name = stem .. "_real", unit = "", values = values.real }
-        columns_of_loop[#columns_of_loop + 1] = { name = stem .. "_imag", unit = "", values = values.imag }
+      local function add(part, response)
+        local stem = string.format("%s_%g_%s", (file:gsub("loop_gain_", "")), 100 * run.share, part)
+        columns_of_loop[#columns_of_loop + 1] = { name = stem .. "_real", unit = "", values = response.real }
+        columns_of_loop[#columns_of_loop + 1] = { name = stem .. "_imag", unit = "", values = response.imag }
       end
+      add("simulated", seen)
+      add("described", made)
     end
   end
-  table.sort(columns_of_loop, function(a, b)
-    if a.name == "frequency_hz" or b.name == "frequency_hz" then return a.name == "frequency_hz" and a ~= b end
-    return a.name < b.name
-  end)
   if #above > 0 then
     tb.plot {
       file = file,
@@ -192,14 +201,14 @@ for _, share in ipairs(option.feedback) do
   if share <= 1 then still[#still + 1] = sweep_at(share, option.small_amplitude, exact_encoder, "still") end
 end
 results.loop_gain.small = loop_gain("loop_gain_small",
-  string.format("Loop gain, excitation %g N: elements stick", option.small_amplitude), still, exact_encoder)
+  string.format("Loop gain, excitation %g N: nearly stuck", option.small_amplitude), still, exact_encoder)
 results.loop_gain.large = loop_gain("loop_gain_large",
   string.format("Loop gain, excitation %g N", option.amplitude), moving, machine)
 tb.write_csv { file = "loop_gain.csv", columns = columns_of_loop }
 print("\nLoop gain, simulated against describing function: largest abs(L - L')/abs(1 + L')")
-for size, entries in pairs { small = results.loop_gain.small, large = results.loop_gain.large } do
+for _, size in ipairs { "small", "large" } do
   local cells = {}
-  for i, entry in ipairs(entries) do
+  for i, entry in ipairs(results.loop_gain[size]) do
     cells[i] = string.format("%s: %.3f", percent(entry.feedback), entry.largest_difference)
   end
   print(string.format("  %5g N   %s", size == "small" and option.small_amplitude or option.amplitude,
@@ -273,7 +282,10 @@ local push = {}
 for k = 1, samples do push[k] = k * ts <= 0.02 and option.amplitude or 0 end
 local function run_after_push(delay_ms, share)
   return tb.simulate {
-    machine = machine_with { input_delay_s = delay_ms * 1e-3 }, exc = push, friction_feedback = share, seed = option.seed,
+    machine = machine_with { input_delay_s = delay_ms * 1e-3 },
+    exc = push,
+    friction_feedback = share,
+    seed = option.seed,
   }
 end
 local function remaining(run)
@@ -313,10 +325,12 @@ for i, delay_ms in ipairs(option.delays_ms) do
   end
   results.limit_cycle[i] = row
   print(string.format("  %g ms   %s", delay_ms, table.concat(cells, "  ")))
-  local name = string.format("input delay %g ms", delay_ms)
+  row.amplitude_m, row.critical_feedback = grid, critical
+  local name = string.format("%g ms", delay_ms)
   cycle_series[#cycle_series + 1] = { name = name, x = critical, y = amplitude_um, style = "dashed", color = color }
-  cycle_series[#cycle_series + 1] = { name = name .. ", simulated", x = shares, y = found, style = "points",
-    color = color }
+  cycle_series[#cycle_series + 1] = {
+    name = name .. ", simulated", x = shares, y = found, style = "points", color = color,
+  }
   if i == 1 then cycle_columns[1] = { name = "feedback", unit = "", values = shares } end
   cycle_columns[#cycle_columns + 1] = {
     name = string.format("simulated_%gms_m", delay_ms), unit = "m", values = row.simulated_m,
@@ -328,7 +342,8 @@ end
 tb.write_csv { file = "limit_cycle.csv", columns = cycle_columns }
 tb.plot {
   file = "limit_cycle",
-  title = "Oscillation that remains: simulated, and by describing function (dashed)",
+  title = "Oscillation that remains at several input delays: simulated, and by describing function (dashed)",
+  height = 700,
   panels = {
     {
       x_label = "Share of the modelled friction fed back [-]", y_label = "Amplitude [um]", y_log = true,
@@ -352,7 +367,7 @@ tb.plot {
   title = "Oscillation that remains when the input delay grows",
   panels = {
     {
-      x_label = "Input delay [ms]", y_label = "Amplitude [um]", y_log = true, y_range = { 0.01, 1e6 },
+      x_label = "Input delay [ms]", y_label = "Amplitude [um]", y_log = true, y_range = { 1e-3, 1e3 },
       series = delay_series,
     },
   },
