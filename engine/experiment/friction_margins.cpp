@@ -50,7 +50,7 @@ FrequencyResponse friction_loop_gain(const MachineModel& machine, double frictio
     const double nyquist = 0.5 / machine.sample_time;
     const FrictionLoop loop = friction_loop_of(machine);
     if (amplitude.size() != 1 && amplitude.size() != frequency_hz.size()) {
-        throw InputError(fmt::format("amplitude_m has {} entries, must have one, or {}, as frequency_hz has",
+        throw InputError(fmt::format("amplitude_m has {} entries, must be one or {}, as many as frequency_hz has",
                                      amplitude.size(), frequency_hz.size()));
     }
     FrequencyResponse response;
