@@ -77,7 +77,7 @@ TEST(FrictionFeedbackPhysics, TheDescribingFunctionGivesTheLoopGainOfASweep) {
         ASSERT_EQ(seen.size(), 5u);
         for (std::size_t i = 0; i < seen.size(); ++i) {
             // What harmonics, rounding and reversals between samples leave.
-            EXPECT_LT(std::abs(seen.value[i] - made.value[i]) / std::abs(1.0 + made.value[i]), 0.03)
+            EXPECT_LT(std::abs(seen.value[i] - made.value[i]) / std::abs(1.0 + made.value[i]), 0.05)
                 << share << ", " << seen.frequency_hz[i];
         }
     }
@@ -86,7 +86,7 @@ TEST(FrictionFeedbackPhysics, TheDescribingFunctionGivesTheLoopGainOfASweep) {
 // With an element that never slips all is linear: a small push dies away or grows.
 TEST(FrictionFeedbackPhysics, AStuckAxisIsStableWhereNyquistsCriterionSaysSo) {
     Json d = without_rounding();
-    d["friction"]["elements"] = {{{"K", 3.5e6}, {"F", 1e9}}};
+    d["friction"]["elements"] = {{{"K", 3.5e6}, {"F", 1e30}}};
     struct Case {
         double delay, share;
         bool stable;

@@ -45,21 +45,6 @@ TEST(FrictionLoop, NyquistsCriterionSaysWhatThePolesSay) {
     EXPECT_GT(unstable, 3);
 }
 
-// Without delay a spring K that is fed back leaves K (1 - p): the axis is held as long as kp exceeds K (p - 1).
-TEST(FrictionLoop, AStuckSpringMayBeFedBackUpToTheStiffnessOfTheController) {
-    FrictionLoop loop;
-    loop.plant.rigid_gain = 1;
-    loop.delays.sample_time = 1e-5; // next to no delay
-    loop.controller = [](double f) { return 1e3 + Complex(0, 2 * pi * f) * 50.0 + 10.0 / Complex(0, 2 * pi * f); };
-    loop.elements = {{1e4, 1, 0}};
-    const auto found = loop.stability(1, 0, 1e-3, 5e4);
-    EXPECT_TRUE(found.stable);
-    ASSERT_TRUE(found.critical);
-    // The hold is half a sample late: K Ts/2 = 0.05 N s/m of damping, and the integrator of 10 N/(m s) moves the border
-    // by ki/kd = 0.2 N/m.
-    EXPECT_NEAR(found.critical->share, 1 + 1e3 / 1e4, 1e-3);
-}
-
 TEST(FrictionLoop, AtTheCriticalShareTheLoopGainIsMinusOneAndStabilityEnds) {
     FrictionLoop loop;
     loop.plant.rigid_gain = 0.1;
