@@ -16,6 +16,7 @@
 #include "record/hdf5.hpp"
 #include "record/json_file.hpp"
 #include "record/plot.hpp"
+#include "record/report.hpp"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -477,11 +478,25 @@ Json write_json_file(ScriptRun& run, const Json& arguments) {
 Json plot(ScriptRun& run, const Json& arguments) {
     Json figure = arguments;
     if (!figure.is_object() || !figure.contains("file")) throw InputError("tb.plot: file is missing (a text)");
-    const std::string file = figure["file"].get<std::string>();
+    const std::string file = FieldReader(arguments, "tb.plot").text("file");
     figure.erase("file");
     draw_plot(run.folder().path(file), plot_from_json(figure, "tb.plot"));
     run.folder().add(file + ".png");
     run.folder().add(file + ".svg");
+    if (run.keeps_plots()) run.folder().write(file + plot_data_extension, figure.dump() + "\n");
+    return nullptr;
+}
+
+Json report(ScriptRun& run, const Json& arguments) {
+    Json fields = arguments;
+    if (!fields.is_object() || !fields.contains("file")) throw InputError("tb.report: file is missing (a text)");
+    const std::string file = FieldReader(arguments, "tb.report").text("file");
+    fields.erase("file");
+    const auto page = run.folder().path(file);
+    const Report contents = report_from_json(fields, "tb.report", page.parent_path());
+    const auto beside = std::filesystem::path(file).parent_path();
+    for (const auto& image : write_report(page, contents, run.control())) run.folder().add((beside / image).string());
+    run.folder().add(file);
     return nullptr;
 }
 
@@ -531,6 +546,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });
     lua.add_function("write_json", [&run](const Json& a) { return write_json_file(run, a); });
     lua.add_function("plot", [&run](const Json& a) { return plot(run, a); });
+    lua.add_function("report", [&run](const Json& a) { return report(run, a); });
     lua.add_function("linspace", [](const Json& a) { return spaced(a, "tb.linspace", false); });
     lua.add_function("logspace", [](const Json& a) { return spaced(a, "tb.logspace", true); });
 }

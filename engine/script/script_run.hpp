@@ -16,6 +16,7 @@ struct ScriptRequest {
     std::filesystem::path folder;               // of the results; empty: results/<script>
     std::map<std::string, std::string> defines; // -D name=value
     bool quick = false;                         // scripts make their work small
+    bool keep_plots = false;                    // tb.plot leaves its table beside the image, for a report
     bool allow_all = false;
     ScriptLimits limits;
 };
@@ -45,6 +46,7 @@ class ScriptRun {
     RunFolder& folder() { return folder_; }
     const RunControl& control() const { return control_; }
     bool quick() const { return request_.quick; }
+    bool keeps_plots() const { return request_.keep_plots; }
 
   private:
     void write_manifest(const std::string& outcome);
