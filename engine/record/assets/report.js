@@ -75,6 +75,7 @@
       ctx.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height);
       ctx.clip();
       ctx.lineJoin = "round";
+      const dot = (px, py, radius) => { ctx.beginPath(); ctx.arc(px, py, radius, 0, 2 * Math.PI); ctx.fill(); };
       for (const s of panel.series) {
         if (!s.shown) continue;
         ctx.strokeStyle = ctx.fillStyle = s.color;
@@ -86,7 +87,7 @@
         for (let i = 0; i < s.x.length; i++) {
           if (!positive(s.x[i], spec.xlog) || !positive(s.y[i], spec.ylog)) { drawing = false; continue; }
           const px = u.valToPos(s.x[i], "x", true), py = u.valToPos(s.y[i], "y", true);
-          if (s.style === "points") { ctx.fillRect(px - 2 * ratio, py - 2 * ratio, 4 * ratio, 4 * ratio); continue; }
+          if (s.style === "points") { dot(px, py, 2 * ratio); continue; }
           if (drawing) ctx.lineTo(px, py); else ctx.moveTo(px, py);
           drawing = true;
         }
@@ -94,9 +95,7 @@
         if (s.style !== "line_points") continue;
         for (let i = 0; i < s.x.length; i++) {
           if (!positive(s.x[i], spec.xlog) || !positive(s.y[i], spec.ylog)) continue;
-          ctx.beginPath();
-          ctx.arc(u.valToPos(s.x[i], "x", true), u.valToPos(s.y[i], "y", true), 3 * ratio, 0, 2 * Math.PI);
-          ctx.fill();
+          dot(u.valToPos(s.x[i], "x", true), u.valToPos(s.y[i], "y", true), 3 * ratio);
         }
       }
       ctx.restore();
@@ -196,7 +195,7 @@
     return panel;
   }
 
-  function build(node) {
+  function build(node, isFirst) {
     const data = JSON.parse(node.querySelector("script").textContent);
     const image = node.querySelector("img");
     const figure = { alt: image.alt, live: element("div", "live"), panels: [] };
@@ -232,12 +231,12 @@
       }
       moving = false;
     };
-    figure.hint = element("p", "hint", "Drag to zoom, double-click to show all, click a name to hide its curve." +
-      (data.note ? " " + data.note : ""));
-    figure.hint.append(showAll);
+    const hint = element("p", "hint", (isFirst ? "Plots: drag to zoom, double-click to show all, click a name to hide " +
+      "its curve; by keys, arrows, plus, minus and 0. " : "") + (data.note || ""));
+    hint.append(showAll);
 
     for (const spec of data.panels) figure.panels.push(buildPanel(figure, spec, data, inner(), height()));
-    figure.live.append(figure.hint);
+    figure.live.append(hint);
     node.classList.add("on");
     // The width is known only now that the image has gone.
     const fit = () => {
@@ -248,13 +247,13 @@
     new ResizeObserver(() => {
       if (figure.live.clientWidth === 0 || figure.live.clientWidth === last) return; // hidden on paper
       last = inner();
-      fit();
+      requestAnimationFrame(fit);
     }).observe(figure.live);
   }
 
-  for (const node of document.querySelectorAll("figure.plot")) {
+  for (const [i, node] of document.querySelectorAll("figure.plot").entries()) {
     try {
-      build(node);
+      build(node, i === 0);
     } catch (problem) {
       node.querySelector(".live")?.remove(); // the image stays
       console.error(problem);
