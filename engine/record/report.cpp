@@ -147,6 +147,17 @@ Curve thinned(const Series& series, const Panel& panel) {
     return ascends ? thinned_over_x(series, range[0], range[1], panel.x_log) : thinned_loop(series, panel);
 }
 
+// Whether the x axes of two panels agree, apart from a rest that nobody sees.
+bool same_axis(const Panel& a, const Panel& b) {
+    if (a.x_log != b.x_log) return false;
+    Range ra = shown_range(a, true), rb = shown_range(b, true);
+    if (a.x_log) {
+        for (double* end : {&ra[0], &ra[1], &rb[0], &rb[1]}) *end = std::log(*end);
+    }
+    const double near = 0.02 * (ra[1] - ra[0]);
+    return std::abs(ra[0] - rb[0]) <= near && std::abs(ra[1] - rb[1]) <= near;
+}
+
 // The data of the interactive plot, for a script element of the page.
 std::string data_of(const Plot& plot) {
     Json lists = Json::array();
@@ -158,7 +169,7 @@ std::string data_of(const Plot& plot) {
         const Range xr = shown_range(panel, true), yr = shown_range(panel, false);
         // Panels with the same axis below one another are read and zoomed together.
         std::size_t group = 0;
-        while (group < p && (panels[group]["xr"] != Json(xr) || panels[group]["xlog"] != Json(panel.x_log))) ++group;
+        while (group < p && !same_axis(plot.panels[group], panel)) ++group;
         std::string label; // of this panel or the next below that has one
         for (std::size_t below = p; below < plot.panels.size() && label.empty(); ++below) {
             label = plot.panels[below].x_label;

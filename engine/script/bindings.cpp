@@ -436,12 +436,25 @@ Json loop_margins(const Json& arguments) {
 
 // ---- results -----------------------------------------------------------------------------------------------------
 
-Json read_json_file(const ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
+Json run_script(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.run");
+    const std::string script = fields.text("script"), folder = fields.text("folder");
+    const Json& options = fields.value("options");
+    std::optional<bool> quick;
+    if (fields.has("quick")) quick = fields.boolean("quick", false);
+    fields.finish();
+    const NestedRun nested = run.run_nested(script, folder, options.is_null() ? Json::object() : options, quick);
+    return {{"folder", nested.folder.string()}, {"repeated", nested.repeated}};
+}
+
+Json read_json_file(ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
     FieldReader fields(arguments, "tb.read_json");
     const auto path = run.find_file(fields.text("file"));
     fields.finish();
     access.check_read(path);
-    return read_json(path);
+    Json value = read_json(path);
+    run.note_read(path);
+    return value;
 }
 
 Json write_csv_file(ScriptRun& run, const Json& arguments) {
@@ -541,6 +554,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("feedforward", feedforward);
     lua.add_function("positioning", [&run](const Json& a) { return positioning(run, a); });
     lua.add_function("loop_margins", loop_margins);
+    lua.add_function("run", [&run](const Json& a) { return run_script(run, a); });
     lua.add_function("read_json", [&run, &lua](const Json& a) { return read_json_file(run, lua.access(), a); });
     lua.add_function("write_csv", [&run](const Json& a) { return write_csv_file(run, a); });
     lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });
