@@ -275,7 +275,10 @@ struct Page {
         for (const auto& row : table.rows) {
             text += "<tr>";
             for (std::size_t c = 0; c < row.size(); ++c) {
-                text += fmt::format("<td{}>{}</td>", classes[c], cell(row[c], table.columns[c].decimals));
+                // A short text stays in one line; a table that becomes too wide scrolls.
+                const auto* words = std::get_if<std::string>(&row[c]);
+                const char* kind = *classes[c] || !words || words->size() > 30 ? classes[c] : " class=\"s\"";
+                text += fmt::format("<td{}>{}</td>", kind, cell(row[c], table.columns[c].decimals));
             }
             text += "</tr>\n";
         }

@@ -50,7 +50,7 @@
       const swatch = element("span", s.style === "points" ? "swatch dots" : "swatch");
       if (s.style === "points") swatch.style.background = s.color;
       else swatch.style.borderTop = `${Math.max(2, s.width)}px ${s.style === "dashed" ? "dashed" : "solid"} ${s.color}`;
-      s.value = element("span");
+      s.value = element("span", s.ascends ? "value" : "value pair");
       s.key.append(swatch, element("bdi", "", s.name), s.value);
       s.key.addEventListener("click", () => {
         s.shown = !s.shown;
@@ -224,8 +224,10 @@
       if (panel.plot) panel.read();
       if (moving || !panel.plot) return;
       moving = true;
+      panel.plot.root.classList.remove("follows");
       for (const other of linked(panel)) {
         if (other === panel) continue;
+        other.plot.root.classList.add("follows");
         other.plot.setCursor({ left: panel.plot.cursor.left, top: panel.plot.cursor.left < 0 ? -10 : 0 }, false);
         other.read();
       }
