@@ -263,6 +263,7 @@ struct RunCommand {
         for (const auto& [name, file] : {std::pair{"machine", machine}, {"data", data}, {"input", input}}) {
             if (!file.empty()) request.defines[name] = file;
         }
+        for (const auto& [name, value] : request.defines) request.read_files.emplace_back(value);
         request.limits.memory_bytes = memory_mib << 20;
         ScriptRun(request, common.control()).execute();
         return done;

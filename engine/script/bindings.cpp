@@ -17,6 +17,7 @@
 #include "record/hdf5.hpp"
 #include "record/json_file.hpp"
 #include "record/plot.hpp"
+#include "record/report.hpp"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -466,12 +467,25 @@ Json loop_gain(const Json& arguments) {
 
 // ---- results -----------------------------------------------------------------------------------------------------
 
-Json read_json_file(const ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
+Json run_script(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.run");
+    const std::string script = fields.text("script"), folder = fields.text("folder");
+    const Json& options = fields.value("options");
+    std::optional<bool> quick;
+    if (fields.has("quick")) quick = fields.boolean("quick", false);
+    fields.finish();
+    const NestedRun nested = run.run_nested(script, folder, options.is_null() ? Json::object() : options, quick);
+    return {{"folder", nested.folder.string()}, {"repeated", nested.repeated}};
+}
+
+Json read_json_file(ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
     FieldReader fields(arguments, "tb.read_json");
     const auto path = run.find_file(fields.text("file"));
     fields.finish();
     access.check_read(path);
-    return read_json(path);
+    Json value = read_json(path);
+    run.note_read(path);
+    return value;
 }
 
 Json write_csv_file(ScriptRun& run, const Json& arguments) {
@@ -508,11 +522,25 @@ Json write_json_file(ScriptRun& run, const Json& arguments) {
 Json plot(ScriptRun& run, const Json& arguments) {
     Json figure = arguments;
     if (!figure.is_object() || !figure.contains("file")) throw InputError("tb.plot: file is missing (a text)");
-    const std::string file = figure["file"].get<std::string>();
+    const std::string file = FieldReader(arguments, "tb.plot").text("file");
     figure.erase("file");
     draw_plot(run.folder().path(file), plot_from_json(figure, "tb.plot"));
     run.folder().add(file + ".png");
     run.folder().add(file + ".svg");
+    if (run.keeps_plots()) run.folder().write(file + plot_data_extension, figure.dump() + "\n");
+    return nullptr;
+}
+
+Json report(ScriptRun& run, const Json& arguments) {
+    Json fields = arguments;
+    if (!fields.is_object() || !fields.contains("file")) throw InputError("tb.report: file is missing (a text)");
+    const std::string file = FieldReader(arguments, "tb.report").text("file");
+    fields.erase("file");
+    const auto page = run.folder().path(file);
+    const Report contents = report_from_json(fields, "tb.report", page.parent_path());
+    const auto beside = std::filesystem::path(file).parent_path();
+    for (const auto& image : write_report(page, contents, run.control())) run.folder().add((beside / image).string());
+    run.folder().add(file);
     return nullptr;
 }
 
@@ -558,11 +586,13 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("positioning", [&run](const Json& a) { return positioning(run, a); });
     lua.add_function("loop_margins", loop_margins);
     lua.add_function("loop_gain", loop_gain);
+    lua.add_function("run", [&run](const Json& a) { return run_script(run, a); });
     lua.add_function("read_json", [&run, &lua](const Json& a) { return read_json_file(run, lua.access(), a); });
     lua.add_function("write_csv", [&run](const Json& a) { return write_csv_file(run, a); });
     lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });
     lua.add_function("write_json", [&run](const Json& a) { return write_json_file(run, a); });
     lua.add_function("plot", [&run](const Json& a) { return plot(run, a); });
+    lua.add_function("report", [&run](const Json& a) { return report(run, a); });
     lua.add_function("linspace", [](const Json& a) { return spaced(a, "tb.linspace", false); });
     lua.add_function("logspace", [](const Json& a) { return spaced(a, "tb.logspace", true); });
 }
