@@ -14,6 +14,8 @@ constexpr double two_pi = 2 * std::numbers::pi;
 // displacement times 100 rad/s, a force of the order of displacement times the stiffness of rolling friction.
 constexpr double velocity_scale = 100;
 constexpr double force_scale = 1e6;
+// Of half a gap: far above the rounding of positions, far below what one sees of a contact.
+constexpr double contact_margin = 1e-9;
 } // namespace
 
 ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total_gain_(p_.rigid_gain) {
@@ -137,8 +139,10 @@ void ServoPlant::contact_guards(std::span<const double> x, const State& s, doubl
         break;
     case ContactState::parting_forward:
     case ContactState::parting_backward:
-        g[0] = side * d - half;
-        g[1] = -contact_stiffness_ * g[0] - contact_damping_ * side * separation(x, 1);
+        // A little beyond, so that rounding does not take it back at once.
+        g[0] = side * d - half * (1 - contact_margin);
+        g[1] = contact_stiffness_ * (half * (1 + contact_margin) - side * d) -
+               contact_damping_ * side * separation(x, 1);
         break;
     }
 }
