@@ -55,6 +55,7 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
     const auto& [forward, backward] = std::pair{p_.forward, p_.backward};
     viscous_ = {p_.viscous + backward.viscous, p_.viscous, p_.viscous + forward.viscous};
     has_dry_ = p_.dry.present() || forward.level != 0 || backward.level != 0 || forward.viscous != backward.viscous;
+    scaled_ = !p_.friction_scales.empty();
     added_ = p_.constant_force != 0 || p_.spring != 0 || p_.backlash || !p_.sine_forces.empty() || !p_.forces.empty();
     if (p_.current_loop_hz > 0) {
         states_.push_back({"thrust", "N", std::nullopt, force_scale});
@@ -81,13 +82,14 @@ double ServoPlant::thrust(double t, std::span<const double> x, const State& s) c
 }
 
 bool ServoPlant::refresh_sines(double t, std::span<double> x) const {
+    if (p_.sine_forces.empty()) return false;
     double* state = x.data() + first_sine_;
     for (const auto& [amplitude, freq_hz, phase] : p_.sine_forces) {
         const double angle = two_pi * freq_hz * t + phase;
         *state++ = amplitude * std::sin(angle);
         *state++ = amplitude * std::cos(angle);
     }
-    return !p_.sine_forces.empty();
+    return true;
 }
 
 // What pushes the driven point, but for forces that are not affine. `one` = 0: the part linear in x and thrust.
@@ -101,6 +103,7 @@ double ServoPlant::pushing(double thrust, std::span<const double> x, const State
 }
 
 double ServoPlant::driving(double t, std::span<const double> x, const State& s) const {
+    if (!added_) return thrust(t, x, s) + s.disturbance;
     double sum = pushing(thrust(t, x, s), x, s, 1) + s.disturbance;
     std::size_t own = first_own_;
     for (const auto& force : p_.forces) {
@@ -141,8 +144,8 @@ void ServoPlant::contact_guards(std::span<const double> x, const State& s, doubl
     case ContactState::parting_backward:
         // A little beyond, so that rounding does not take it back at once.
         g[0] = side * d - half * (1 - contact_margin);
-        g[1] = contact_stiffness_ * (half * (1 + contact_margin) - side * d) -
-               contact_damping_ * side * separation(x, 1);
+        g[1] =
+            contact_stiffness_ * (half * (1 + contact_margin) - side * d) - contact_damping_ * side * separation(x, 1);
         break;
     }
 }
@@ -181,6 +184,7 @@ void ServoPlant::added_rates(double thrust, std::span<const double> x, const Sta
 }
 
 double ServoPlant::friction_factor(double t, std::span<const double> x) const {
+    if (!scaled_) return 1;
     double factor = 1;
     for (const auto& scale : p_.friction_scales) factor *= scale->factor(t, position(x));
     return factor;
@@ -204,8 +208,8 @@ double ServoPlant::restoring(std::span<const double> x) const {
 }
 
 double ServoPlant::smooth_friction(double t, std::span<const double> x, const State& s) const {
-    const double v = velocity(x);
-    return friction_factor(t, x) * (p_.rolling.force(s.rolling, position(x), v) + viscous(s) * v);
+    const double v = velocity(x), friction = p_.rolling.force(s.rolling, position(x), v) + viscous(s) * v;
+    return scaled_ ? friction_factor(t, x) * friction : friction;
 }
 
 // The part of smooth_friction that is linear in x.
@@ -251,12 +255,13 @@ void ServoPlant::derivative(double t, std::span<const double> x, const State& s,
     motion(x, effective, dxdt);
     if (stuck) dxdt[1] = 0; // exactly
     if (added_) added_rates(thrust(t, x, s), x, s, 1, dxdt);
+    if (corner_ > 0) dxdt.back() = corner_ * (s.input(t) - x.back());
+    if (p_.forces.empty()) return;
     std::size_t own = first_own_;
     for (const auto& force : p_.forces) {
         force->rates(t, position(x), velocity(x), x.subspan(own), dxdt.subspan(own));
         own += force->states().size();
     }
-    if (corner_ > 0) dxdt.back() = corner_ * (s.input(t) - x.back());
 }
 
 void ServoPlant::linear_part(std::span<double> matrix) const {

@@ -160,6 +160,7 @@ class ServoPlant {
     double total_gain_;                              // k [m/(N s^2)]
     double corner_ = 0;                              // w_c [rad/s]
     bool has_dry_ = false;                           // whether the direction of motion is a slip state
+    bool scaled_ = false;                            // whether friction is scaled
     bool added_ = false;              // whether there are forces besides motor and friction, or a second body
     std::array<double, 3> viscous_{}; // D_v backward, in stick, forward [N s/m]
     std::size_t first_sine_ = 0, first_own_ = 0;         // states
