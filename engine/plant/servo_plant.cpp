@@ -50,6 +50,7 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
     }
     first_own_ = states_.size();
     for (const auto& force : p_.forces) {
+        own_count_.push_back(force->states().size());
         for (auto& state : force->states()) states_.push_back(std::move(state));
     }
     const auto& [forward, backward] = std::pair{p_.forward, p_.backward};
@@ -106,9 +107,9 @@ double ServoPlant::driving(double t, std::span<const double> x, const State& s) 
     if (!added_) return thrust(t, x, s) + s.disturbance;
     double sum = pushing(thrust(t, x, s), x, s, 1) + s.disturbance;
     std::size_t own = first_own_;
-    for (const auto& force : p_.forces) {
-        sum += force->force(t, position(x), velocity(x), x.subspan(own));
-        own += force->states().size();
+    for (std::size_t i = 0; i < p_.forces.size(); ++i) {
+        sum += p_.forces[i]->force(t, position(x), velocity(x), x.subspan(own, own_count_[i]));
+        own += own_count_[i];
     }
     return sum;
 }
@@ -258,9 +259,10 @@ void ServoPlant::derivative(double t, std::span<const double> x, const State& s,
     if (corner_ > 0) dxdt.back() = corner_ * (s.input(t) - x.back());
     if (p_.forces.empty()) return;
     std::size_t own = first_own_;
-    for (const auto& force : p_.forces) {
-        force->rates(t, position(x), velocity(x), x.subspan(own), dxdt.subspan(own));
-        own += force->states().size();
+    for (std::size_t i = 0; i < p_.forces.size(); ++i) {
+        const std::size_t count = own_count_[i];
+        p_.forces[i]->rates(t, position(x), velocity(x), x.subspan(own, count), dxdt.subspan(own, count));
+        own += count;
     }
 }
 
