@@ -6,6 +6,7 @@
 #include "machine/machine_model.hpp"
 #include "record/csv.hpp"
 #include "record/output_file.hpp"
+#include "script/lua_force.hpp"
 #include "script/machine_file.hpp"
 #include "script/script_run.hpp"
 
@@ -310,6 +311,7 @@ std::string usage_problem(const CLI::App& app, const CLI::ParseError& problem) {
 } // namespace
 
 int main(int argc, char** argv) {
+    tribode::enable_lua_forces();
     std::signal(SIGINT, on_interrupt);
     std::signal(SIGTERM, on_interrupt);
     std::signal(SIGXFSZ, SIG_IGN); // a file above the size limit is an error of the write, also in a script

@@ -4,6 +4,7 @@
 #include "effect/kinds.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cassert>
 #include <fmt/format.h>
 
@@ -20,6 +21,10 @@ std::string_view name_of(DrawnAgainst axis) {
     }
     return "";
 }
+
+static std::atomic<ForceCompiler> compiler = nullptr;
+void set_force_compiler(ForceCompiler now) { compiler = now; }
+ForceCompiler force_compiler() { return compiler; }
 
 const std::vector<const EffectKind*>& effect_kinds() {
     using namespace effects;
@@ -47,6 +52,7 @@ const std::vector<const EffectKind*>& effect_kinds() {
         &resonant_mode,
         &encoder_quantization,
         &encoder_periodic_error,
+        &own_force,
     };
     return kinds;
 }
@@ -80,15 +86,30 @@ static double read_number(FieldReader& fields, const EffectParameter& p) {
 
 static Effect::Value read_value(FieldReader& fields, const EffectParameter& p) {
     switch (p.type) {
-    case EffectParameter::Type::number: return {read_number(fields, p)};
-    case EffectParameter::Type::flag: return {fields.boolean(p.name, p.fallback.value_or(0) != 0) ? 1.0 : 0.0};
+    case EffectParameter::Type::number: return {.number = read_number(fields, p)};
+    case EffectParameter::Type::flag:
+        return {.number = fields.boolean(p.name, p.fallback.value_or(0) != 0) ? 1.0 : 0.0};
     case EffectParameter::Type::choice: {
         const auto fallback = p.fallback ? p.choices[static_cast<std::size_t>(*p.fallback)] : std::string();
         if (!p.fallback && !fields.has(p.name)) {
             fields.fail(p.name, fmt::format("is missing, must be one of {}", fmt::join(p.choices, ", ")));
         }
         const std::string name = fields.choice(p.name, p.choices, fallback);
-        return {static_cast<double>(std::find(p.choices.begin(), p.choices.end(), name) - p.choices.begin())};
+        return {.number = static_cast<double>(std::find(p.choices.begin(), p.choices.end(), name) - p.choices.begin())};
+    }
+    case EffectParameter::Type::text: return {.texts = {p.fallback ? fields.text(p.name, "") : fields.text(p.name)}};
+    case EffectParameter::Type::texts: return {.texts = fields.texts(p.name, {})};
+    case EffectParameter::Type::constants: {
+        Effect::Value value;
+        const Json& table = fields.value(p.name);
+        FieldReader numbers(table, fields.name_of(p.name));
+        if (table.is_object()) {
+            for (const auto& [name, number] : table.items()) {
+                value.texts.push_back(name);
+                value.constants.push_back(numbers.number(name, "", Allowed::finite));
+            }
+        }
+        return value;
     }
     case EffectParameter::Type::records: break;
     }
@@ -134,6 +155,7 @@ static void visit_numbers(const EffectKind& kind, Values& values, Visit visit) {
         for (auto& record : values[i].records) {
             for (auto& number : record) visit(number);
         }
+        for (auto& number : values[i].constants) visit(number);
     }
 }
 
@@ -160,6 +182,14 @@ Json Effect::to_json() const {
         case EffectParameter::Type::number: field = values_[i].number; break;
         case EffectParameter::Type::flag: field = values_[i].number != 0; break;
         case EffectParameter::Type::choice: field = p.choices[static_cast<std::size_t>(values_[i].number)]; break;
+        case EffectParameter::Type::text: field = values_[i].texts.front(); break;
+        case EffectParameter::Type::texts: field = values_[i].texts; break;
+        case EffectParameter::Type::constants:
+            field = Json::object();
+            for (std::size_t j = 0; j < values_[i].texts.size(); ++j) {
+                field[values_[i].texts[j]] = values_[i].constants[j];
+            }
+            break;
         case EffectParameter::Type::records:
             field = Json::array();
             for (const auto& record : values_[i].records) {

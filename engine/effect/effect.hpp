@@ -12,9 +12,10 @@ namespace tribode {
 
 class Effect;
 
-// One parameter of a kind of effect: a number, or a choice, a flag, a list of records of numbers.
+// One parameter of a kind of effect: a number, or a choice, a flag, a list of records of numbers, a
+// text, a list of texts, named numbers.
 struct EffectParameter {
-    enum class Type { number, choice, flag, records };
+    enum class Type { number, choice, flag, records, text, texts, constants };
 
     std::string name;
     std::string unit = {}; // empty: none
@@ -57,6 +58,8 @@ class Effect {
     struct Value {
         double number = 0;                             // a flag: 0 or 1; a choice: its index
         std::vector<std::vector<double>> records = {}; // records: their fields, in the order of the kind
+        std::vector<std::string> texts = {};           // a text, texts, or the names of constants
+        std::vector<double> constants = {};            // their values
     };
 
     // One value for each parameter of the kind, in its order; not checked.
@@ -74,7 +77,10 @@ class Effect {
     const std::string& choice(std::string_view name) const;
     const std::vector<std::vector<double>>& records(std::string_view name) const { return value(name).records; }
 
-    // All parameters that are numbers, those in records too, in order: what a fit may move.
+    const std::vector<std::string>& texts(std::string_view name) const { return value(name).texts; }
+    const std::vector<double>& constants(std::string_view name) const { return value(name).constants; }
+
+    // All parameters that are numbers, those in records and constants too, in order: what a fit may move.
     std::vector<double> numbers() const;
     Effect with_numbers(const std::vector<double>& numbers) const; // as many; not checked
 
@@ -88,5 +94,11 @@ class Effect {
     const EffectKind* kind_;
     std::vector<Value> values_;
 };
+
+// How a user's own force, written as text, becomes a force: set once, by the room that knows the language. Without it
+// own_force is refused.
+using ForceCompiler = std::shared_ptr<const PointForce> (*)(const Effect& effect);
+void set_force_compiler(ForceCompiler compiler);
+ForceCompiler force_compiler();
 
 } // namespace tribode

@@ -27,5 +27,6 @@ extern const EffectKind actuator_lag;
 extern const EffectKind resonant_mode;
 extern const EffectKind encoder_quantization;
 extern const EffectKind encoder_periodic_error;
+extern const EffectKind own_force;
 
 } // namespace tribode::effects

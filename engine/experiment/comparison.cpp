@@ -239,7 +239,8 @@ Comparison compare(const MachineModel& machine, const DriveRecord& record, const
         .method = reason ? Method::erk : Method::exact, .relative_tolerance = 1e-12, .absolute_tolerance = 1e-15};
     result.exact.name = reason ? "erk 1e-12" : "exact";
     result.reference = reason ? fmt::format("erk at 1e-12, because {}", *reason) : "exact";
-    for (const auto& element : machine.elements) result.friction_stiffness += element.stiffness;
+    const ServoPlant::Parameters plant = machine.axis().plant;
+    for (const auto& element : plant.rolling.elements()) result.friction_stiffness += element.stiffness;
     result.excitation_hz = strongest_frequency(record, ts);
 
     EventLog exact_events, events;

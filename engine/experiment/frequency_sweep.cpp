@@ -53,10 +53,12 @@ class LoopSignals final : public Observer {
 
 // A: what the actuator makes of a phasor of u, with hold, dead time and thrust lag.
 std::complex<double> actuator_response(const MachineModel& machine, double frequency) {
+    const ServoAxis axis = machine.axis(); // as it is, with its effects
     const double half_turn = pi * frequency * machine.sample_time;
-    const double late = half_turn + 2 * pi * frequency * machine.input_delay;
+    const double late = half_turn + 2 * pi * frequency * axis.input_delay;
     std::complex<double> response = std::polar(std::sin(half_turn) / half_turn, -late);
-    if (machine.current_loop_hz > 0) response /= std::complex(1.0, frequency / machine.current_loop_hz);
+    const double corner = axis.plant.current_loop_hz;
+    if (corner > 0) response /= std::complex(1.0, frequency / corner);
     return response;
 }
 
@@ -313,9 +315,10 @@ SweepSignals run_single_frequency(const MachineModel& machine, const SweepOption
 }
 
 ModalModel modal_model_of(const MachineModel& machine) {
+    const ServoPlant::Parameters plant = machine.axis().plant; // as it is, with its effects
     ModalModel model;
-    model.rigid_gain = machine.rigid_gain;
-    for (const auto& mode : machine.modes) model.modes.push_back({mode.gain, mode.freq_hz, mode.zeta});
+    model.rigid_gain = plant.rigid_gain;
+    for (const auto& mode : plant.modes) model.modes.push_back({mode.gain, mode.freq_hz, mode.zeta});
     return model;
 }
 

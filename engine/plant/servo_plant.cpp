@@ -14,6 +14,8 @@ constexpr double two_pi = 2 * std::numbers::pi;
 // displacement times 100 rad/s, a force of the order of displacement times the stiffness of rolling friction.
 constexpr double velocity_scale = 100;
 constexpr double force_scale = 1e6;
+// Of half a gap: far above the rounding of positions, far below what one sees of a contact.
+constexpr double contact_margin = 1e-9;
 } // namespace
 
 ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total_gain_(p_.rigid_gain) {
@@ -48,11 +50,13 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
     }
     first_own_ = states_.size();
     for (const auto& force : p_.forces) {
+        own_count_.push_back(force->states().size());
         for (auto& state : force->states()) states_.push_back(std::move(state));
     }
     const auto& [forward, backward] = std::pair{p_.forward, p_.backward};
     viscous_ = {p_.viscous + backward.viscous, p_.viscous, p_.viscous + forward.viscous};
     has_dry_ = p_.dry.present() || forward.level != 0 || backward.level != 0 || forward.viscous != backward.viscous;
+    scaled_ = !p_.friction_scales.empty();
     added_ = p_.constant_force != 0 || p_.spring != 0 || p_.backlash || !p_.sine_forces.empty() || !p_.forces.empty();
     if (p_.current_loop_hz > 0) {
         states_.push_back({"thrust", "N", std::nullopt, force_scale});
@@ -79,13 +83,14 @@ double ServoPlant::thrust(double t, std::span<const double> x, const State& s) c
 }
 
 bool ServoPlant::refresh_sines(double t, std::span<double> x) const {
+    if (p_.sine_forces.empty()) return false;
     double* state = x.data() + first_sine_;
     for (const auto& [amplitude, freq_hz, phase] : p_.sine_forces) {
         const double angle = two_pi * freq_hz * t + phase;
         *state++ = amplitude * std::sin(angle);
         *state++ = amplitude * std::cos(angle);
     }
-    return !p_.sine_forces.empty();
+    return true;
 }
 
 // What pushes the driven point, but for forces that are not affine. `one` = 0: the part linear in x and thrust.
@@ -99,11 +104,12 @@ double ServoPlant::pushing(double thrust, std::span<const double> x, const State
 }
 
 double ServoPlant::driving(double t, std::span<const double> x, const State& s) const {
+    if (!added_) return thrust(t, x, s) + s.disturbance;
     double sum = pushing(thrust(t, x, s), x, s, 1) + s.disturbance;
     std::size_t own = first_own_;
-    for (const auto& force : p_.forces) {
-        sum += force->force(t, position(x), velocity(x), x.subspan(own));
-        own += force->states().size();
+    for (std::size_t i = 0; i < p_.forces.size(); ++i) {
+        sum += p_.forces[i]->force(t, position(x), velocity(x), x.subspan(own, own_count_[i]));
+        own += own_count_[i];
     }
     return sum;
 }
@@ -137,8 +143,10 @@ void ServoPlant::contact_guards(std::span<const double> x, const State& s, doubl
         break;
     case ContactState::parting_forward:
     case ContactState::parting_backward:
-        g[0] = side * d - half;
-        g[1] = -contact_stiffness_ * g[0] - contact_damping_ * side * separation(x, 1);
+        // A little beyond, so that rounding does not take it back at once.
+        g[0] = side * d - half * (1 - contact_margin);
+        g[1] =
+            contact_stiffness_ * (half * (1 + contact_margin) - side * d) - contact_damping_ * side * separation(x, 1);
         break;
     }
 }
@@ -177,6 +185,7 @@ void ServoPlant::added_rates(double thrust, std::span<const double> x, const Sta
 }
 
 double ServoPlant::friction_factor(double t, std::span<const double> x) const {
+    if (!scaled_) return 1;
     double factor = 1;
     for (const auto& scale : p_.friction_scales) factor *= scale->factor(t, position(x));
     return factor;
@@ -200,8 +209,8 @@ double ServoPlant::restoring(std::span<const double> x) const {
 }
 
 double ServoPlant::smooth_friction(double t, std::span<const double> x, const State& s) const {
-    const double v = velocity(x);
-    return friction_factor(t, x) * (p_.rolling.force(s.rolling, position(x), v) + viscous(s) * v);
+    const double v = velocity(x), friction = p_.rolling.force(s.rolling, position(x), v) + viscous(s) * v;
+    return scaled_ ? friction_factor(t, x) * friction : friction;
 }
 
 // The part of smooth_friction that is linear in x.
@@ -247,12 +256,14 @@ void ServoPlant::derivative(double t, std::span<const double> x, const State& s,
     motion(x, effective, dxdt);
     if (stuck) dxdt[1] = 0; // exactly
     if (added_) added_rates(thrust(t, x, s), x, s, 1, dxdt);
-    std::size_t own = first_own_;
-    for (const auto& force : p_.forces) {
-        force->rates(t, position(x), velocity(x), x.subspan(own), dxdt.subspan(own));
-        own += force->states().size();
-    }
     if (corner_ > 0) dxdt.back() = corner_ * (s.input(t) - x.back());
+    if (p_.forces.empty()) return;
+    std::size_t own = first_own_;
+    for (std::size_t i = 0; i < p_.forces.size(); ++i) {
+        const std::size_t count = own_count_[i];
+        p_.forces[i]->rates(t, position(x), velocity(x), x.subspan(own, count), dxdt.subspan(own, count));
+        own += count;
+    }
 }
 
 void ServoPlant::linear_part(std::span<double> matrix) const {

@@ -160,9 +160,11 @@ class ServoPlant {
     double total_gain_;                              // k [m/(N s^2)]
     double corner_ = 0;                              // w_c [rad/s]
     bool has_dry_ = false;                           // whether the direction of motion is a slip state
+    bool scaled_ = false;                            // whether friction is scaled
     bool added_ = false;              // whether there are forces besides motor and friction, or a second body
     std::array<double, 3> viscous_{}; // D_v backward, in stick, forward [N s/m]
     std::size_t first_sine_ = 0, first_own_ = 0;         // states
+    std::vector<std::size_t> own_count_;                 // states of each force
     double other_gain_ = 0;                              // of the body that is not the driven point [1/kg]
     double contact_stiffness_ = 0, contact_damping_ = 0; // [N/m], [N s/m]
 };

@@ -7,6 +7,7 @@
 #include "base/text.hpp"
 #include "control/discrete_transfer_function.hpp"
 #include "design/feedforward.hpp"
+#include "effect/effect.hpp"
 #include "experiment/comparison.hpp"
 #include "experiment/frequency_sweep.hpp"
 #include "experiment/friction_margins.hpp"
@@ -145,6 +146,36 @@ Json load_machine(ScriptRun& run, const Json& arguments) {
     const Json& argument = fields.value("argument");
     fields.finish();
     return run.machine(file, argument);
+}
+
+Json to_json(const EffectParameter& p) {
+    static const char* const allowed_names[] = {"finite", "positive", "not below zero", "between 0 and 1"};
+    static const char* const types[] = {"number", "choice", "flag", "records", "text", "texts", "constants"};
+    Json json = {{"name", p.name}, {"meaning", p.meaning}, {"type", types[static_cast<std::size_t>(p.type)]}};
+    if (p.type == EffectParameter::Type::number) {
+        json["unit"] = p.unit;
+        json["allowed"] = allowed_names[static_cast<std::size_t>(p.allowed)];
+        json["plausible"] = {p.plausible_least, p.plausible_most};
+    }
+    if (!p.choices.empty()) json["choices"] = p.choices;
+    if (p.fallback) json["default"] = *p.fallback;
+    for (const auto& field : p.fields) json["fields"].push_back(to_json(field));
+    return json;
+}
+
+Json list_effects(const Json& arguments) {
+    FieldReader(arguments, "tb.effects").finish();
+    Json list = Json::array();
+    for (const auto* kind : effect_kinds()) {
+        Json parameters = Json::array();
+        for (const auto& p : kind->parameters) parameters.push_back(to_json(p));
+        list.push_back({{"name", kind->name},
+                        {"equation", kind->equation},
+                        {"parameters", parameters},
+                        {"affine", kind->affine},
+                        {"drawn_against", name_of(kind->drawn_against)}});
+    }
+    return list;
 }
 
 // The input of a run: lists u, or r and exc, one entry a sample; y where the start is fitted.
@@ -573,6 +604,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("single_frequency", [&run](const Json& a) { return single_frequency(run, a); });
     lua.add_function("plant_response", plant_response);
     lua.add_function("plant_parameters", plant_parameters);
+    lua.add_function("effects", list_effects);
     lua.add_function("model_response", model_response);
     lua.add_function("fit_modal", fit_modal);
     lua.add_function("phase_delay", read_phase_delay);

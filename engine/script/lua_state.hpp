@@ -7,8 +7,10 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 struct lua_State;
 
@@ -59,6 +61,13 @@ class LuaState {
     // request, and what the engine's functions throw; the text begins with the script's name and line.
     Json run_file(const std::filesystem::path& path, const Json& argument = nullptr);
     Json run_text(std::string_view text, const std::string& chunk_name, const Json& argument = nullptr);
+
+    // A function of numbers: fills the second from the first. Valid as long as this state is.
+    using Numbers = std::function<void(std::span<const double>, std::span<double>)>;
+    // Of a text that is its body, with these names for its arguments. A call throws InputError where the text does not
+    // return a number for each result, or fails, with its line.
+    Numbers compile(std::string_view body, const std::vector<std::string>& arguments, const std::string& chunk_name);
+    void set_global(const std::string& name, double value);
 
     // The chain of calls at the last uncaught error; empty where there was none.
     const std::string& traceback() const;
