@@ -311,24 +311,27 @@ ExactIntegrator::Pattern ExactIntegrator::make_pattern() const {
 }
 
 // Column by column, as the responses to f = e_j: a step's series from zero with that slope.
-ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, double h) {
+ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, double h) const {
     Prepared made{h, Columns(height_ * leap_height_), Columns(height_ * rest_height_)};
+    Columns terms(terms_.size()), largest(height_), travel(height_); // those of the last step are still asked for
     for (std::size_t j = 0; j < size_; ++j) {
-        std::fill(terms_.begin(), terms_.begin() + 2 * static_cast<std::ptrdiff_t>(height_), 0.0);
-        term(1)[j] = h;
+        std::fill(terms.begin(), terms.end(), 0.0);
+        terms[height_ + j] = h;
         const int order = expand_columns(pattern.a.data(), pattern.square.data(), size_, height_, h, most_terms,
-                                         terms_.data(), work_.data(), travel_.data());
+                                         terms.data(), largest.data(), travel.data());
         // From rest any length comes to an end at once; from elsewhere this one does not.
         if (order == 0) {
             made.leap.clear();
             return made;
         }
         double* column = made.leap.data() + j * leap_height_;
-        evaluate_columns(terms_.data(), order, height_, 1, column);
+        evaluate_columns(terms.data(), order, height_, 1, column);
         for (std::size_t guard = 0; guard < guard_count_; ++guard) {
             const auto along = [&](int n) {
                 double g = 0;
-                for (const auto& [state, value] : pattern.g[guard]) g += value * term(n)[state];
+                for (const auto& [state, value] : pattern.g[guard]) {
+                    g += value * terms[static_cast<std::size_t>(n) * height_ + state];
+                }
                 return g;
             };
             column[height_ + 2 * guard] = along(1);

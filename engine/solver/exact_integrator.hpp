@@ -61,7 +61,7 @@ class ExactIntegrator final : public Integrator {
     };
 
     Pattern make_pattern() const;
-    Prepared prepare(const Pattern& pattern, double h);
+    Prepared prepare(const Pattern& pattern, double h) const;
     bool same_length(double a, double b) const;
     const Prepared* prepared_for(double h) const;
     bool is_regular(double h);
