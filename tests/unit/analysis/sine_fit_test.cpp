@@ -142,7 +142,7 @@ TEST(Coherence, WorksUpToTheNyquistFrequencyAndRefusesShortRecords) {
     EXPECT_THROW(coherence(one_period, other_length, sample_time, 100), InputError);
 }
 
-// Sweeps written before and after the signals of a window shared their basis are the same bytes.
+// To the last bit, so that a result does not depend on which signals are fitted together.
 TEST(SineBasis, FitsEachSignalAsTheFitOfItAlone) {
     const double f = 33.3217, first = 1.2345;
     const SineBasis basis(600, sample_time, f, first, 3, Drift::linear);
