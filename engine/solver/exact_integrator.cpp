@@ -315,7 +315,7 @@ ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, doubl
     Prepared made{h, Columns(height_ * leap_height_), Columns(height_ * rest_height_)};
     Columns terms(terms_.size()), largest(height_), travel(height_); // those of the last step are still asked for
     for (std::size_t j = 0; j < size_; ++j) {
-        std::fill(terms.begin(), terms.end(), 0.0);
+        std::fill_n(terms.begin() + static_cast<std::ptrdiff_t>(height_), height_, 0.0);
         terms[height_ + j] = h;
         const int order = expand_columns(pattern.a.data(), pattern.square.data(), size_, height_, h, most_terms,
                                          terms.data(), largest.data(), travel.data());
