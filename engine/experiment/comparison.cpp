@@ -1,5 +1,6 @@
 #include "experiment/comparison.hpp"
 #include "analysis/sine_fit.hpp"
+#include "analysis/spectrum.hpp"
 #include "base/error.hpp"
 #include "base/text.hpp"
 #include "record/csv.hpp"
@@ -108,18 +109,13 @@ std::optional<double> strongest_frequency(const DriveRecord& record, double ts) 
                                                                    : record.reference;
     if (!varies(input) || input.size() < 50) return std::nullopt;
     const double length = static_cast<double>(input.size()) * ts;
+    // From two periods in the record on: a single step looks much like one period of a square wave. The spectrum says
+    // where to look, and the least rest of a sine where it is: leakage moves a line of few periods.
+    const auto line = strongest_line(input, ts, 2 / length, 0.2 / ts);
+    if (!line) return std::nullopt;
     const auto rest = [&](double f) { return fit_sine(input, ts, f, 0).residual_rms; };
-    // Frequencies a third of the resolution apart, from two periods in the record on, three thousand at most, then
-    // closing in on the least rest. A single step looks much like one period of a square wave.
-    const double step = 1 / (3 * length);
-    double best = 0, least = std::numeric_limits<double>::infinity();
-    for (int i = 6; i < 3000 && i * step < 0.2 / ts; ++i) {
-        if (const double r = rest(i * step); r < least) {
-            least = r;
-            best = i * step;
-        }
-    }
-    double low = best - step, high = best + step;
+    const double reach = 1 / (3 * length);
+    double low = *line - reach, high = *line + reach;
     for (int round = 0; round < 60; ++round) {
         const double a = low + 0.382 * (high - low), b = low + 0.618 * (high - low);
         (rest(a) < rest(b) ? high : low) = rest(a) < rest(b) ? b : a;

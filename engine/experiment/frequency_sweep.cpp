@@ -104,8 +104,12 @@ class SinglePoint {
             if (!outcome.ok()) return outcome;
             const std::size_t end = signals_.position.size();
             const Window window = whole_periods(0, periods, ts_, frequency_);
-            const std::array latest = {phasor(signals_.input[0], {end - window.count, window.count}),
-                                       phasor(signals_.position, {end - window.count, window.count})};
+            const std::size_t first = end - window.count;
+            const SineBasis basis(window.count, ts_, frequency_, static_cast<double>(first) * ts_);
+            const auto phasor = [&](const std::vector<double>& signal) {
+                return basis.fit(std::span(signal).subspan(first, window.count)).fundamental();
+            };
+            const std::array latest = {phasor(signals_.input[0]), phasor(signals_.position)};
             settled_ = previous && tribode::settled((*previous)[0], latest[0], options_.settle_tolerance) &&
                        tribode::settled((*previous)[1], latest[1], options_.settle_tolerance);
             if (settled_ || t > options_.settle_time_limit) return outcome;
@@ -122,12 +126,16 @@ class SinglePoint {
     SweepPoint point() const {
         SweepPoint point;
         point.frequency_hz = frequency_;
-        const SineFit y = fit(signals_.position);
-        const SineFit u = fit(signals_.input[0]);
+        const SineBasis basis(window_.count, ts_, frequency_, static_cast<double>(window_.first) * ts_,
+                              options_.harmonics);
+        const SineFit y = basis.fit(cut(signals_.position)), u = basis.fit(cut(signals_.input[0]));
+        std::array<std::span<const double>, analysis_count> inputs;
         for (std::size_t a = 0; a < analysis_count; ++a) {
-            point.response[a] = y.fundamental() / fit(signals_.input[a]).fundamental();
-            point.coherence[a] = coherence(cut(signals_.input[a]), cut(signals_.position), ts_, frequency_);
+            inputs[a] = cut(signals_.input[a]);
+            point.response[a] = y.fundamental() / (a == 0 ? u : basis.fit(inputs[a])).fundamental();
         }
+        const std::vector<double> coherences = coherence(inputs, cut(signals_.position), ts_, frequency_);
+        std::ranges::copy(coherences, point.coherence.begin());
         if (options_.improved) point.improved = improved_response(machine_, frequency_, u.fundamental(), y.harmonics);
         if (options_.friction_feedback > 0) {
             point.add_on = y.fundamental() / fit(signals_.before_feedback).fundamental();
@@ -154,14 +162,6 @@ class SinglePoint {
 
     std::span<const double> cut(const std::vector<double>& signal) const {
         return std::span(signal).subspan(window_.first, window_.count);
-    }
-    std::complex<double> phasor(const std::vector<double>& signal, Window window) const {
-        return fit_sine(std::span(signal).subspan(window.first, window.count), ts_, frequency_,
-                        static_cast<double>(window.first) * ts_)
-            .fundamental();
-    }
-    SineFit fit(const std::vector<double>& signal) const {
-        return fit_sine(cut(signal), ts_, frequency_, static_cast<double>(window_.first) * ts_, options_.harmonics);
     }
 
     const MachineModel& machine_;
