@@ -138,7 +138,7 @@ class SinglePoint {
         std::ranges::copy(coherences, point.coherence.begin());
         if (options_.improved) point.improved = improved_response(machine_, frequency_, u.fundamental(), y.harmonics);
         if (options_.friction_feedback > 0) {
-            point.add_on = y.fundamental() / fit(signals_.before_feedback).fundamental();
+            point.add_on = y.fundamental() / basis.fit(cut(signals_.before_feedback)).fundamental();
         }
         // The phasor of A sin is -jA.
         point.loop_gain = std::complex(0.0, -options_.amplitude) / u.fundamental() - 1.0;
