@@ -7,6 +7,7 @@
 #include <cstring>
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <fstream>
 #include <string_view>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -19,13 +20,23 @@ namespace {
 // First byte of what the child sends.
 enum Report : char { result = 'r', wrong_input = 'i' };
 
+// Of the address space [bytes].
+std::size_t memory_in_use() {
+    std::size_t pages = 0;
+    std::ifstream("/proc/self/statm") >> pages;
+    return pages * static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
+}
+
 // Quiet in every kind of end: no core file, no last words of the C library or of a sanitizer.
-void prepare_to_crash(unsigned cpu_seconds) {
+void prepare_to_crash(const GuardLimits& limits) {
     for (const int signal : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT, SIGXCPU, SIGALRM}) std::signal(signal, SIG_DFL);
-    const rlimit no_core{0, 0}, time{cpu_seconds, cpu_seconds};
+    const rlimit no_core{0, 0}, time{limits.cpu_seconds, limits.cpu_seconds};
+    const rlim_t most = memory_in_use() + limits.memory_bytes;
+    const rlimit memory{most, most};
     ::setrlimit(RLIMIT_CORE, &no_core);
     ::setrlimit(RLIMIT_CPU, &time);
-    ::alarm(20 * cpu_seconds); // should it wait for something that never comes
+    ::setrlimit(RLIMIT_AS, &memory);
+    ::alarm(20 * limits.cpu_seconds); // should it wait for something that never comes
     if (const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC); nowhere >= 0) ::dup2(nowhere, STDERR_FILENO);
 }
 
@@ -38,8 +49,8 @@ bool send(int pipe, std::string_view bytes) {
     return true;
 }
 
-[[noreturn]] void run_child(int pipe, unsigned cpu_seconds, const std::function<std::string()>& work) {
-    prepare_to_crash(cpu_seconds);
+[[noreturn]] void run_child(int pipe, const GuardLimits& limits, const std::function<std::string()>& work) {
+    prepare_to_crash(limits);
     bool sent = false;
     try {
         const std::string bytes = work();
@@ -66,11 +77,11 @@ std::string receive(int pipe) {
 
 } // namespace
 
-std::optional<std::string> run_guarded(unsigned cpu_seconds, const std::function<std::string()>& work) {
+std::optional<std::string> run_guarded(const GuardLimits& limits, const std::function<std::string()>& work) {
     std::array<int, 2> ends;
     if (::pipe2(ends.data(), O_CLOEXEC) != 0) throw Error(fmt::format("no pipe ({})", std::strerror(errno)));
     const pid_t child = ::fork();
-    if (child == 0) run_child(ends[1], cpu_seconds, work);
+    if (child == 0) run_child(ends[1], limits, work);
     ::close(ends[1]);
     if (child < 0) {
         ::close(ends[0]);

@@ -363,9 +363,10 @@ bool is_hdf5(std::string_view bytes) {
 
 std::vector<Variable> hdf5_variables(std::string_view bytes, const std::string& source) {
     const auto lock = enter_library();
-    // Two seconds of the processor, and one for each 20 MB: far more than a sound file takes.
-    const auto patience = static_cast<unsigned>(2 + bytes.size() / 20'000'000);
-    const auto packed = run_guarded(patience, [&] {
+    // Far more than a sound file takes, of the processor and of the memory.
+    const GuardLimits limits{static_cast<unsigned>(1 + bytes.size() / 20'000'000),
+                             (std::size_t{256} << 20) + 40 * bytes.size()};
+    const auto packed = run_guarded(limits, [&] {
         try {
             return to_bytes(variables_of(bytes));
         } catch (const Refused& refused) {
