@@ -65,7 +65,7 @@ local two = { { name = "t_ms", unit = "ms", values = { 0, 0.5, 1, 2 } }, { name 
 tb.write_mat { file = "record.mat", columns = two }
 tb.write_csv { file = "record.csv", columns = two }
 tb.write_hdf5 { file = "record.h5", tables = { { name = "run", columns = two } } }
-for _, file in ipairs { "out/record.mat", "out/record.csv", "out/record.h5" } do
+for _, file in ipairs { "record.mat", "out/record.csv", "out/record.h5" } do
   local record = tb.read_record { file = file, columns = { t = "t_ms", u = "u_V" }, scale = { t = 1e-3, u = 35.15 } }
   assert(record.data.u[4] == 4 * 35.15 and record.data.t[2] == 0.5e-3)
   assert(record.time.dropped == 1 and #record.time.gaps == 1)
