@@ -191,16 +191,18 @@ Json list_effects(const Json& arguments) {
 }
 
 // A record of the options `file_key`, columns and scale.
-Record record_of(const ScriptRun& run, const ScriptAccess& access, FieldReader& fields, const char* file_key,
+Record record_of(ScriptRun& run, const ScriptAccess& access, FieldReader& fields, const char* file_key,
                  const std::vector<std::string>& wanted) {
     const auto path = run.find_file(fields.text(file_key));
     const RecordOptions options = RecordOptions::read(fields);
     access.check_read(path);
-    return read_record(path, options, wanted);
+    Record record = read_record(path, options, wanted);
+    run.note_read(path);
+    return record;
 }
 
 // The input of a run: a file, or lists u, or r and exc, one entry a sample; y where the start is fitted.
-DriveRecord drive_of(const ScriptRun& run, const ScriptAccess& access, FieldReader& fields, const MachineModel& machine,
+DriveRecord drive_of(ScriptRun& run, const ScriptAccess& access, FieldReader& fields, const MachineModel& machine,
                      const char* function) {
     if (fields.has("input")) {
         const Table table = record_of(run, access, fields, "input", DriveRecord::columns()).table;
@@ -559,7 +561,7 @@ Json read_json_file(ScriptRun& run, const ScriptAccess& access, const Json& argu
     return value;
 }
 
-Json read_record_file(const ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
+Json read_record_file(ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
     FieldReader fields(arguments, "tb.read_record");
     const Record record = record_of(run, access, fields, "file", {});
     fields.finish();
