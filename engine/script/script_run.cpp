@@ -118,6 +118,7 @@ ScriptAccess ScriptRun::access() const {
 std::filesystem::path ScriptRun::find_file(const std::string& name) const {
     const std::filesystem::path path = name;
     if (path.empty() || std::filesystem::exists(path)) return path;
+    if (const auto own = folder_.folder() / path; std::filesystem::exists(own)) return own;
     const bool ready = *path.begin() == "models" || *path.begin() == "scripts";
     return ready ? home() / path : path;
 }

@@ -45,7 +45,7 @@ class ScriptRun {
     // {default=, unit=, help=, choices=}; a value is read as its default's type, a list of numbers from "1,2,3".
     Json options(const Json& defaults);
 
-    // A file a script names: as it stands, or in the folder in which models/ and scripts/ lie.
+    // A file a script names: as it stands, in the folder of the run, or where models/ and scripts/ lie.
     std::filesystem::path find_file(const std::string& name) const;
 
     // Checked reading of a machine description.
