@@ -178,10 +178,11 @@ bool ScriptRun::is_complete(const ScriptRequest& request) const {
         std::error_code problem;
         return std::filesystem::is_regular_file(file, problem) && sha256(read_file(file)) == hash;
     };
-    for (const auto& [file, hash] : manifest.value("read", Json::object()).items()) {
+    const Json read = manifest.value("read", Json::object()), files = manifest.value("files", Json::object());
+    for (const auto& [file, hash] : read.items()) {
         if (!unchanged(file, hash)) return false;
     }
-    for (const auto& [file, hash] : manifest.value("files", Json::object()).items()) {
+    for (const auto& [file, hash] : files.items()) {
         if (!unchanged(request.folder / file, hash)) return false;
     }
     return true;
