@@ -22,6 +22,14 @@ struct DryFriction {
         return coulomb + (static_level - coulomb) * std::exp(-std::pow(std::abs(v) / velocity, exponent));
     }
 
+    // level - coulomb at `speed` = |v|; where it can be, it goes on smoothly below zero.
+    double above_coulomb(double speed) const {
+        const double ratio = speed / velocity;
+        if (exponent == 1) return (static_level - coulomb) * std::exp(-ratio);
+        if (exponent == 2) return (static_level - coulomb) * std::exp(-ratio * ratio);
+        return (static_level - coulomb) * std::exp(-std::pow(std::abs(ratio), exponent));
+    }
+
     // d level / d|v| [N s/m]; zero at v = 0, where an exponent below one has no finite slope.
     double slope(double v) const {
         if (!velocity_dependent() || v == 0) return 0;

@@ -26,4 +26,19 @@ void HybridSystem::affine_guards(int, double, double, std::span<const double>, c
 
 std::optional<AffinePattern> HybridSystem::affine_pattern(const DiscreteState&) const { return std::nullopt; }
 
+std::optional<std::string> HybridSystem::why_not_nearly_affine() const {
+    return "its equations are not known to be nearly affine between events";
+}
+
+std::size_t HybridSystem::forcing_count() const { return 0; }
+
+void HybridSystem::forcing(double, std::span<const double>, const DiscreteState&, std::span<double>) const {}
+
+void HybridSystem::forcing_columns(const DiscreteState&, std::span<double>, std::span<double>) const {}
+
+AffinePattern HybridSystem::forced_pattern(const DiscreteState&) const {
+    assert(!"a system that is nearly affine says how");
+    return {};
+}
+
 } // namespace tribode

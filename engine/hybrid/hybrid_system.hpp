@@ -103,6 +103,22 @@ class HybridSystem {
     // Nothing where b or h vary between events.
     virtual std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const;
 
+    // Why the system is not nearly affine; nothing where it is: between events, at constant d,
+    //     dx/dt = A x + b(t) + B w(t, x),  g = G x + h(t) + C w(t, x),
+    // with a few functions w that are smooth but for isolated points, and all else as above. affine_derivative() and
+    // affine_guards() are as above, so that for n = 0 they contain w, and for n > 0 they do not.
+    virtual std::optional<std::string> why_not_nearly_affine() const;
+    virtual std::size_t forcing_count() const; // of w
+
+    // w(t, x; d), where it goes on smoothly beyond the guards, forcing_count() entries.
+    virtual void forcing(double t, std::span<const double> x, const DiscreteState& d, std::span<double> w) const;
+
+    // B (states x w) and C (guards x w), column by column, preset to zero.
+    virtual void forcing_columns(const DiscreteState& d, std::span<double> b, std::span<double> c) const;
+
+    // As affine_pattern, of A, B, C and G, whether b and h vary or not.
+    virtual AffinePattern forced_pattern(const DiscreteState& d) const;
+
     // For messages: what the guard watches at present ("element 3").
     virtual std::string guard_name(GuardId guard, const SystemState& state) const = 0;
 };

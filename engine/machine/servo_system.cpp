@@ -125,6 +125,18 @@ std::optional<AffinePattern> ServoSystem::affine_pattern(const DiscreteState& d)
     return plant_.affine_pattern(static_cast<const State&>(d).plant);
 }
 
+void ServoSystem::forcing(double t, std::span<const double> x, const DiscreteState& d, std::span<double> w) const {
+    plant_.forcing(t, x, static_cast<const State&>(d).plant, w);
+}
+
+void ServoSystem::forcing_columns(const DiscreteState& d, std::span<double> b, std::span<double> c) const {
+    plant_.forcing_columns(static_cast<const State&>(d).plant, b, c);
+}
+
+AffinePattern ServoSystem::forced_pattern(const DiscreteState& d) const {
+    return plant_.forced_pattern(static_cast<const State&>(d).plant);
+}
+
 EventEffect ServoSystem::on_crossing(GuardId guard, SystemState& state, EventLog& log) const {
     return plant_.on_crossing(guard, state.t, state.x, static_cast<State&>(*state.discrete).plant, log);
 }

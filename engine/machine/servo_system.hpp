@@ -91,6 +91,11 @@ class ServoSystem final : public HybridSystem {
     void affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
                        std::span<double> coefficient) const override;
     std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const override;
+    std::optional<std::string> why_not_nearly_affine() const override { return plant_.why_not_nearly_affine(); }
+    std::size_t forcing_count() const override { return plant_.forcing_count(); }
+    void forcing(double t, std::span<const double> x, const DiscreteState& d, std::span<double> w) const override;
+    void forcing_columns(const DiscreteState& d, std::span<double> b, std::span<double> c) const override;
+    AffinePattern forced_pattern(const DiscreteState& d) const override;
     EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const override;
     EventEffect on_sample(ClockId clock, long k, SystemState& state) const override;
     std::string guard_name(GuardId guard, const SystemState& state) const override;

@@ -105,15 +105,19 @@ double ServoPlant::pushing(double thrust, std::span<const double> x, const State
     return sum + (p_.backlash->load_side ? contact : thrust - contact);
 }
 
-double ServoPlant::driving(double t, std::span<const double> x, const State& s) const {
-    if (!added_) return thrust(t, x, s) + s.disturbance;
-    double sum = pushing(thrust(t, x, s), x, s, 1) + s.disturbance;
+double ServoPlant::own_forces(double t, std::span<const double> x) const {
+    double sum = 0;
     std::size_t own = first_own_;
     for (std::size_t i = 0; i < p_.forces.size(); ++i) {
         sum += p_.forces[i]->force(t, position(x), velocity(x), x.subspan(own, own_count_[i]));
         own += own_count_[i];
     }
     return sum;
+}
+
+double ServoPlant::driving(double t, std::span<const double> x, const State& s) const {
+    if (!added_) return thrust(t, x, s) + s.disturbance;
+    return pushing(thrust(t, x, s), x, s, 1) + s.disturbance + own_forces(t, x);
 }
 
 // y_motor - y_load (of = 0), or its rate (of = 1).
@@ -400,6 +404,49 @@ void ServoPlant::stop(std::span<double> x) const {
 
 std::optional<AffinePattern> ServoPlant::affine_pattern(const State& s) const {
     if (s.input.rate != 0) return std::nullopt; // u varies between its samples
+    return forced_pattern(s);
+}
+
+std::optional<std::string> ServoPlant::why_not_nearly_affine() const {
+    for (const auto& force : p_.forces) {
+        if (!force->states().empty()) return "a force on the driven point has states of its own";
+    }
+    return std::nullopt;
+}
+
+std::size_t ServoPlant::forcing_count() const {
+    if (!why_not_affine()) return 0;
+    return has_dry_ && !p_.friction_scales.empty() ? 2 : 1;
+}
+
+void ServoPlant::forcing(double t, std::span<const double> x, const State& s, std::span<double> w) const {
+    const double v = velocity(x), factor = friction_factor(t, x);
+    double sum = own_forces(t, x);
+    double affine = p_.rolling.force(s.rolling, position(x), v) + viscous(s) * v;
+    if (has_dry_ && s.dry != SlipState::stick) {
+        const double towards = sign(s.dry);
+        affine += towards * (p_.dry.coulomb + (towards > 0 ? p_.forward : p_.backward).level);
+        if (p_.dry.velocity_dependent()) sum -= towards * factor * p_.dry.above_coulomb(towards * v);
+    }
+    w[0] = sum + (1 - factor) * affine;
+    if (w.size() > 1) w[1] = factor - 1;
+}
+
+void ServoPlant::forcing_columns(const State& s, std::span<double> b, std::span<double> c) const {
+    if (has_dry_ && s.dry == SlipState::stick) {
+        c[release_forward] = -1;
+        c[release_backward] = 1;
+        if (forcing_count() < 2) return;
+        const std::span<double> level = c.subspan(guard_count());
+        level[release_forward] = p_.dry.static_level + p_.forward.level;
+        level[release_backward] = p_.dry.static_level + p_.backward.level;
+        return;
+    }
+    b[1] = total_gain_;
+    for (std::size_t j = 0; j < gain_.size(); ++j) b[2 * j + 3] = gain_[j];
+}
+
+AffinePattern ServoPlant::forced_pattern(const State& s) const {
     const Watched w = watched(s);
     const double watch =
         w.towards + 3 * w.forward + 6 * w.backward + 12 * w.release + 24 * static_cast<double>(s.contact);

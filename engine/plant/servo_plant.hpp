@@ -109,6 +109,14 @@ class ServoPlant {
     void affine_guards(int n, double t0, double h, std::span<const double> c, const State& s,
                        std::span<double> coefficient) const;
     std::optional<AffinePattern> affine_pattern(const State& s) const;
+    // Nearly affine, unless a force has states of its own. w: in slip the force on the driven point that is not affine,
+    // in stick what keeps it from being let go; where friction is scaled, also the factor less one, for the level of
+    // the release.
+    std::optional<std::string> why_not_nearly_affine() const;
+    std::size_t forcing_count() const;
+    void forcing(double t, std::span<const double> x, const State& s, std::span<double> w) const;
+    void forcing_columns(const State& s, std::span<double> b, std::span<double> c) const;
+    AffinePattern forced_pattern(const State& s) const;
     EventEffect on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const;
     std::string guard_name(GuardId guard, const State& s) const;
 
@@ -134,6 +142,7 @@ class ServoPlant {
 
     double thrust(double t, std::span<const double> x, const State& s) const;
     double pushing(double thrust, std::span<const double> x, const State& s, double one) const;
+    double own_forces(double t, std::span<const double> x) const;              // not affine [N]
     double driving(double t, std::span<const double> x, const State& s) const; // Fm + disturbance + F [N]
     double viscous(const State& s) const { return viscous_[static_cast<std::size_t>(sign(s.dry) + 1)]; }
     double dry_level(double v, const State& s) const;

@@ -1,5 +1,6 @@
 #include "solver/integrator.hpp"
 #include "base/error.hpp"
+#include "solver/collocation_integrator.hpp"
 #include "solver/cvode_integrator.hpp"
 #include "solver/erk_integrator.hpp"
 #include "solver/exact_integrator.hpp"
@@ -12,7 +13,7 @@ namespace tribode {
 
 const std::vector<std::string>& SolverOptions::method_names() {
     static const std::vector<std::string> names = {
-        "auto", "exact", "erk", "adams", "cvode", "fixed", "euler", "semi_implicit_euler", "zoh"};
+        "auto", "exact", "collocation", "erk", "adams", "cvode", "fixed", "euler", "semi_implicit_euler", "zoh"};
     return names;
 }
 
@@ -43,6 +44,7 @@ std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const So
     switch (resolved(options.method, system)) {
     case Method::automatic:
     case Method::exact: return std::make_unique<ExactIntegrator>(system);
+    case Method::collocation: return std::make_unique<CollocationIntegrator>(system, options);
     case Method::erk: return std::make_unique<ErkIntegrator>(system, options);
     case Method::adams:
     case Method::bdf: return std::make_unique<CvodeIntegrator>(system, options);

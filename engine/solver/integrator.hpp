@@ -43,11 +43,12 @@ class Integrator {
     RunOutcome failure_;
 };
 
-// The ways to integrate. The first six locate events and serve for results; the fixed-step ones are there to be compared
+// The ways to integrate. The first seven locate events and serve for results; the fixed-step ones are there to be compared
 // with them: they look at the guards after each step only, as one would write it on a signal processor.
 enum class Method {
     automatic,           // exact where the system is piecewise affine, else erk: the default; the user writes auto
     exact,               // Taylor series to rounding error, for systems that are piecewise affine
+    collocation,         // exponential collocation, for systems that are nearly affine
     erk,                 // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE
     adams,               // Adams-Moulton with functional iteration, CVODE
     bdf,                 // backward differentiation formulas with Newton iteration, CVODE; the user writes cvode
