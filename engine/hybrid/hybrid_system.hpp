@@ -108,7 +108,7 @@ class HybridSystem {
     // with a few functions w that are smooth but for isolated points, and all else as above. affine_derivative() and
     // affine_guards() are as above, so that for n = 0 they contain w, and for n > 0 they do not.
     virtual std::optional<std::string> why_not_nearly_affine() const;
-    virtual std::size_t forcing_count() const; // of w
+    virtual std::size_t forcing_count() const; // of w; where it is none, the next two are not called
 
     // w(t, x; d), where it goes on smoothly beyond the guards, forcing_count() entries.
     virtual void forcing(double t, std::span<const double> x, const DiscreteState& d, std::span<double> w) const;

@@ -134,7 +134,7 @@ CollocationIntegrator::Pattern CollocationIntegrator::make_pattern() const {
     }
     std::vector<double> b(size_ * forcing_count_);
     pattern.c.resize(guard_count_ * forcing_count_);
-    system_.forcing_columns(d, b, pattern.c);
+    if (forcing_count_ > 0) system_.forcing_columns(d, b, pattern.c);
     pattern.b.resize(height_ * forcing_count_);
     pattern.size.resize(2 * height_ * forcing_count_);
     const auto present = [](double value) { return value != 0; };
@@ -446,7 +446,7 @@ Integrator::Progress CollocationIntegrator::step(double t_stop) {
     std::copy(x.begin(), x.end(), term(0));
     system_.derivative(t0_, x, d, {slope_.data(), size_});
     system_.guards(t0_, x, d, guards0_);
-    system_.forcing(t0_, x, d, w0_);
+    if (forcing_count_ > 0) system_.forcing(t0_, x, d, w0_);
     for (std::size_t i = 0; i < size_; ++i) {
         tolerance_[i] = 1 / (absolute_tolerance_[i] + relative_tolerance_ * std::abs(x[i]));
     }
