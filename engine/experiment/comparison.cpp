@@ -30,9 +30,13 @@ double processor_seconds() {
 
 std::string step_text(double seconds) { return fmt::format("{:.4g} us", seconds * 1e6); }
 
-std::vector<MethodResult> methods_of(const MachineModel& machine, const ComparisonOptions& options) {
+// Collocation where it says something that the exact solution does not.
+std::vector<MethodResult> methods_of(const MachineModel& machine, const ServoSystem& system,
+                                     const ComparisonOptions& options) {
     std::vector<MethodResult> methods;
-    for (const Method method : {Method::erk, Method::adams, Method::bdf}) {
+    const bool nearly_affine = system.why_not_affine() && !system.why_not_nearly_affine();
+    for (const Method method : {Method::collocation, Method::erk, Method::adams, Method::bdf}) {
+        if (method == Method::collocation && !nearly_affine) continue;
         for (const double tolerance : options.tolerances) {
             MethodResult m;
             m.solver = {.method = method, .relative_tolerance = tolerance, .absolute_tolerance = 1e-3 * tolerance};
@@ -245,7 +249,7 @@ Comparison compare(const MachineModel& machine, const DriveRecord& record, const
     result.exact.events_found = static_cast<long>(exact_events.size());
 
     // One after another on one thread: their processor times are to be compared.
-    result.methods = methods_of(machine, options);
+    result.methods = methods_of(machine, system, options);
     for (std::size_t i = 0; i < result.methods.size(); ++i) {
         MethodResult& m = result.methods[i];
         run(m, machine, record, options.seed, control, events);

@@ -93,8 +93,7 @@ CollocationIntegrator::CollocationIntegrator(const HybridSystem& system, const S
       guard_terms_((most_terms + 1) * guard_count_),
       polynomial_(most_terms + 1) {
     if (const auto reason = system.why_not_nearly_affine()) {
-        throw InputError(
-            fmt::format("solver \"collocation\" cannot be used: {}; choose erk, adams or cvode", *reason));
+        throw InputError(fmt::format("solver \"collocation\" cannot be used: {}; choose erk, adams or cvode", *reason));
     }
     for (const auto& state : system.states()) absolute_tolerance_.push_back(options.absolute_tolerance * state.scale);
     for (auto& x : free_) x.resize(height_);

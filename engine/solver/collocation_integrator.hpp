@@ -52,19 +52,20 @@ class CollocationIntegrator final : public Integrator {
 
     struct Prepared {
         double h;
-        std::array<Columns, nodes> psi;      // x at the node: x + psi f, w staying as it is (height x states)
-        std::array<Columns, nodes> response; // and by how much more, w having other values at the nodes (height x w nodes)
-        std::vector<Reach> reach;            // (guards)
+        std::array<Columns, nodes> psi; // x at the node: x + psi f, w staying as it is (height x states)
+        std::array<Columns, nodes>
+            response;             // and by how much more, w having other values at the nodes (height x w nodes)
+        std::vector<Reach> reach; // (guards)
     };
 
     // Of one A, B, C and G.
     struct Pattern {
-        Columns a, b;                      // (height x states), (height x w)
-        std::vector<double> size;          // (2 height): largest |B|, |A B| of every w, how an error of w enters x
+        Columns a, b;                       // (height x states), (height x w)
+        std::vector<double> size;           // (2 height): largest |B|, |A B| of every w, how an error of w enters x
         std::vector<std::vector<double>> g; // (guards x states)
-        std::vector<double> c;             // (guards x w)
-        bool forced = false;               // B or C is not zero
-        int series = 0;                    // steps of a regular length that were not prepared
+        std::vector<double> c;              // (guards x w)
+        bool forced = false;                // B or C is not zero
+        int series = 0;                     // steps of a regular length that were not prepared
         std::vector<Prepared> prepared;
     };
 
@@ -91,7 +92,7 @@ class CollocationIntegrator final : public Integrator {
     std::map<AffinePattern, Pattern> patterns_;
     AffinePattern key_{};
     Pattern* pattern_ = nullptr;
-    bool varies_ = false; // b does
+    bool varies_ = false;                  // b does
     std::vector<double> regular_, recent_; // step lengths that come again, and those met last [s]
     std::size_t next_recent_ = 0;
     double longest_;                   // step that the error allows [s]
@@ -99,14 +100,14 @@ class CollocationIntegrator final : public Integrator {
     double t0_ = 0, h_ = 0;            // of the last step [s]
     // x counts as that of the time state.t - behind_, as in ExactIntegrator.
     double behind_ = 0, lag_ = 0;
-    int order_ = 0;                   // of its series; 0: there is none yet
-    Columns terms_;                   // (height x most_terms + 1): c_n
-    Columns slope_;                   // f at t0_
-    std::array<Columns, nodes> free_, at_; // x at the nodes with w as at the beginning, and as it is
+    int order_ = 0;                            // of its series; 0: there is none yet
+    Columns terms_;                            // (height x most_terms + 1): c_n
+    Columns slope_;                            // f at t0_
+    std::array<Columns, nodes> free_, at_;     // x at the nodes with w as at the beginning, and as it is
     std::vector<double> w0_, w_, dw_, before_; // (w), (w), (nodes x w): w at the nodes less w0_
-    std::vector<Cubic> cubics_;       // (w)
+    std::vector<Cubic> cubics_;                // (w)
     Columns work_, largest_;
-    std::vector<double> tolerance_;   // (height), of the present step, inverse
+    std::vector<double> tolerance_; // (height), of the present step, inverse
     std::vector<double> guards0_, guard_terms_, polynomial_;
     RunStatistics counts_;
 };
