@@ -16,6 +16,7 @@
 #include "record/hdf5.hpp"
 #include "record/json_file.hpp"
 #include "record/plot.hpp"
+#include "script/batch_script.hpp"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -210,7 +211,8 @@ Json sweep(ScriptRun& run, const Json& arguments) {
     options.read(fields);
     const std::string checkpoint = fields.text("checkpoint", "sweep.resume.json");
     fields.finish();
-    const SweepResult result = run_sweep(machine, options, run.control(), run.folder().path(checkpoint));
+    const SweepResult result = run_sweep(machine, options, run.control(),
+                                         run.only_batch() ? std::filesystem::path() : run.folder().path(checkpoint));
     run.note_work({{"function", "sweep"},
                    {"machine", machine.hash()},
                    {"solver", name_of(resolved(options.solver.method, machine))},
@@ -531,6 +533,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });
     lua.add_function("write_json", [&run](const Json& a) { return write_json_file(run, a); });
     lua.add_function("plot", [&run](const Json& a) { return plot(run, a); });
+    lua.add_stack_function("batch", [&run](lua_State* state) { return describe_batch(state, run); });
     lua.add_function("linspace", [](const Json& a) { return spaced(a, "tb.linspace", false); });
     lua.add_function("logspace", [](const Json& a) { return spaced(a, "tb.logspace", true); });
 }

@@ -60,6 +60,10 @@ class LuaState {
     Json run_file(const std::filesystem::path& path, const Json& argument = nullptr);
     Json run_text(std::string_view text, const std::string& chunk_name, const Json& argument = nullptr);
 
+    // Runs `body` with the stack of the state, as an outermost call with a count of instructions of its own. For what
+    // calls functions that a script has left behind. Throws what `run` does.
+    void enter(const StackFunction& body);
+
     // The chain of calls at the last uncaught error; empty where there was none.
     const std::string& traceback() const;
 

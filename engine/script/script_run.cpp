@@ -14,12 +14,6 @@ namespace tribode {
 
 namespace {
 
-// Where models/ and scripts/ lie: the source tree the program was built from, else where it was installed.
-std::filesystem::path home() {
-    const std::filesystem::path source = TRIBODE_SOURCE_DIR;
-    return std::filesystem::exists(source / "models") ? source : std::filesystem::path(TRIBODE_DATA_DIR);
-}
-
 // The folder of the results. A missing script is said here, before the folder is made.
 std::filesystem::path folder_of(const ScriptRequest& request) {
     read_file(request.script);
@@ -63,6 +57,7 @@ ScriptRun::ScriptRun(const ScriptRequest& request, const RunControl& control)
     : request_(request),
       control_(control),
       folder_(folder_of(request)),
+      files_read_(std::make_shared<std::set<std::filesystem::path>>()),
       lua_(request.limits, access(), control) {
     add_bindings(lua_, *this);
 }
@@ -71,12 +66,18 @@ ScriptAccess ScriptRun::access() const {
     ScriptAccess access;
     access.allow_all = request_.allow_all;
     access.run_folder = folder_.folder();
+    access.files_read = files_read_;
     access.read_folders = {home() / "models", home() / "scripts"};
     for (const auto& [name, value] : request_.defines) access.read_files.emplace_back(value);
     return access;
 }
 
-std::filesystem::path ScriptRun::find_file(const std::string& name) const {
+std::filesystem::path ScriptRun::home() {
+    const std::filesystem::path source = TRIBODE_SOURCE_DIR;
+    return std::filesystem::exists(source / "models") ? source : std::filesystem::path(TRIBODE_DATA_DIR);
+}
+
+std::filesystem::path ScriptRun::find_file(const std::string& name) {
     const std::filesystem::path path = name;
     if (path.empty() || std::filesystem::exists(path)) return path;
     const bool ready = *path.begin() == "models" || *path.begin() == "scripts";
@@ -86,7 +87,7 @@ std::filesystem::path ScriptRun::find_file(const std::string& name) const {
 Json ScriptRun::machine(const std::string& file, const Json& argument) {
     const auto path = find_file(file);
     lua_.access().check_read(path);
-    Json description = read_description(path, request_.limits, argument);
+    Json description = read_description(path, request_.limits, argument, files_read_);
     machines_[file] = MachineModel::from_description(description, file).hash();
     return description;
 }
@@ -121,13 +122,41 @@ Json ScriptRun::options(const Json& defaults) {
     return values;
 }
 
+void ScriptRun::run_script() {
+    lua_.run_file(request_.script);
+    if (!options_asked_ && !request_.defines.empty()) {
+        throw InputError(fmt::format("-D {}: the script takes no options (it does not call tb.options)",
+                                     request_.defines.begin()->first));
+    }
+}
+
+ScriptBatch& ScriptRun::read_batch() {
+    run_script();
+    if (!batch_) {
+        throw InputError(fmt::format("{}: describes no batch (it does not call tb.batch)", request_.script.string()));
+    }
+    return *batch_;
+}
+
+void ScriptRun::set_batch(ScriptBatch batch) {
+    if (batch_) throw InputError("tb.batch: was called before; a script describes one batch");
+    if (batch.batch.name.empty()) batch.batch.name = request_.script.stem().string();
+    batch_ = std::move(batch);
+}
+
+std::vector<std::string> ScriptRun::files_read() const {
+    const auto script = std::filesystem::weakly_canonical(std::filesystem::absolute(request_.script));
+    std::vector<std::string> files = {script.string()};
+    for (const auto& file : *files_read_) {
+        if (file != script) files.push_back(file.string());
+    }
+    return files;
+}
+
 void ScriptRun::execute() {
     try {
-        lua_.run_file(request_.script);
-        if (!options_asked_ && !request_.defines.empty()) {
-            throw InputError(fmt::format("-D {}: the script takes no options (it does not call tb.options)",
-                                         request_.defines.begin()->first));
-        }
+        run_script();
+        if (batch_) run_batch();
     } catch (const Error& problem) {
         // What ended the run is the news; a folder that cannot take the manifest either would only hide it.
         try {
@@ -138,6 +167,8 @@ void ScriptRun::execute() {
     }
     write_manifest("done");
 }
+
+void ScriptRun::run_batch() {}
 
 void ScriptRun::write_manifest(const std::string& outcome) {
     Json manifest;

@@ -1,11 +1,15 @@
 #pragma once
 #include "base/json.hpp"
 #include "base/run_control.hpp"
+#include "batch/batch.hpp"
 #include "record/run_folder.hpp"
 #include "script/lua_state.hpp"
 
 #include <filesystem>
 #include <map>
+#include <memory>
+#include <optional>
+#include <set>
 #include <string>
 
 namespace tribode {
@@ -17,7 +21,14 @@ struct ScriptRequest {
     std::map<std::string, std::string> defines; // -D name=value
     bool quick = false;                         // scripts make their work small
     bool allow_all = false;
+    bool only_batch = false; // it is read for the batch it describes: no manifest, no log of work, no checkpoints
     ScriptLimits limits;
+};
+
+// What tb.batch was given: the points, and what is done with them once all are there.
+struct ScriptBatch {
+    Batch batch;
+    std::function<void(const Json& merged)> finish; // empty: nothing
 };
 
 // One run of an experiment script: its options, its folder and what goes into the manifest. The functions of the
@@ -29,31 +40,47 @@ class ScriptRun {
     // Runs the script and writes the manifest, also where the script ends early or fails. Throws what the script does.
     void execute();
 
+    // Runs the script, for the batch that it describes. Throws InputError where it describes none.
+    ScriptBatch& read_batch();
+    // tb.batch.
+    void set_batch(ScriptBatch batch);
+    bool only_batch() const { return request_.only_batch; }
+    std::vector<std::string> files_read() const; // the script first, absolute names
+    LuaState& lua() { return lua_; }
+
     // tb.options: the defaults, with those the user has set by -D in their place. A default is a value or
     // {default=, unit=, help=, choices=}; a value is read as its default's type, a list of numbers from "1,2,3".
     Json options(const Json& defaults);
 
     // A file a script names: as it stands, or in the folder in which models/ and scripts/ lie.
-    std::filesystem::path find_file(const std::string& name) const;
+    static std::filesystem::path find_file(const std::string& name);
+    // That folder: of the source tree the program was built from, else where it was installed.
+    static std::filesystem::path home();
 
     // Checked reading of a machine description.
     Json machine(const std::string& file, const Json& argument);
 
     // Adds a line to what the manifest says of the work done.
-    void note_work(Json entry) { work_.push_back(std::move(entry)); }
+    void note_work(Json entry) {
+        if (!request_.only_batch) work_.push_back(std::move(entry));
+    }
 
     RunFolder& folder() { return folder_; }
     const RunControl& control() const { return control_; }
     bool quick() const { return request_.quick; }
 
   private:
+    void run_script();
+    void run_batch();
     void write_manifest(const std::string& outcome);
     ScriptAccess access() const;
 
     ScriptRequest request_;
     RunControl control_;
     RunFolder folder_;
+    std::shared_ptr<std::set<std::filesystem::path>> files_read_;
     LuaState lua_;
+    std::optional<ScriptBatch> batch_;
     bool options_asked_ = false;
     Json options_ = Json::object();
     Json machines_ = Json::object(); // file -> hash
