@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <fmt/format.h>
+#include <limits>
 #include <lua.hpp>
 
 namespace tribode {
@@ -278,31 +279,40 @@ ScriptRequest request_of(const Manifest& manifest, const fs::path& folder) {
     return request;
 }
 
-// Points run beside one another, so each is to itself.
-RunControl inside_a_worker(const RunControl& control) {
+Manifest plan_batch_of(const ScriptRun& script, const Batch& batch, const fs::path& folder,
+                       const PlanOptions& options) {
+    const fs::path working_folder = fs::current_path();
+    Manifest draft;
+    draft.defines = script.request().defines;
+    draft.quick = script.request().quick;
+    draft.working_folder = working_folder.lexically_proximate(fs::weakly_canonical(folder)).string();
+    return plan_batch(folder, batch, options, draft, [&](const std::string& file) {
+        return SourceFile{name_in_manifest(file, working_folder), sha256(read_file(file))};
+    });
+}
+
+bool is_same(const Manifest& manifest, const Batch& batch) {
+    return batch.name == manifest.name && batch.seed == manifest.seed && batch.count == manifest.count &&
+           batch.parameters == manifest.parameters && batch.units == manifest.units;
+}
+
+} // namespace
+
+RunControl inside_a_point(const RunControl& control) {
     RunControl inside;
     inside.stop = control.stop;
     inside.workers = 1;
     return inside;
 }
 
-} // namespace
-
 PlannedBatch plan_script_batch(const BatchPlanRequest& request, const RunControl& control) {
-    const fs::path folder = fs::absolute(request.folder), working_folder = fs::current_path();
+    const fs::path folder = fs::absolute(request.folder);
     ScriptRequest script_request = request.script;
     script_request.folder = folder / "files";
     script_request.only_batch = true;
-    ScriptRun script(script_request, inside_a_worker(control));
-    Manifest draft;
-    draft.defines = script_request.defines;
-    draft.quick = script_request.quick;
-    draft.working_folder = working_folder.lexically_proximate(fs::weakly_canonical(folder)).string();
+    ScriptRun script(script_request, inside_a_point(control));
     const Manifest manifest =
-        plan_batch(folder, script.read_batch().batch, {request.shards, request.shard_seconds}, draft,
-                   [&](const std::string& file) {
-                       return SourceFile{name_in_manifest(file, working_folder), sha256(read_file(file))};
-                   });
+        plan_batch_of(script, script.read_batch().batch, folder, {request.shards, request.shard_seconds});
     PlannedBatch planned{manifest.count, manifest.shards, manifest.pilot["seconds_per_point"].get<double>(), {}};
     const auto failed = manifest.pilot["failed"].get<std::size_t>();
     if (failed > 0) {
@@ -345,15 +355,60 @@ bool run_script_batch(const fs::path& in, std::optional<std::size_t> shard, cons
     }
     if (shards.empty()) return true;
 
-    ScriptRun script(request_of(manifest, folder), inside_a_worker(control));
+    ScriptRun script(request_of(manifest, folder), inside_a_point(control));
     const Batch& batch = script.read_batch().batch;
-    if (batch.name != manifest.name || batch.seed != manifest.seed || batch.count != manifest.count ||
-        batch.parameters != manifest.parameters) {
+    if (!is_same(manifest, batch)) {
         throw InputError(fmt::format("{}: the script describes another batch than when it was planned, though no file "
                                      "has changed; it must not depend on time or chance",
                                      in.string()));
     }
     return run_shards(folder, manifest, batch, shards, control);
+}
+
+bool run_batch_of(ScriptRun& script, const fs::path& in, const RunControl& control) {
+    const fs::path folder = fs::weakly_canonical(fs::absolute(in));
+    const Batch& batch = script.batch().batch;
+    if (!fs::exists(folder / "manifest.json")) plan_batch_of(script, batch, folder, {});
+    const Manifest manifest = Manifest::read(folder);
+    manifest.require_unchanged(folder, ScriptRun::find_file);
+    if (!is_same(manifest, batch) || manifest.defines != script.request().defines ||
+        manifest.quick != script.request().quick) {
+        throw InputError(
+            fmt::format("{}: holds a batch with other options; give them again, choose another folder with -o, "
+                        "or remove it",
+                        in.string()));
+    }
+    const FolderLock lock(folder);
+    return run_shards(folder, manifest, batch, missing_shards(folder, manifest), control);
+}
+
+Json merged_batch(const fs::path& folder) {
+    const Manifest manifest = Manifest::read(folder);
+    std::vector<std::vector<double>> parameters(manifest.parameters.size());
+    std::map<std::string, Json::array_t> results; // one entry per point
+    std::vector<std::size_t> index;
+    std::vector<std::uint64_t> seeds;
+    Json failures = Json::array();
+    const Json nan = std::numeric_limits<double>::quiet_NaN();
+    for_each_point(folder, manifest, [&](const PointRow& row) {
+        index.push_back(row.index);
+        seeds.push_back(point_seed(manifest.seed, row.index));
+        for (std::size_t i = 0; i < parameters.size(); ++i) parameters[i].push_back(row.parameters[i]);
+        if (!row.failure.empty()) failures.push_back({{"index", row.index}, {"reason", row.failure}});
+        for (const auto& field : row.fields) {
+            auto& column = results[field.name];
+            column.resize(index.size() - 1, nan); // points before that had none
+            column.push_back(field.list ? Json(field.values) : Json(field.values.front()));
+        }
+        for (auto& [name, column] : results) column.resize(index.size(), nan);
+    });
+    Json json{
+        {"name", manifest.name}, {"count", manifest.count}, {"seed", manifest.seed},        {"index", index},
+        {"seeds", seeds},        {"units", manifest.units}, {"parameters", Json::object()}, {"results", Json::object()},
+        {"failures", failures}};
+    for (std::size_t i = 0; i < parameters.size(); ++i) json["parameters"][manifest.parameters[i]] = parameters[i];
+    for (auto& [name, column] : results) json["results"][name] = std::move(column);
+    return json;
 }
 
 } // namespace tribode

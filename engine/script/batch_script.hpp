@@ -32,4 +32,14 @@ PlannedBatch plan_script_batch(const BatchPlanRequest& request, const RunControl
 // false where it was stopped. Throws InputError where anything has changed since the plan, OutputError.
 bool run_script_batch(const std::filesystem::path& folder, std::optional<std::size_t> shard, const RunControl& control);
 
+// The batch of a script that is run as a whole: planned in `folder` where nothing is there yet, else gone on with. Returns
+// false where it was stopped. Throws as above.
+bool run_batch_of(ScriptRun& script, const std::filesystem::path& folder, const RunControl& control);
+
+// All points of a complete batch, as tb.read_batch returns them. Throws InputError.
+Json merged_batch(const std::filesystem::path& folder);
+
+// Points run beside one another, so each keeps to one thread and shows no progress of its own.
+RunControl inside_a_point(const RunControl& control);
+
 } // namespace tribode

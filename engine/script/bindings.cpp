@@ -212,7 +212,7 @@ Json sweep(ScriptRun& run, const Json& arguments) {
     const std::string checkpoint = fields.text("checkpoint", "sweep.resume.json");
     fields.finish();
     const SweepResult result = run_sweep(machine, options, run.control(),
-                                         run.only_batch() ? std::filesystem::path() : run.folder().path(checkpoint));
+                                         run.in_batch() ? std::filesystem::path() : run.folder().path(checkpoint));
     run.note_work({{"function", "sweep"},
                    {"machine", machine.hash()},
                    {"solver", name_of(resolved(options.solver.method, machine))},
@@ -437,6 +437,14 @@ Json loop_margins(const Json& arguments) {
 
 // ---- results -----------------------------------------------------------------------------------------------------
 
+Json read_batch(const ScriptAccess& access, const Json& arguments) {
+    FieldReader fields(arguments, "tb.read_batch");
+    const std::filesystem::path folder = fields.text("folder");
+    fields.finish();
+    access.check_read(folder);
+    return merged_batch(folder);
+}
+
 Json read_json_file(const ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
     FieldReader fields(arguments, "tb.read_json");
     const auto path = run.find_file(fields.text("file"));
@@ -529,6 +537,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("positioning", [&run](const Json& a) { return positioning(run, a); });
     lua.add_function("loop_margins", loop_margins);
     lua.add_function("read_json", [&run, &lua](const Json& a) { return read_json_file(run, lua.access(), a); });
+    lua.add_function("read_batch", [&lua](const Json& a) { return read_batch(lua.access(), a); });
     lua.add_function("write_csv", [&run](const Json& a) { return write_csv_file(run, a); });
     lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });
     lua.add_function("write_json", [&run](const Json& a) { return write_json_file(run, a); });

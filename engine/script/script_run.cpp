@@ -2,8 +2,10 @@
 #include "base/error.hpp"
 #include "base/field_reader.hpp"
 #include "base/text.hpp"
+#include "batch/merge.hpp"
 #include "machine/machine_model.hpp"
 #include "record/output_file.hpp"
+#include "script/batch_script.hpp"
 #include "script/bindings.hpp"
 #include "script/machine_file.hpp"
 
@@ -168,7 +170,20 @@ void ScriptRun::execute() {
     write_manifest("done");
 }
 
-void ScriptRun::run_batch() {}
+void ScriptRun::run_batch() {
+    const RunControl control = control_;
+    control_ = inside_a_point(control);
+    in_points_ = true;
+    const bool complete = run_batch_of(*this, folder_.folder() / "batch", control);
+    control_ = control;
+    in_points_ = false;
+    if (!complete) {
+        throw EndedEarly("interrupted; the points that are done are kept, and the same command goes on from there");
+    }
+    merge_batch(folder_.folder() / "batch", Manifest::read(folder_.folder() / "batch"), folder_.path("batch.h5"));
+    folder_.add("batch.h5");
+    if (batch_->finish) batch_->finish(merged_batch(folder_.folder() / "batch"));
+}
 
 void ScriptRun::write_manifest(const std::string& outcome) {
     Json manifest;

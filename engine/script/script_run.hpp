@@ -42,9 +42,11 @@ class ScriptRun {
 
     // Runs the script, for the batch that it describes. Throws InputError where it describes none.
     ScriptBatch& read_batch();
+    ScriptBatch& batch() { return *batch_; } // once it was read
     // tb.batch.
     void set_batch(ScriptBatch batch);
-    bool only_batch() const { return request_.only_batch; }
+    // Whether what runs now is a point of a batch, beside others: it keeps no checkpoint and no log of its work.
+    bool in_batch() const { return request_.only_batch || in_points_; }
     std::vector<std::string> files_read() const; // the script first, absolute names
     LuaState& lua() { return lua_; }
 
@@ -62,12 +64,13 @@ class ScriptRun {
 
     // Adds a line to what the manifest says of the work done.
     void note_work(Json entry) {
-        if (!request_.only_batch) work_.push_back(std::move(entry));
+        if (!in_batch()) work_.push_back(std::move(entry));
     }
 
     RunFolder& folder() { return folder_; }
     const RunControl& control() const { return control_; }
     bool quick() const { return request_.quick; }
+    const ScriptRequest& request() const { return request_; }
 
   private:
     void run_script();
@@ -81,6 +84,7 @@ class ScriptRun {
     std::shared_ptr<std::set<std::filesystem::path>> files_read_;
     LuaState lua_;
     std::optional<ScriptBatch> batch_;
+    bool in_points_ = false;
     bool options_asked_ = false;
     Json options_ = Json::object();
     Json machines_ = Json::object(); // file -> hash
