@@ -2,7 +2,9 @@
 #include "base/run_control.hpp"
 #include "base/text.hpp"
 #include "batch/merge.hpp"
+#include "batch/slurm.hpp"
 #include "batch/status.hpp"
+#include "batch/workers.hpp"
 #include "experiment/comparison.hpp"
 #include "experiment/simulation.hpp"
 #include "machine/machine_model.hpp"
@@ -59,12 +61,14 @@ class ProgressDisplay {
         }
         shown_ = now;
         tenth_ = of ? done * 10 / of : 0;
-        const double left =
-            done > first_ ? elapsed * static_cast<double>(of - done) / static_cast<double>(done - first_) : 0;
+        const auto made = static_cast<double>(done - first_);
+        const double left = made > 0 ? elapsed * static_cast<double>(of - done) / made : 0;
+        const double rate = elapsed > 0 ? made / elapsed : 0;
         constexpr std::size_t width = 30;
         const std::size_t filled = of ? width * done / of : width;
         std::fprintf(stderr, "%s%s", terminal_ ? "\r" : "",
-                     fmt::format("{} [{:#<{}}{:.<{}}] {}/{}  {}{}", what, "", filled, "", width - filled, done, of,
+                     fmt::format("{} [{:#<{}}{:.<{}}] {}/{}  {:.3g}/s  {}{}", what, "", filled, "", width - filled,
+                                 done, of, rate,
                                  last ? fmt::format("{:.1f} s    ", elapsed) : fmt::format("{:.0f} s left ", left),
                                  terminal_ && !last ? "" : "\n")
                          .c_str());
@@ -284,8 +288,9 @@ struct BatchCommand {
     std::vector<std::string> defines;
     std::string folder, output;
     std::size_t shards = 0, shard = 0;
-    bool as_json = false;
-    CLI::App *plan_app, *run_app, *resume_app, *shard_app, *status_app, *merge_app;
+    bool as_json = false, watch = false, dry_run = false, again = false;
+    SlurmOptions slurm;
+    CLI::App *plan_app, *run_app, *slurm_app, *resume_app, *shard_app, *status_app, *merge_app;
 
     void add_to(CLI::App& app, Common& common) {
         app.require_subcommand(1);
@@ -293,6 +298,7 @@ struct BatchCommand {
         run_app = app.add_subcommand("run", "runs what is missing on this computer");
         resume_app = app.add_subcommand("resume", "the same: goes on with what is missing");
         shard_app = app.add_subcommand("shard", "runs one shard: what a task of a cluster calls");
+        slurm_app = app.add_subcommand("slurm", "submits what is missing to a cluster, as arrays of Slurm");
         status_app = app.add_subcommand("status", "how far a batch is");
         merge_app = app.add_subcommand("merge", "all points as one file");
         plan_app->add_option("script", plan.script.script, "batch script, .lua")->required();
@@ -305,7 +311,7 @@ struct BatchCommand {
         plan_app->add_option("--shard-seconds", plan.shard_seconds, "duration of the longest shards (default 120)")
             ->check(CLI::PositiveNumber);
         plan_app->add_flag("--quick", plan.script.quick, "a small version of the work, to try a script");
-        for (auto* command : {run_app, resume_app, shard_app, status_app, merge_app}) {
+        for (auto* command : {run_app, resume_app, shard_app, slurm_app, status_app, merge_app}) {
             command->add_option("folder", folder, "folder of the batch")->required();
         }
         for (auto* command : {run_app, resume_app}) {
@@ -313,7 +319,18 @@ struct BatchCommand {
                 ->check(CLI::Range(1u, 4096u));
         }
         shard_app->add_option("shard", shard, "its number, from 1")->required();
+        slurm_app->add_option("--max-running", slurm.max_running, "tasks of one array at one time (default: no limit)")
+            ->check(CLI::PositiveNumber);
+        slurm_app->add_option("--restarts", slurm.restarts, "of a task that was killed or interrupted (default 3)")
+            ->check(CLI::NonNegativeNumber);
+        slurm_app
+            ->add_option("--sbatch", slurm.sbatch, "an option of the site for sbatch, e.g. --sbatch=--partition=short")
+            ->take_all()
+            ->allow_extra_args(false);
+        slurm_app->add_flag("--dry-run", dry_run, "show the scripts, submit nothing");
+        slurm_app->add_flag("--again", again, "also what Slurm says to be waiting or running");
         status_app->add_flag("--json", as_json, "as JSON");
+        status_app->add_flag("--watch", watch, "a progress display until the batch is complete");
         merge_app->add_option("-o,--out", output, "file to write: .h5 or .csv")->required();
         for (auto* command : app.get_subcommands(nullptr)) {
             command->add_flag("--quiet", common.quiet, "no progress display");
@@ -323,8 +340,9 @@ struct BatchCommand {
 
     int run(Common common) {
         if (plan_app->parsed()) return run_plan(common);
-        if (status_app->parsed()) return show_status();
+        if (status_app->parsed()) return show_status(common);
         if (merge_app->parsed()) return merge(common);
+        if (slurm_app->parsed()) return submit_missing(common);
         if (shard_app->parsed()) {
             common.workers = 1;
             return run_script_batch(folder, shard, common.control()) ? done : shard_interrupted;
@@ -364,8 +382,37 @@ struct BatchCommand {
         return done;
     }
 
-    int show_status() const {
-        const BatchStatus status = read_status(folder, Manifest::read(folder));
+    int submit_missing(const Common& common) {
+        const Manifest manifest = Manifest::read(folder);
+        const auto place = std::filesystem::canonical(folder);
+        const auto missing = missing_shards(place, manifest);
+        const auto open = again ? missing : without_queued(place, missing);
+        slurm.program = std::filesystem::read_symlink("/proc/self/exe").string();
+        const auto arrays = slurm_arrays(place, manifest, open, slurm, slurm_largest_index());
+        if (dry_run) {
+            for (const auto& array : arrays) fmt::print("{}\n", array.script);
+            return done;
+        }
+        const FolderLock lock(place);
+        for (const auto& array : arrays) {
+            const std::string job = submit(place, array);
+            if (!common.quiet) fmt::print("job {}: {} shards\n", job, array.tasks);
+        }
+        if (!common.quiet) {
+            fmt::print("{} of {} shards missing, {} of them queued before; tribode batch status --watch {}\n",
+                       missing.size(), manifest.shards, missing.size() - open.size(), folder);
+        }
+        return done;
+    }
+
+    int show_status(const Common& common) const {
+        const Manifest manifest = Manifest::read(folder);
+        BatchStatus status = read_status(folder, manifest);
+        const RunControl control = common.control();
+        for (; watch && !status.complete() && !control.stop_requested(); status = read_status(folder, manifest)) {
+            if (control.progress) control.progress(status.name, status.done, status.points);
+            std::this_thread::sleep_for(std::chrono::seconds(1));
+        }
         fmt::print("{}\n", as_json ? status.json().dump(2) : status.text());
         return done;
     }
