@@ -118,7 +118,7 @@ std::vector<SlurmArray> slurm_arrays(const fs::path& folder, const Manifest& man
         text += fmt::format("\n"
                             "{} batch shard {} $(({} + SLURM_ARRAY_TASK_ID)) --quiet &\n"
                             "task=$!\n"
-                            "trap 'kill -TERM $task' TERM\n"
+                            "trap 'kill -TERM $task 2>/dev/null' TERM\n"
                             "wait $task\n"
                             "status=$?\n"
                             "# wait returns when a signal comes; the task still has its points to write\n"

@@ -44,6 +44,8 @@ void check(herr_t status, const char* function) {
 std::unique_lock<std::mutex> enter_library() {
     static std::mutex mutex;
     std::unique_lock lock(mutex);
+    // At the end of the process the library would write once more what a full disk refused, and crash.
+    [[maybe_unused]] static const herr_t nothing_at_exit = H5dont_atexit();
     H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
     return lock;
 }
@@ -329,25 +331,34 @@ Hdf5RowFile::Hdf5RowFile(std::filesystem::path path, std::size_t rows, std::vect
     std::error_code problem;
     if (path_.has_parent_path()) std::filesystem::create_directories(path_.parent_path(), problem);
     const auto lock = enter_library();
-    refused_is_output_error(path_, [&] {
-        const Handle creation = ordered(H5P_FILE_CREATE);
-        c.file.emplace(H5Fcreate(c.part.c_str(), H5F_ACC_TRUNC, creation, H5P_DEFAULT), "H5Fcreate");
-        for (const auto& [name, value] : attributes.items()) write_attribute(*c.file, name, value);
-        for (const auto& set : c.datasets) {
-            std::vector<hsize_t> shape = {rows};
-            if (set.width) shape.push_back(set.width);
-            c.sets.push_back(make_dataset(*c.file, set.name, H5T_IEEE_F64LE, shape));
-            write_text_attribute(c.sets.back(), "unit", set.unit);
-        }
-    });
+    try {
+        refused_is_output_error(path_, [&] {
+            const Handle creation = ordered(H5P_FILE_CREATE);
+            c.file.emplace(H5Fcreate(c.part.c_str(), H5F_ACC_TRUNC, creation, H5P_DEFAULT), "H5Fcreate");
+            for (const auto& [name, value] : attributes.items()) write_attribute(*c.file, name, value);
+            for (const auto& set : c.datasets) {
+                std::vector<hsize_t> shape = {rows};
+                if (set.width) shape.push_back(set.width);
+                c.sets.push_back(make_dataset(*c.file, set.name, H5T_IEEE_F64LE, shape));
+                write_text_attribute(c.sets.back(), "unit", set.unit);
+            }
+        });
+    } catch (const OutputError&) {
+        abandon();
+        throw;
+    }
 }
 
 Hdf5RowFile::~Hdf5RowFile() {
-    if (!content_->file) return;
-    const auto lock = enter_library();
-    content_->close();
+    if (content_->file) abandon();
+}
+
+void Hdf5RowFile::abandon() {
     std::error_code problem;
     std::filesystem::remove(content_->part, problem);
+    // Never closed: that would write what is left once more, and the library crashes where the disk refuses it.
+    static auto& never_closed = *new std::vector<std::unique_ptr<Content>>;
+    never_closed.push_back(std::move(content_));
 }
 
 void Hdf5RowFile::add_row(const std::vector<double>& numbers) {

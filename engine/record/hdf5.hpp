@@ -49,6 +49,7 @@ class Hdf5RowFile {
   private:
     struct Content;
     void flush();
+    void abandon();
 
     std::filesystem::path path_;
     std::unique_ptr<Content> content_;

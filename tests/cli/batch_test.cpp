@@ -112,12 +112,12 @@ TEST_F(BatchCommands, EveryPointIsARowInTheOrderOfTheIndex) {
 }
 
 TEST_F(BatchCommands, TheMergedBytesAreTheSameForAnyNumberOfWorkersAndShards) {
-    plan(200, "1000", 1, "one");
+    plan(120, "1000", 1, "one");
     expect_done({"run", "one", "-j", "1"});
     const std::string wanted = merged("one");
-    for (const auto& [workers, shards] : {std::pair{2, 7}, {7, 64}, {7, 200}}) {
+    for (const auto& [workers, shards] : {std::pair{2, 7}, {7, 40}}) {
         const std::string name = "b" + std::to_string(shards);
-        plan(200, "1000", shards, name);
+        plan(120, "1000", shards, name);
         expect_done({"run", name, "-j", std::to_string(workers)});
         EXPECT_EQ(merged(name), wanted) << workers << " workers, " << shards << " shards";
     }
@@ -176,11 +176,11 @@ TEST_F(BatchCommands, TwoAtOnceOnOneFolderAreRefused) {
 }
 
 TEST_F(BatchCommands, WhatChangedAfterPlanningIsRefused) {
-    folder.write("machine.lua", "return { Ts = 5e-4, rigid_gain_per_kg = 1 }\n");
+    folder.write("machine.lua", "return { Ts = 5e-4, rigid_gain_per_kg = require 'part' }\n");
     folder.write("part.lua", "return 3\n");
     folder.write("s.lua",
                  "local tb = require 'tribode'\n"
-                 "local part, machine = require 'part', tb.machine(tb.options { machine = '' }.machine)\n"
+                 "local machine = tb.machine(tb.options { machine = '' }.machine)\n"
                  "tb.batch { points = { { a = 1 } }, run = function() return { k0 = machine.rigid_gain_per_kg }"
                  " end }\n");
     expect_done({"plan", "s.lua", "-o", "b", "-D", "machine=machine.lua"});
@@ -275,7 +275,7 @@ TEST_F(BatchCommands, WhatIsNoBatchIsSaid) {
     expect_sentence(tribode({"plan", "s.lua", "-o", "b"}), 2, {"b: holds a planned batch already"});
     expect_sentence(tribode({"shard", "b", "3"}), 2, {"b: there is no shard 3", "1 to 2"});
     expect_sentence(tribode({"merge", "b", "-o", "m.txt"}), 2, {"m.txt: a merged batch is a .h5"});
-    expect_sentence(tribode({"rnu", "b"}), 2, {"\"rnu\" is not a command of tribode batch (did you mean \"run\"?)"});
+    expect_sentence(tribode({"rnu", "b"}), 2, {"\"rnu\" is not a command of tribode batch (known: plan, run,"});
     expect_sentence(tribode({}), 2, {"tribode batch: a command is missing"});
 }
 
@@ -316,9 +316,10 @@ TEST_F(BatchCommands, ArraysOfSlurmKeepToTheLargestIndexAndToWhatIsMissing) {
     expect_done({"shard", "b", "7"});
     expect_done({"shard", "b", "2042"});
     // Slurm's default, 1000 tasks in an array, where no Slurm can be asked.
-    ::setenv("SLURM_CONF", "/nonexistent", 1);
+    const std::string path = ::getenv("PATH");
+    ::setenv("PATH", "/nonexistent", 1);
     const auto ending = tribode({"slurm", "b", "--dry-run", "--max-running", "50", "--sbatch=--partition=short"});
-    ::unsetenv("SLURM_CONF");
+    ::setenv("PATH", path.c_str(), 1);
     EXPECT_EQ(ending.exit_code, 0) << ending.err;
     for (const char* line :
          {"#SBATCH --array=1-6,8-1000%50\n", "#SBATCH --array=1-1000%50\n", "#SBATCH --array=1-41,43-500%50\n",

@@ -18,7 +18,7 @@ write_settings() {
     chmod 755 "$folder"
     chmod 700 "$folder/munge"
     (umask 077 && head -c 1024 /dev/urandom >"$folder/munge/key")
-    # cred_expire: how long a requeued task is held. RequeueExit is not set, as at most sites.
+    # cred_expire: how long a requeued task is held (below 5 it counts as 120 s). RequeueExit is not set, as at most sites.
     cat >"$SLURM_CONF" <<SETTINGS
 ClusterName=private
 SlurmctldHost=$host(127.0.0.1)
@@ -27,7 +27,7 @@ CommunicationParameters=NoInAddrAny,NoCtldInAddrAny
 SlurmUser=$user
 SlurmdUser=$user
 AuthType=auth/munge
-AuthInfo=socket=$folder/munge.sock,cred_expire=3
+AuthInfo=socket=$folder/munge.sock,cred_expire=5
 CredType=cred/munge
 StateSaveLocation=$folder/controller
 SlurmdSpoolDir=$folder/spool-%n
