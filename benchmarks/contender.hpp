@@ -27,10 +27,12 @@ Contender engine_with_all_columns();
 
 // What one would write without the engine (by_hand/).
 //   RK4     7 states, classical Runge-Kutta with `divisions` steps a sample; events are not located
-//   ARKODE  7 states, explicit Runge-Kutta of order 5, events by two root functions, step size kept over restarts
+//   ARKODE  7 states, explicit Runge-Kutta of order 5, events by two root functions; at each sample and event a
+//           restart, anew as the library's manual has it, or with the step size carried over
 //   CVODE   27 states, called anew at every sample; no events, elements stop in the right side
 Contender rk4_by_hand(int divisions);
-Contender arkode_by_hand(double relative_tolerance);
+enum class Restart { with_step, anew };
+Contender arkode_by_hand(double relative_tolerance, Restart restart = Restart::with_step);
 enum class Multistep { adams, bdf };
 Contender cvode_by_hand(Multistep family, double relative_tolerance);
 

@@ -69,7 +69,9 @@ std::vector<Contender> engine_methods() {
     using Way = Method;
     std::vector<Contender> all = {method("exact", {.method = Way::exact})};
     for (const Way way : {Way::erk, Way::adams, Way::bdf}) {
-        for (const double tolerance : {1e-6, 1e-8}) {
+        for (const double tolerance : {3e-6, 1e-6, 1e-8}) {
+            // The loosest at which S1 is within 1e-9 m: of the multistep methods it is none.
+            if (tolerance == 3e-6 && way != Way::erk) continue;
             all.push_back(
                 method(fmt::format("{} {:.0e}", name_of(way), tolerance),
                        {.method = way, .relative_tolerance = tolerance, .absolute_tolerance = 1e-3 * tolerance}));

@@ -11,6 +11,7 @@
 #include "record/csv.hpp"
 #include "record/output_file.hpp"
 #include "script/batch_script.hpp"
+#include "script/lua_force.hpp"
 #include "script/machine_file.hpp"
 #include "script/script_run.hpp"
 
@@ -277,6 +278,7 @@ struct RunCommand {
         for (const auto& [name, file] : {std::pair{"machine", machine}, {"data", data}, {"input", input}}) {
             if (!file.empty()) request.defines[name] = file;
         }
+        for (const auto& [name, value] : request.defines) request.read_files.emplace_back(value);
         request.limits.memory_bytes = memory_mib << 20;
         ScriptRun(request, common.control()).execute();
         return done;
@@ -352,6 +354,7 @@ struct BatchCommand {
 
     int run_plan(const Common& common) {
         plan.script.defines = defines_of(defines);
+        for (const auto& [name, value] : plan.script.defines) plan.script.read_files.emplace_back(value);
         if (shards) plan.shards = shards;
         const PlannedBatch planned = plan_script_batch(plan, common.control());
         for (const auto& warning : planned.warnings) std::fprintf(stderr, "tribode: warning: %s\n", warning.c_str());
@@ -477,6 +480,7 @@ std::string usage_problem(const CLI::App& app, const CLI::ParseError& problem) {
 } // namespace
 
 int main(int argc, char** argv) {
+    tribode::enable_lua_forces();
     std::signal(SIGINT, on_interrupt);
     std::signal(SIGTERM, on_interrupt);
     std::signal(SIGXFSZ, SIG_IGN); // a file above the size limit is an error of the write, also in a script

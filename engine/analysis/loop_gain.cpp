@@ -9,6 +9,11 @@ namespace tribode {
 using std::numbers::pi;
 
 std::complex<double> sampled_response(const ModalModel& plant, const LoopDelays& delays, double frequency_hz) {
+    return sampled_response([&plant](double f) { return plant.response(f); }, delays, frequency_hz);
+}
+
+std::complex<double> sampled_response(const std::function<std::complex<double>(double frequency_hz)>& plant,
+                                      const LoopDelays& delays, double frequency_hz) {
     const double ts = delays.sample_time;
     std::complex<double> sum = 0;
     for (int n = -10; n <= 10; ++n) {
@@ -16,7 +21,7 @@ std::complex<double> sampled_response(const ModalModel& plant, const LoopDelays&
         const std::complex<double> s(0, 2 * pi * f);
         const auto hold = (1.0 - std::exp(-s * ts)) / s;
         const auto lag = delays.lag_hz > 0 ? 1.0 + s / (2 * pi * delays.lag_hz) : 1.0;
-        sum += hold * std::exp(-s * delays.dead_time) * plant.response(f) / lag;
+        sum += hold * std::exp(-s * delays.dead_time) * plant(f) / lag;
     }
     return sum / ts;
 }

@@ -22,6 +22,10 @@ struct LoopDelays {
 // tenth of it. 0 < frequency_hz < 1/Ts.
 std::complex<double> sampled_response(const ModalModel& plant, const LoopDelays& delays, double frequency_hz);
 
+// The same for a plant given as its response P at any frequency, negative ones too, where it is the conjugate.
+std::complex<double> sampled_response(const std::function<std::complex<double>(double frequency_hz)>& plant,
+                                      const LoopDelays& delays, double frequency_hz);
+
 // Of a loop gain L with negative feedback. Where there are several crossovers, the nearest to instability counts.
 struct StabilityMargins {
     std::optional<double> gain_margin;           // least factor above 1 that brings L to -1

@@ -39,41 +39,87 @@ struct Fit {
     bool converged = false;
 };
 
-// ln(H/P) at one frequency: gain [neper] and phase [rad]. Written in real numbers, for the derivatives.
-struct LogRatio {
-    Point point;
-    int modes;
+// The model at the point where the solver looks, from the logarithms of its parameters: made once for all frequencies.
+class Exponentials final : public ceres::EvaluationCallback {
+  public:
+    struct Mode {
+        double gain, square, damp; // k, w^2, 2 w zeta
+    };
 
-    template <typename T>
-    bool operator()(T const* const* parameters, T* residual) const {
-        using std::atan2;
-        using std::exp;
-        using std::log;
-        const T* p = parameters[0];
-        const double square = point.omega * point.omega;
-        T real = -exp(p[0]) / square;
-        T imag = T(0);
-        for (int j = 1; j < 1 + 3 * modes; j += 3) {
-            const T own = exp(p[j + 1]);
-            const T stiff = own * own - square;
-            const T damp = 2.0 * point.omega * own * exp(p[j + 2]);
-            const T scale = exp(p[j]) / (stiff * stiff + damp * damp);
-            real += scale * stiff;
-            imag -= scale * damp;
+    explicit Exponentials(const std::vector<double>& logarithms) : logarithms_(logarithms) {}
+
+    void PrepareForEvaluation(bool, bool new_point) override {
+        if (!new_point) return;
+        rigid_gain = std::exp(logarithms_[0]);
+        modes.clear();
+        for (std::size_t j = 1; j < logarithms_.size(); j += 3) {
+            const double own = std::exp(logarithms_[j + 1]);
+            modes.push_back({std::exp(logarithms_[j]), own * own, 2 * own * std::exp(logarithms_[j + 2])});
         }
-        residual[0] = 0.5 * log(std::norm(point.value) / (real * real + imag * imag));
-        residual[1] = atan2(point.value.imag() * real - point.value.real() * imag,
-                            point.value.real() * real + point.value.imag() * imag);
+    }
+
+    double rigid_gain = 0; // [m/(N s^2)]
+    std::vector<Mode> modes;
+
+  private:
+    const std::vector<double>& logarithms_; // to which the solver writes the point before it asks
+};
+
+// ln(H/P) at one frequency: gain [neper] and phase [rad], and its derivatives -(dP/dp)/P by the logarithms.
+class LogRatio final : public ceres::CostFunction {
+  public:
+    LogRatio(const Point& point, const Exponentials& model, int parameters) : point_(point), model_(model) {
+        mutable_parameter_block_sizes()->push_back(parameters);
+        set_num_residuals(2);
+    }
+
+    bool Evaluate(double const* const*, double* residual, double** jacobians) const override {
+        const double square = point_.omega * point_.omega;
+        const double rigid = -model_.rigid_gain / square;
+        std::complex<double> sum = rigid;
+        for (const auto& mode : model_.modes) sum += mode.gain * receptance(mode, square);
+        // H conj(P)
+        const double real = point_.value.real() * sum.real() + point_.value.imag() * sum.imag();
+        const double imag = point_.value.imag() * sum.real() - point_.value.real() * sum.imag();
+        residual[0] = 0.5 * std::log(std::norm(point_.value) / std::norm(sum));
+        residual[1] = std::atan2(imag, real);
+        if (!jacobians || !jacobians[0]) return true;
+
+        const std::complex<double> minus_inverse = -std::conj(sum) / std::norm(sum);
+        double* gains = jacobians[0];
+        double* phases = gains + parameter_block_sizes()[0];
+        const auto put = [&](std::complex<double> derivative) {
+            const std::complex<double> slope = derivative * minus_inverse;
+            *gains++ = slope.real();
+            *phases++ = slope.imag();
+        };
+        put(rigid);
+        for (const auto& mode : model_.modes) {
+            const std::complex<double> once = receptance(mode, square), part = mode.gain * once, twice = part * once;
+            const std::complex<double> damping(0, mode.damp * point_.omega);
+            put(part);
+            put(-twice * (2 * mode.square + damping));
+            put(-twice * damping);
+        }
         return true;
     }
+
+  private:
+    // 1/(w_j^2 - w^2 + j 2 zeta w_j w)
+    std::complex<double> receptance(const Exponentials::Mode& mode, double square) const {
+        const double stiff = mode.square - square, damp = mode.damp * point_.omega;
+        const double scale = 1 / (stiff * stiff + damp * damp);
+        return {scale * stiff, -scale * damp};
+    }
+
+    Point point_;
+    const Exponentials& model_;
 };
 
 std::unique_ptr<ceres::LossFunction> make_loss(double scale) {
     if (std::isinf(scale)) return std::make_unique<ceres::TrivialLoss>();
     return std::make_unique<ceres::CauchyLoss>(scale);
 }
-
-int mode_count(const std::vector<double>& logarithms) { return static_cast<int>(logarithms.size() - 1) / 3; }
 
 ModalModel to_model(const std::vector<double>& logarithms) {
     ModalModel model;
@@ -109,33 +155,46 @@ struct Bounds {
     }
 };
 
-// The least-squares problem of the points with a model of that size; `loss` and `logarithms` outlive it.
-std::unique_ptr<ceres::Problem> make_problem(const std::vector<Point>& points, ceres::LossFunction& loss,
-                                             std::vector<double>& logarithms) {
-    ceres::Problem::Options ownership;
-    ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    auto problem = std::make_unique<ceres::Problem>(ownership);
-    for (const Point& point : points) {
-        auto* cost = new ceres::DynamicAutoDiffCostFunction<LogRatio, 4>(new LogRatio{point, mode_count(logarithms)});
-        cost->AddParameterBlock(static_cast<int>(logarithms.size()));
-        cost->SetNumResiduals(2);
-        problem->AddResidualBlock(cost, &loss, logarithms.data());
+// The least-squares problem of the points with a model of that size. What it is made with outlives it.
+class FitProblem {
+  public:
+    FitProblem(const std::vector<Point>& points, ceres::LossFunction& loss, std::vector<double>& logarithms)
+        : model_(logarithms),
+          problem_(options(model_)) {
+        const auto parameters = static_cast<int>(logarithms.size());
+        for (const Point& point : points) {
+            problem_.AddResidualBlock(new LogRatio(point, model_, parameters), &loss, logarithms.data());
+        }
+        const Bounds bounds(points);
+        for (int j = 0; j < parameters; ++j) {
+            const double* bound = bounds.of(static_cast<std::size_t>(j));
+            double& logarithm = logarithms[static_cast<std::size_t>(j)];
+            logarithm = std::clamp(logarithm, bound[0], bound[1]);
+            problem_.SetParameterLowerBound(logarithms.data(), j, bound[0]);
+            problem_.SetParameterUpperBound(logarithms.data(), j, bound[1]);
+        }
     }
-    const Bounds bounds(points);
-    for (std::size_t j = 0; j < logarithms.size(); ++j) {
-        const double* bound = bounds.of(j);
-        logarithms[j] = std::clamp(logarithms[j], bound[0], bound[1]);
-        problem->SetParameterLowerBound(logarithms.data(), static_cast<int>(j), bound[0]);
-        problem->SetParameterUpperBound(logarithms.data(), static_cast<int>(j), bound[1]);
+
+    ceres::Problem* operator->() { return &problem_; }
+    ceres::Problem* get() { return &problem_; }
+
+  private:
+    static ceres::Problem::Options options(Exponentials& model) {
+        ceres::Problem::Options options;
+        options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+        options.evaluation_callback = &model;
+        return options;
     }
-    return problem;
-}
+
+    Exponentials model_;
+    ceres::Problem problem_;
+};
 
 Fit refine(const std::vector<Point>& points, std::vector<double> start, double scale, int most_iterations) {
     Fit fit;
     fit.logarithms = std::move(start);
     const auto loss = make_loss(scale);
-    const auto problem = make_problem(points, *loss, fit.logarithms);
+    FitProblem problem(points, *loss, fit.logarithms);
     ceres::Solver::Options options;
     options.linear_solver_type = ceres::DENSE_QR;
     options.max_num_iterations = most_iterations;
@@ -166,6 +225,41 @@ double squared_log_ratio(std::complex<double> measured, std::complex<double> mod
     return gain * gain + phase * phase;
 }
 
+// The robust cost of the search over all points, of one trial model after the other: many, so it spares what it can.
+class TrialCost {
+  public:
+    explicit TrialCost(const std::vector<Point>& points) : points_(points) {
+        for (const Point& point : points) logarithm_.push_back(std::log(std::norm(point.value)));
+    }
+
+    // Of (1 - share) base + share extra; infinite where it is not below `least`.
+    double operator()(const std::vector<std::complex<double>>& base, const std::vector<std::complex<double>>& extra,
+                      double share, double least) const {
+        constexpr double square_scale = search_scale * search_scale;
+        // sum ln(1 + r^2/a^2) as the logarithm of products, sixteen at a time: each factor is below 1e9.
+        constexpr std::size_t at_a_time = 16;
+        double cost = 0, product = 1;
+        for (std::size_t k = 0; k < points_.size(); ++k) {
+            const double real = (1 - share) * base[k].real() + share * extra[k].real();
+            const double imag = (1 - share) * base[k].imag() + share * extra[k].imag();
+            const std::complex<double> value = points_[k].value;
+            const double gain = 0.5 * (logarithm_[k] - std::log(real * real + imag * imag));
+            const double phase =
+                std::atan2(value.imag() * real - value.real() * imag, value.real() * real + value.imag() * imag);
+            product *= 1 + (gain * gain + phase * phase) / square_scale;
+            if (k % at_a_time != at_a_time - 1 && k + 1 < points_.size()) continue;
+            cost += square_scale * std::log(product);
+            product = 1;
+            if (!(cost < least)) return std::numeric_limits<double>::infinity();
+        }
+        return cost;
+    }
+
+  private:
+    const std::vector<Point>& points_;
+    std::vector<double> logarithm_; // ln(abs(H)^2)
+};
+
 // Starts with one mode more than `fit`: the best of a grid over frequency, damping and share of the total
 // gain, which is taken from the other gains, and the next best ones at least 5 % away in frequency.
 std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& points, const Fit& fit) {
@@ -180,7 +274,7 @@ std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& 
         double cost, omega, zeta, share;
     };
     std::vector<Candidate> candidates; // the best one of each frequency
-    const auto loss = make_loss(search_scale);
+    const TrialCost cost_of(points);
     const std::size_t stride = (points.size() + most_frequencies - 1) / most_frequencies;
     for (std::size_t i = 0; i < points.size(); i += stride) {
         Candidate best{std::numeric_limits<double>::infinity(), points[i].omega, 0, 0};
@@ -188,12 +282,7 @@ std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& 
             const ModalModel added{0, {{gain, best.omega / (2 * std::numbers::pi), zeta}}};
             const std::vector<std::complex<double>> extra = responses(points, added);
             for (const double share : shares) {
-                double cost = 0, rho[3];
-                for (std::size_t k = 0; k < points.size(); ++k) {
-                    const std::complex<double> modelled = (1 - share) * base[k] + share * extra[k];
-                    loss->Evaluate(squared_log_ratio(points[k].value, modelled), rho);
-                    cost += rho[0];
-                }
+                const double cost = cost_of(base, extra, share, best.cost);
                 if (cost < best.cost) best = {cost, best.omega, zeta, share};
             }
         }
@@ -239,7 +328,7 @@ double robust_deviation(const std::vector<Point>& points, const ModalModel& mode
 // bound.
 std::vector<double> logarithm_errors(const std::vector<Point>& points, std::vector<double> logarithms, double scale) {
     const auto loss = make_loss(scale);
-    const auto problem = make_problem(points, *loss, logarithms);
+    FitProblem problem(points, *loss, logarithms);
     ceres::Problem::EvaluateOptions options;
     options.apply_loss_function = false;
     std::vector<double> residuals;

@@ -3,10 +3,8 @@
 #include "base/error.hpp"
 #include "base/text.hpp"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Core>
-
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <numbers>
 
@@ -60,8 +58,7 @@ int harmonics_below_nyquist(std::size_t samples, double sample_time, double freq
     return static_cast<int>(std::clamp(below, 0.0, static_cast<double>(harmonics)));
 }
 
-// One row per sample; columns: 1, time scaled to -1 .. 1 (with drift), then cos and -sin of each harmonic, so
-// that the coefficients of a pair are the real and imaginary part of its phasor.
+// SineBasis::columns_: with cos and -sin the coefficients of a pair are the real and imaginary part of its phasor.
 Eigen::MatrixXd regressors(Eigen::Index samples, double sample_time, double frequency_hz, double first_instant,
                            int harmonics, bool drift) {
     const Eigen::Index base = drift ? 2 : 1;
@@ -88,42 +85,52 @@ double SineFit::total_harmonic_distortion() const {
     return std::sqrt(sum) / std::abs(fundamental());
 }
 
-SineFit fit_sine(std::span<const double> samples, double sample_time, double frequency_hz, double first_instant,
-                 int harmonics, Drift drift) {
+SineBasis::SineBasis(std::size_t count, double sample_time, double frequency_hz, double first_instant, int harmonics,
+                     Drift drift)
+    : half_window_(0.5 * (static_cast<double>(count) - 1) * sample_time),
+      harmonics_(static_cast<std::size_t>(harmonics)),
+      drift_(drift == Drift::linear) {
     require_sampling(sample_time, frequency_hz);
     if (harmonics < 1) throw InputError("sine fit: " + std::to_string(harmonics) + " harmonics, must be at least 1");
-    const bool with_drift = drift == Drift::linear;
-    const int fitted = harmonics_below_nyquist(samples.size(), sample_time, frequency_hz, harmonics);
-    const std::size_t unknowns = 1 + (with_drift ? 1 : 0) + 2 * static_cast<std::size_t>(fitted);
-    if (samples.size() < unknowns || samples.size() < 3)
-        throw InputError("sine fit at " + to_text(frequency_hz) + " Hz: " + std::to_string(samples.size()) +
+    const int fitted = harmonics_below_nyquist(count, sample_time, frequency_hz, harmonics);
+    const std::size_t unknowns = 1 + (drift_ ? 1 : 0) + 2 * static_cast<std::size_t>(fitted);
+    if (count < unknowns || count < 3)
+        throw InputError("sine fit at " + to_text(frequency_hz) + " Hz: " + std::to_string(count) +
                          " samples, must be at least " + std::to_string(std::max<std::size_t>(unknowns, 3)));
     if (fitted == 0)
         throw InputError("sine fit: frequency = " + to_text(frequency_hz) + " Hz, must be below " +
-                         to_text((0.5 - 1 / static_cast<double>(samples.size())) / sample_time) +
+                         to_text((0.5 - 1 / static_cast<double>(count)) / sample_time) +
                          " Hz with this sample time and window");
 
-    const Eigen::Map<const Eigen::VectorXd> measured(samples.data(), static_cast<Eigen::Index>(samples.size()));
-    const Eigen::MatrixXd columns =
-        regressors(measured.size(), sample_time, frequency_hz, first_instant, fitted, with_drift);
-    Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(columns.cols(), columns.cols());
-    gram.selfadjointView<Eigen::Lower>().rankUpdate(columns.transpose());
-    const Eigen::LLT<Eigen::MatrixXd> factor(gram);
-    if (factor.info() != Eigen::Success || factor.rcond() < 1e-10)
+    columns_ = regressors(static_cast<Eigen::Index>(count), sample_time, frequency_hz, first_instant, fitted, drift_);
+    Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(columns_.cols(), columns_.cols());
+    gram.selfadjointView<Eigen::Lower>().rankUpdate(columns_.transpose());
+    factor_.compute(gram);
+    if (factor_.info() != Eigen::Success || factor_.rcond() < 1e-10)
         throw InputError("sine fit at " + to_text(frequency_hz) + " Hz: the window covers " +
-                         to_text(static_cast<double>(samples.size()) * sample_time * frequency_hz) +
+                         to_text(static_cast<double>(count) * sample_time * frequency_hz) +
                          " periods, too few for the number of unknowns; one period or more is enough");
-    const Eigen::VectorXd found = factor.solve(columns.transpose() * measured);
+}
+
+SineFit SineBasis::fit(std::span<const double> samples) const {
+    assert(samples.size() == static_cast<std::size_t>(columns_.rows()));
+    const Eigen::Map<const Eigen::VectorXd> measured(samples.data(), columns_.rows());
+    const Eigen::VectorXd found = factor_.solve(columns_.transpose() * measured);
 
     SineFit fit;
     fit.offset = found[0];
-    if (with_drift) fit.drift = found[1] / (0.5 * static_cast<double>(samples.size() - 1) * sample_time);
-    fit.harmonics.resize(static_cast<std::size_t>(harmonics));
-    const Eigen::Index base = with_drift ? 2 : 1;
-    for (int n = 0; n < fitted; ++n)
+    if (drift_) fit.drift = found[1] / half_window_;
+    fit.harmonics.resize(harmonics_);
+    const Eigen::Index base = drift_ ? 2 : 1;
+    for (Eigen::Index n = 0; base + 2 * n < found.size(); ++n)
         fit.harmonics[static_cast<std::size_t>(n)] = {found[base + 2 * n], found[base + 2 * n + 1]};
-    fit.residual_rms = (measured - columns * found).norm() / std::sqrt(static_cast<double>(samples.size()));
+    fit.residual_rms = (measured - columns_ * found).norm() / std::sqrt(static_cast<double>(samples.size()));
     return fit;
+}
+
+SineFit fit_sine(std::span<const double> samples, double sample_time, double frequency_hz, double first_instant,
+                 int harmonics, Drift drift) {
+    return SineBasis(samples.size(), sample_time, frequency_hz, first_instant, harmonics, drift).fit(samples);
 }
 
 Window whole_periods(std::size_t first, long periods, double sample_time, double frequency_hz) {
@@ -139,12 +146,14 @@ long periods_within(std::size_t samples, double sample_time, double frequency_hz
     return whole_periods(0, whole + 1, sample_time, frequency_hz).count <= samples ? whole + 1 : whole;
 }
 
-double coherence(std::span<const double> input, std::span<const double> output, double sample_time, double frequency_hz,
-                 int harmonics) {
-    if (input.size() != output.size())
+std::vector<double> coherence(std::span<const std::span<const double>> inputs, std::span<const double> output,
+                              double sample_time, double frequency_hz, int harmonics) {
+    for (const auto& input : inputs) {
+        if (input.size() == output.size()) continue;
         throw InputError("coherence: " + std::to_string(input.size()) + " input and " + std::to_string(output.size()) +
                          " output samples, must be the same number");
-    const long available = periods_within(input.size(), sample_time, frequency_hz);
+    }
+    const long available = periods_within(output.size(), sample_time, frequency_hz);
     // Four samples per unknown, and a resolution that reaches from the frequency to the Nyquist frequency.
     const double to_nyquist = std::max(0.5 - frequency_hz * sample_time, 1e-3);
     const double wanted_samples = std::max(4.0 * (1 + 2 * harmonics), 1 / to_nyquist + 1);
@@ -154,23 +163,36 @@ double coherence(std::span<const double> input, std::span<const double> output, 
         throw InputError("coherence at " + to_text(frequency_hz) + " Hz: the record holds " +
                          std::to_string(available) + " periods, must be at least " + std::to_string(2 * per_window));
 
-    std::complex<double> cross = 0;
-    double input_power = 0, output_power = 0;
+    std::vector<std::complex<double>> cross(inputs.size());
+    std::vector<double> input_power(inputs.size());
+    double output_power = 0;
     for (long p = 0; p < windows; ++p) {
         const std::size_t begin = whole_periods(0, p * per_window, sample_time, frequency_hz).count;
         const std::size_t end = whole_periods(0, (p + 1) * per_window, sample_time, frequency_hz).count;
-        const double instant = static_cast<double>(begin) * sample_time;
+        const SineBasis basis(end - begin, sample_time, frequency_hz, static_cast<double>(begin) * sample_time,
+                              harmonics);
         const auto phasor = [&](std::span<const double> signal) {
-            return fit_sine(signal.subspan(begin, end - begin), sample_time, frequency_hz, instant, harmonics)
-                .fundamental();
+            return basis.fit(signal.subspan(begin, end - begin)).fundamental();
         };
-        const std::complex<double> u = phasor(input), y = phasor(output);
-        cross += y * std::conj(u);
-        input_power += std::norm(u);
+        const std::complex<double> y = phasor(output);
         output_power += std::norm(y);
+        for (std::size_t i = 0; i < inputs.size(); ++i) {
+            const std::complex<double> u = phasor(inputs[i]);
+            cross[i] += y * std::conj(u);
+            input_power[i] += std::norm(u);
+        }
     }
-    const double power = input_power * output_power;
-    return power == 0 ? 0.0 : std::min(std::norm(cross) / power, 1.0);
+    std::vector<double> result;
+    for (std::size_t i = 0; i < inputs.size(); ++i) {
+        const double power = input_power[i] * output_power;
+        result.push_back(power == 0 ? 0.0 : std::min(std::norm(cross[i]) / power, 1.0));
+    }
+    return result;
+}
+
+double coherence(std::span<const double> input, std::span<const double> output, double sample_time, double frequency_hz,
+                 int harmonics) {
+    return coherence({&input, 1}, output, sample_time, frequency_hz, harmonics).front();
 }
 
 bool settled(std::complex<double> previous, std::complex<double> latest, double tolerance) {

@@ -1,4 +1,6 @@
 #pragma once
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
 #include <complex>
 #include <cstddef>
 #include <span>
@@ -44,6 +46,26 @@ enum class Drift { none, linear };
 SineFit fit_sine(std::span<const double> samples, double sample_time, double frequency_hz, double first_instant,
                  int harmonics = 1, Drift drift = Drift::none);
 
+// The same for several signals of one window: what does not depend on their samples is made once. The fits are those of
+// fit_sine, to the last bit.
+class SineBasis {
+  public:
+    // As fit_sine with a signal of `count` samples, and with the same exceptions.
+    SineBasis(std::size_t count, double sample_time, double frequency_hz, double first_instant, int harmonics = 1,
+              Drift drift = Drift::none);
+
+    // `count` samples.
+    SineFit fit(std::span<const double> samples) const;
+
+  private:
+    double half_window_; // from the middle to the first and last sample [s]
+    std::size_t harmonics_;
+    bool drift_;
+    Eigen::MatrixXd
+        columns_; // (samples x unknowns): 1, time scaled to -1 .. 1 (with drift), cos and -sin of each harmonic
+    Eigen::LLT<Eigen::MatrixXd> factor_; // of the Gram matrix
+};
+
 struct Window {
     std::size_t first = 0; // index of the first sample
     std::size_t count = 0; // samples
@@ -63,6 +85,10 @@ long periods_within(std::size_t samples, double sample_time, double frequency_hz
 // Throws InputError where the lengths differ or the record holds fewer than two such sub-windows.
 double coherence(std::span<const double> input, std::span<const double> output, double sample_time, double frequency_hz,
                  int harmonics = 1);
+
+// The same from several inputs to one output.
+std::vector<double> coherence(std::span<const std::span<const double>> inputs, std::span<const double> output,
+                              double sample_time, double frequency_hz, int harmonics = 1);
 
 // True where two phasors of consecutive windows differ by at most `tolerance` times the latest one.
 bool settled(std::complex<double> previous, std::complex<double> latest, double tolerance);

@@ -1,11 +1,13 @@
 #include "analysis/spectrum.hpp"
 #include "base/error.hpp"
 
+#include <bit>
 #include <cmath>
 #include <complex>
 #include <fmt/format.h>
 #include <numbers>
 #include <numeric>
+#include <unsupported/Eigen/FFT>
 
 namespace tribode {
 
@@ -31,6 +33,27 @@ std::vector<double> amplitude_spectrum(const std::vector<double>& x, double samp
         amplitude.push_back(2 * std::abs(sum) / weights);
     }
     return amplitude;
+}
+
+std::optional<double> strongest_line(const std::vector<double>& x, double sample_time, double lowest_hz,
+                                     double highest_hz) {
+    // Zeros make the grid finer, and the length a power of two, whose transform is the quickest.
+    std::vector<double> padded(std::bit_ceil(3 * x.size()));
+    const double mean = std::accumulate(x.begin(), x.end(), 0.0) / static_cast<double>(x.size());
+    for (std::size_t k = 0; k < x.size(); ++k) padded[k] = x[k] - mean;
+    std::vector<std::complex<double>> lines;
+    Eigen::FFT<double>().fwd(lines, padded);
+
+    const double step = 1 / (static_cast<double>(padded.size()) * sample_time);
+    std::optional<double> strongest;
+    double power = 0;
+    for (std::size_t i = 0; i <= padded.size() / 2; ++i) {
+        const double frequency = static_cast<double>(i) * step;
+        if (frequency < lowest_hz || frequency > highest_hz || std::norm(lines[i]) <= power) continue;
+        power = std::norm(lines[i]);
+        strongest = frequency;
+    }
+    return strongest;
 }
 
 } // namespace tribode

@@ -1,5 +1,6 @@
 #pragma once
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 namespace tribode {
@@ -13,5 +14,10 @@ namespace tribode {
 // than 4 samples.
 std::vector<double> amplitude_spectrum(const std::vector<double>& x, double sample_time,
                                        const std::vector<double>& frequency_hz);
+
+// Frequency of the largest line of x without its mean in [lowest_hz, highest_hz], on a grid of at most a third of the
+// resolution 1/(n Ts); nothing where the grid has no line there. Work: n ln n.
+std::optional<double> strongest_line(const std::vector<double>& x, double sample_time, double lowest_hz,
+                                     double highest_hz);
 
 } // namespace tribode

@@ -15,16 +15,17 @@ namespace tribode {
 // reference: elements are relaxed there, f[0] = 0.
 class SampledFriction {
   public:
-    SampledFriction(std::vector<MaxwellSlipElement> elements, double viscous, double sample_time);
+    SampledFriction(const std::vector<MaxwellSlipElement>& elements, double viscous, double sample_time);
 
     double step(double position);
     void reset();
 
   private:
-    std::vector<MaxwellSlipElement> elements_;
-    double viscous_;     // D_v [N s/m]
-    double sample_time_; // [s]
-    std::vector<double> z_;
+    std::vector<double> stiffness_, damping_, limit_; // K_i [N/m], D_i [N s/m], X_i [m]
+    std::vector<std::size_t> damped_;                 // elements with D_i
+    double viscous_;                                  // D_v [N s/m]
+    double sample_time_;                              // [s]
+    std::vector<double> z_;                           // [m]
     std::optional<double> previous_;
 };
 

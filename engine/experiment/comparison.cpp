@@ -1,5 +1,6 @@
 #include "experiment/comparison.hpp"
 #include "analysis/sine_fit.hpp"
+#include "analysis/spectrum.hpp"
 #include "base/error.hpp"
 #include "base/text.hpp"
 #include "record/csv.hpp"
@@ -108,18 +109,13 @@ std::optional<double> strongest_frequency(const DriveRecord& record, double ts) 
                                                                    : record.reference;
     if (!varies(input) || input.size() < 50) return std::nullopt;
     const double length = static_cast<double>(input.size()) * ts;
+    // From two periods in the record on: a single step looks much like one period of a square wave. The spectrum says
+    // where to look, and the least rest of a sine where it is: leakage moves a line of few periods.
+    const auto line = strongest_line(input, ts, 2 / length, 0.2 / ts);
+    if (!line) return std::nullopt;
     const auto rest = [&](double f) { return fit_sine(input, ts, f, 0).residual_rms; };
-    // Frequencies a third of the resolution apart, from two periods in the record on, three thousand at most, then
-    // closing in on the least rest. A single step looks much like one period of a square wave.
-    const double step = 1 / (3 * length);
-    double best = 0, least = std::numeric_limits<double>::infinity();
-    for (int i = 6; i < 3000 && i * step < 0.2 / ts; ++i) {
-        if (const double r = rest(i * step); r < least) {
-            least = r;
-            best = i * step;
-        }
-    }
-    double low = best - step, high = best + step;
+    const double reach = 1 / (3 * length);
+    double low = *line - reach, high = *line + reach;
     for (int round = 0; round < 60; ++round) {
         const double a = low + 0.382 * (high - low), b = low + 0.618 * (high - low);
         (rest(a) < rest(b) ? high : low) = rest(a) < rest(b) ? b : a;
@@ -159,11 +155,9 @@ Eigen::MatrixXd step_matrix(const ServoPlant& plant, Method method, double h, do
     plant.linear_part({linear.data(), static_cast<std::size_t>(n * n)});
     // A force at the driven point enters as the thrust does: x'' gains of driven point and modes.
     Eigen::VectorXd force = Eigen::VectorXd::Zero(n);
-    force[1] = plant.parameters().rigid_gain;
+    force[1] = plant.driven_gain();
     for (std::size_t j = 0; j < plant.parameters().modes.size(); ++j) {
-        const double gain = plant.parameters().modes[j].gain;
-        force[static_cast<Eigen::Index>(2 * j + 3)] = gain;
-        force[1] += gain;
+        force[static_cast<Eigen::Index>(2 * j + 3)] = plant.parameters().modes[j].gain;
     }
     Eigen::MatrixXd all = linear;
     all.col(0) -= stiffness * force;
@@ -241,7 +235,8 @@ Comparison compare(const MachineModel& machine, const DriveRecord& record, const
         .method = reason ? Method::erk : Method::exact, .relative_tolerance = 1e-12, .absolute_tolerance = 1e-15};
     result.exact.name = reason ? "erk 1e-12" : "exact";
     result.reference = reason ? fmt::format("erk at 1e-12, because {}", *reason) : "exact";
-    for (const auto& element : machine.elements) result.friction_stiffness += element.stiffness;
+    const ServoPlant::Parameters plant = machine.axis().plant;
+    for (const auto& element : plant.rolling.elements()) result.friction_stiffness += element.stiffness;
     result.excitation_hz = strongest_frequency(record, ts);
 
     EventLog exact_events, events;

@@ -39,10 +39,11 @@ class LoopSignals final : public Observer {
         delayed_thrust.push_back(delayed);
         input[0].push_back(values.thrust);
         input[1].push_back(values.thrust - friction);
+        before_feedback.push_back(values.thrust - values.friction_fed_back);
         input[2].push_back(delayed - friction);
     }
 
-    std::vector<double> position, friction_estimate, delayed_thrust;
+    std::vector<double> position, friction_estimate, delayed_thrust, before_feedback;
     std::array<std::vector<double>, analysis_count> input; // of each analysis [N]
 
   private:
@@ -52,10 +53,12 @@ class LoopSignals final : public Observer {
 
 // A: what the actuator makes of a phasor of u, with hold, dead time and thrust lag.
 std::complex<double> actuator_response(const MachineModel& machine, double frequency) {
+    const ServoAxis axis = machine.axis(); // as it is, with its effects
     const double half_turn = pi * frequency * machine.sample_time;
-    const double late = half_turn + 2 * pi * frequency * machine.input_delay;
+    const double late = half_turn + 2 * pi * frequency * axis.input_delay;
     std::complex<double> response = std::polar(std::sin(half_turn) / half_turn, -late);
-    if (machine.current_loop_hz > 0) response /= std::complex(1.0, frequency / machine.current_loop_hz);
+    const double corner = axis.plant.current_loop_hz;
+    if (corner > 0) response /= std::complex(1.0, frequency / corner);
     return response;
 }
 
@@ -77,9 +80,11 @@ class SinglePoint {
           options_(options),
           frequency_(frequency),
           ts_(machine.sample_time),
-          system_(machine, ClosedLoop{[this](long k) {
-                      return LoopInput{0.0, excitation(k)};
-                  }},
+          system_(machine,
+                  ClosedLoop{[this](long k) {
+                                 return LoopInput{0.0, excitation(k)};
+                             },
+                             options.friction_feedback},
                   seed),
           simulator_(system_, options.solver, control),
           signals_(machine, options) {
@@ -99,8 +104,12 @@ class SinglePoint {
             if (!outcome.ok()) return outcome;
             const std::size_t end = signals_.position.size();
             const Window window = whole_periods(0, periods, ts_, frequency_);
-            const std::array latest = {phasor(signals_.input[0], {end - window.count, window.count}),
-                                       phasor(signals_.position, {end - window.count, window.count})};
+            const std::size_t first = end - window.count;
+            const SineBasis basis(window.count, ts_, frequency_, static_cast<double>(first) * ts_);
+            const auto phasor = [&](const std::vector<double>& signal) {
+                return basis.fit(std::span(signal).subspan(first, window.count)).fundamental();
+            };
+            const std::array latest = {phasor(signals_.input[0]), phasor(signals_.position)};
             settled_ = previous && tribode::settled((*previous)[0], latest[0], options_.settle_tolerance) &&
                        tribode::settled((*previous)[1], latest[1], options_.settle_tolerance);
             if (settled_ || t > options_.settle_time_limit) return outcome;
@@ -117,13 +126,22 @@ class SinglePoint {
     SweepPoint point() const {
         SweepPoint point;
         point.frequency_hz = frequency_;
-        const SineFit y = fit(signals_.position);
-        const SineFit u = fit(signals_.input[0]);
+        const SineBasis basis(window_.count, ts_, frequency_, static_cast<double>(window_.first) * ts_,
+                              options_.harmonics);
+        const SineFit y = basis.fit(cut(signals_.position)), u = basis.fit(cut(signals_.input[0]));
+        std::array<std::span<const double>, analysis_count> inputs;
         for (std::size_t a = 0; a < analysis_count; ++a) {
-            point.response[a] = y.fundamental() / fit(signals_.input[a]).fundamental();
-            point.coherence[a] = coherence(cut(signals_.input[a]), cut(signals_.position), ts_, frequency_);
+            inputs[a] = cut(signals_.input[a]);
+            point.response[a] = y.fundamental() / (a == 0 ? u : basis.fit(inputs[a])).fundamental();
         }
+        const std::vector<double> coherences = coherence(inputs, cut(signals_.position), ts_, frequency_);
+        std::ranges::copy(coherences, point.coherence.begin());
         if (options_.improved) point.improved = improved_response(machine_, frequency_, u.fundamental(), y.harmonics);
+        if (options_.friction_feedback > 0) {
+            point.add_on = y.fundamental() / basis.fit(cut(signals_.before_feedback)).fundamental();
+        }
+        // The phasor of A sin is -jA.
+        point.loop_gain = std::complex(0.0, -options_.amplitude) / u.fundamental() - 1.0;
         point.thrust = u.fundamental();
         point.position = y.fundamental();
         point.thrust_distortion = u.total_harmonic_distortion();
@@ -144,14 +162,6 @@ class SinglePoint {
 
     std::span<const double> cut(const std::vector<double>& signal) const {
         return std::span(signal).subspan(window_.first, window_.count);
-    }
-    std::complex<double> phasor(const std::vector<double>& signal, Window window) const {
-        return fit_sine(std::span(signal).subspan(window.first, window.count), ts_, frequency_,
-                        static_cast<double>(window.first) * ts_)
-            .fundamental();
-    }
-    SineFit fit(const std::vector<double>& signal) const {
-        return fit_sine(cut(signal), ts_, frequency_, static_cast<double>(window_.first) * ts_, options_.harmonics);
     }
 
     const MachineModel& machine_;
@@ -218,6 +228,7 @@ void SweepOptions::read(FieldReader& fields) {
     delay = fields.number("delay_s", "s", Allowed::non_negative, delay);
     delay_order = static_cast<int>(fields.integer("delay_order", 1, 10, delay_order));
     improved = fields.boolean("improved", improved);
+    friction_feedback = fields.number("friction_feedback", "", Allowed::non_negative, friction_feedback);
     seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, static_cast<long>(seed)));
     solver.read(fields);
 }
@@ -278,10 +289,12 @@ SweepSignals run_single_frequency(const MachineModel& machine, const SweepOption
         ServoRecorder recorder;
     };
     const double ts = machine.sample_time;
-    const ServoSystem system(machine, ClosedLoop{[&](long k) {
-                                 const double t = static_cast<double>(k) * ts;
-                                 return LoopInput{0.0, one.amplitude * std::sin(2 * pi * frequency * t)};
-                             }},
+    const ServoSystem system(machine,
+                             ClosedLoop{[&](long k) {
+                                            const double t = static_cast<double>(k) * ts;
+                                            return LoopInput{0.0, one.amplitude * std::sin(2 * pi * frequency * t)};
+                                        },
+                                        one.friction_feedback},
                              options.seed);
     Simulator simulator(system, options.solver, control);
     Both seen(machine, one, system);
@@ -302,9 +315,10 @@ SweepSignals run_single_frequency(const MachineModel& machine, const SweepOption
 }
 
 ModalModel modal_model_of(const MachineModel& machine) {
+    const ServoPlant::Parameters plant = machine.axis().plant; // as it is, with its effects
     ModalModel model;
-    model.rigid_gain = machine.rigid_gain;
-    for (const auto& mode : machine.modes) model.modes.push_back({mode.gain, mode.freq_hz, mode.zeta});
+    model.rigid_gain = plant.rigid_gain;
+    for (const auto& mode : plant.modes) model.modes.push_back({mode.gain, mode.freq_hz, mode.zeta});
     return model;
 }
 
@@ -324,6 +338,26 @@ FrequencyResponse SweepResult::improved() const {
         if (!point.improved) continue;
         response.frequency_hz.push_back(point.frequency_hz);
         response.value.push_back(*point.improved);
+    }
+    return response;
+}
+
+FrequencyResponse SweepResult::add_on() const {
+    FrequencyResponse response;
+    for (const auto& point : points) {
+        if (!point.add_on) continue;
+        response.frequency_hz.push_back(point.frequency_hz);
+        response.value.push_back(*point.add_on);
+    }
+    return response;
+}
+
+FrequencyResponse SweepResult::loop_gain() const {
+    FrequencyResponse response;
+    for (const auto& point : points) {
+        if (!point.outcome.ok()) continue;
+        response.frequency_hz.push_back(point.frequency_hz);
+        response.value.push_back(point.loop_gain);
     }
     return response;
 }
@@ -369,6 +403,12 @@ Table SweepResult::table() const {
         column("improved_real_m_per_N", "m/N", [](const SweepPoint& p) { return p.improved->real(); });
         column("improved_imag_m_per_N", "m/N", [](const SweepPoint& p) { return p.improved->imag(); });
     }
+    if (std::ranges::any_of(points, [](const SweepPoint& p) { return p.add_on.has_value(); })) {
+        column("add_on_real_m_per_N", "m/N", [](const SweepPoint& p) { return p.add_on->real(); });
+        column("add_on_imag_m_per_N", "m/N", [](const SweepPoint& p) { return p.add_on->imag(); });
+    }
+    column("loop_gain_real", "", [](const SweepPoint& p) { return p.loop_gain.real(); });
+    column("loop_gain_imag", "", [](const SweepPoint& p) { return p.loop_gain.imag(); });
     column("u_amplitude_N", "N", [](const SweepPoint& p) { return std::abs(p.thrust); });
     column("y_amplitude_m", "m", [](const SweepPoint& p) { return std::abs(p.position); });
     column("u_distortion", "", [](const SweepPoint& p) { return p.thrust_distortion; });

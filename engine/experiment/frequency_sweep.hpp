@@ -33,6 +33,10 @@ namespace tribode {
 //
 // with hold, delays and thrust lag as the machine describes them, instead of C, and the friction between the samples.
 // The images of the hold that fold onto f are left: (f Ts/(1 - f Ts))^3 of the response of a mass, and less by the lag.
+//
+// Where friction is really fed back (friction_feedback p > 0; docs/friction-compensation.md), "Add-on" is FRA-2 as the
+// paper's Fig. 6 has it, from the thrust before the feedback is added: y / (u - p fh). At p = 1 it is the same as
+// "FRA-2" of this sweep.
 constexpr std::size_t analysis_count = 3;
 inline const std::array<std::string, analysis_count> analysis_names = {"FRA-1", "FRA-2", "Proposed"};
 
@@ -51,13 +55,14 @@ struct SweepOptions {
     double delay = 1.38e-3;         // L of the delay model C [s]
     int delay_order = 4;            // of its Pade approximant, eq. (19)
     bool improved = false;          // make the analysis "Improved" too
+    double friction_feedback = 0;   // p: share of the modelled friction that is added to u (ClosedLoop)
     // An encoder step is 1e-7 m; tighter tolerances do not show in the responses (docs/decisions/0005).
     SolverOptions solver{.relative_tolerance = 1e-6, .absolute_tolerance = 1e-10};
     std::uint64_t seed = 0; // of the noise; every frequency has noise of its own
 
     // Fields frequency_hz (list), amplitude_N, settle_periods, settle_time_s, settle_tolerance, settle_time_limit_s,
-    // measure_periods, measure_time_s, harmonics, delay_s, delay_order, improved, seed and those of SolverOptions; absent ones
-    // stay as they are.
+    // measure_periods, measure_time_s, harmonics, delay_s, delay_order, improved, friction_feedback, seed and those of
+    // SolverOptions; absent ones stay as they are.
     void read(FieldReader& fields);
 };
 
@@ -67,6 +72,8 @@ struct SweepPoint {
     std::array<std::complex<double>, analysis_count> response{}; // y over each input [m/N]
     std::array<double, analysis_count> coherence{};
     std::optional<std::complex<double>> improved; // where it was asked for [m/N]
+    std::optional<std::complex<double>> add_on;   // where friction is fed back [m/N]
+    std::complex<double> loop_gain;               // L = A/U - 1: what comes back as -L of the thrust sent out
     std::complex<double> thrust;                  // phasor of u [N]: what the loop made of the excitation
     std::complex<double> position;                // phasor of y [m]
     double thrust_distortion = 0;                 // total harmonic distortion of u
@@ -83,7 +90,11 @@ struct SweepResult {
 
     FrequencyResponse response(std::size_t analysis) const; // of the points that ended well
     FrequencyResponse improved() const;                     // empty where it was not asked for
-    Table table() const;                                    // one row per point; units in the names
+    FrequencyResponse add_on() const;                       // empty where no friction is fed back
+    // Loop gain L of the closed loop, opened at u, at the amplitude each frequency had: with A the phasor of the
+    // excitation and U that of u, U = A/(1 + L).
+    FrequencyResponse loop_gain() const;
+    Table table() const; // one row per point; units in the names
     RunStatistics statistics() const;
     std::vector<std::string> warnings() const; // points that failed or did not settle
 };

@@ -5,12 +5,12 @@
 #include "control/discrete_transfer_function.hpp"
 #include "control/sampled_friction.hpp"
 #include "experiment/frequency_sweep.hpp"
+#include "experiment/friction_margins.hpp"
 #include "solver/simulator.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
-#include <numbers>
 
 namespace tribode {
 
@@ -147,17 +147,13 @@ PositioningResult run_positioning(const MachineModel& machine, const Feedforward
 }
 
 StabilityMargins positioning_margins(const MachineModel& machine) {
-    const PidSettings& pid = pid_of(machine);
-    const double ts = machine.sample_time;
-    const double a = pid.derivative_filter_hz ? std::exp(-2 * std::numbers::pi * *pid.derivative_filter_hz * ts) : 0.0;
     const ModalModel plant = modal_model_of(machine);
-    const LoopDelays delays{ts, machine.input_delay + machine.output_delay, machine.current_loop_hz};
+    const PidSettings& pid = pid_of(machine);
+    const LoopDelays delays = loop_delays_of(machine);
     const auto loop_gain = [&](double f) {
-        const auto d = std::polar(1.0, -2 * std::numbers::pi * f * ts); // z^-1
-        const auto controller = pid.kp + pid.ki * ts / (1.0 - d) + pid.kd * (1 - a) / ts * (1.0 - d) / (1.0 - a * d);
-        return controller * sampled_response(plant, delays, f);
+        return pid_response(pid, delays.sample_time, f) * sampled_response(plant, delays, f);
     };
-    return stability_margins(loop_gain, 0.5, 0.5 / ts);
+    return stability_margins(loop_gain, 0.5, 0.5 / delays.sample_time);
 }
 
 } // namespace tribode

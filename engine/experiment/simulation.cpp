@@ -36,15 +36,16 @@ ServoSystem::Start fitted_start(const DriveRecord& record, const MachineModel& m
     return moves ? ServoSystem::Start{fit[0], fit[1]} : ServoSystem::Start{y.mean(), 0.0};
 }
 
-Drive drive_of(const MachineModel& machine, const DriveRecord& record) {
+Drive drive_of(const MachineModel& machine, const DriveRecord& record, double friction_feedback) {
     const auto last = record.t.size() - 1;
     const auto at = [last](const std::vector<double>& values, long k) {
         return values.empty() ? 0.0 : values[std::min(static_cast<std::size_t>(k), last)];
     };
     if (record.closed_loop()) {
         return ClosedLoop{[&record, at](long k) {
-            return LoopInput{at(record.reference, k), at(record.excitation, k)};
-        }};
+                              return LoopInput{at(record.reference, k), at(record.excitation, k)};
+                          },
+                          friction_feedback};
     }
     if (machine.input == InputKind::hold) {
         return OpenLoop{[&record, at](long k) { return std::array{at(record.u, k), 0.0, 0.0, 0.0}; }};
@@ -99,10 +100,18 @@ Method resolved(Method method, const MachineModel& machine) {
     return resolved(method, ServoSystem(machine, OpenLoop{}));
 }
 
-Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver,
-                    std::uint64_t seed, const RunControl& control) {
+ServoSystem driven_system(const MachineModel& machine, const DriveRecord& record, std::uint64_t seed,
+                          double friction_feedback) {
+    if (friction_feedback != 0 && !record.closed_loop()) {
+        throw InputError("friction_feedback belongs to a closed loop, and the input is u, an open loop; give r or exc");
+    }
     const auto start = machine.initial == InitialKind::fitted ? fitted_start(record, machine) : ServoSystem::Start{};
-    const ServoSystem system(machine, drive_of(machine, record), seed, start);
+    return ServoSystem(machine, drive_of(machine, record, friction_feedback), seed, start);
+}
+
+Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver,
+                    std::uint64_t seed, const RunControl& control, double friction_feedback) {
+    const ServoSystem system = driven_system(machine, record, seed, friction_feedback);
     Simulator simulator(system, solver, control);
     ServoRecorder recorder(system);
     simulator.observe(&recorder);

@@ -40,10 +40,15 @@ struct Simulation {
 // The method that `automatic` stands for with this machine.
 Method resolved(Method method, const MachineModel& machine);
 
+// The machine under the record, from the start that its description says; in closed loop with the share friction_feedback
+// of the modelled friction added to u (ClosedLoop). The record must outlive it.
+ServoSystem driven_system(const MachineModel& machine, const DriveRecord& record, std::uint64_t seed,
+                          double friction_feedback = 0);
+
 // Runs the machine under the record. The first sample is t = 0 of the machine; there it rests, or moves as the first
 // samples of the measured position do where its description says "fitted".
 Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver,
-                    std::uint64_t seed, const RunControl& control = {});
+                    std::uint64_t seed, const RunControl& control = {}, double friction_feedback = 0);
 
 // Columns t,r,u,y,x,v,f, as `tribode simulate` writes them.
 Table to_table(const ServoTrace& trace);

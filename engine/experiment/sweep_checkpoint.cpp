@@ -27,6 +27,8 @@ Json to_json(const SweepPoint& p) {
         json["coherence"].push_back(p.coherence[a]);
     }
     if (p.improved) json["improved"] = to_json(*p.improved);
+    if (p.add_on) json["add_on"] = to_json(*p.add_on);
+    json["loop_gain"] = to_json(p.loop_gain);
     json["thrust"] = to_json(p.thrust);
     json["position"] = to_json(p.position);
     json["distortion"] = {p.thrust_distortion, p.position_distortion};
@@ -48,6 +50,8 @@ SweepPoint point_of(const Json& json) {
         p.coherence[a] = number_of(json.at("coherence").at(a));
     }
     if (json.contains("improved")) p.improved = complex_of(json.at("improved"));
+    if (json.contains("add_on")) p.add_on = complex_of(json.at("add_on"));
+    p.loop_gain = complex_of(json.at("loop_gain"));
     p.thrust = complex_of(json.at("thrust"));
     p.position = complex_of(json.at("position"));
     p.thrust_distortion = number_of(json.at("distortion").at(0));
@@ -85,6 +89,7 @@ SweepCheckpoint::SweepCheckpoint(std::filesystem::path path, const MachineModel&
                           o.delay,
                           o.delay_order,
                           o.improved,
+                          o.friction_feedback,
                           name_of(o.solver.method),
                           o.solver.relative_tolerance,
                           o.solver.absolute_tolerance,

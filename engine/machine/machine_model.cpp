@@ -114,15 +114,33 @@ MachineModel MachineModel::from_description(const Json& description, const std::
     m.initial =
         fields.choice("initial", {"rest", "fitted"}, "rest") == "rest" ? InitialKind::rest : InitialKind::fitted;
     m.tolerance = read_tolerance(fields);
-    if (const Json& effects = fields.value("effects"); !effects.empty()) {
-        fields.fail("effects", "must be empty: this version knows no effects to add to a machine");
-    }
+    fields.each("effects", [&](FieldReader& effect) { m.effects.push_back(Effect::read(effect)); });
     fields.finish();
+    try {
+        m.axis();
+    } catch (const InputError& error) {
+        throw InputError(fmt::format("{}: effects: {}", where, error.what()));
+    }
     return m;
 }
 
-ServoPlant::Parameters MachineModel::plant_parameters() const {
-    return {rigid_gain, modes, RollingFriction(elements), dry, viscous, current_loop_hz};
+MachineModel MachineModel::with_effects(std::vector<Effect> others) const {
+    MachineModel m = *this;
+    m.effects = std::move(others);
+    m.description["effects"] = Json::array();
+    for (const auto& effect : m.effects) m.description["effects"].push_back(effect.to_json());
+    m.axis(); // may refuse
+    return m;
+}
+
+ServoAxis MachineModel::axis() const {
+    ServoAxis axis;
+    axis.plant = {rigid_gain, modes, RollingFriction(elements), dry, viscous, current_loop_hz};
+    axis.input_delay = input_delay;
+    axis.encoder_resolution = encoder_resolution;
+    for (const auto& effect : effects) effect.apply(axis);
+    if (!effects.empty()) axis.require_possible();
+    return axis;
 }
 
 // The fields in order of their names, notes left out, numbers as doubles: however a machine was written, it is the same.

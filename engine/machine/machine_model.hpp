@@ -1,5 +1,6 @@
 #pragma once
 #include "base/json.hpp"
+#include "effect/effect.hpp"
 #include "friction/dry_friction.hpp"
 #include "friction/rolling_friction.hpp"
 #include "plant/servo_plant.hpp"
@@ -51,12 +52,18 @@ struct MachineModel {
     InputKind input = InputKind::hold;
     InitialKind initial = InitialKind::rest;
     std::map<std::string, double> tolerance; // relative standard deviations of what is not sure
+    std::vector<Effect> effects;             // applied in this order
     Json description;                        // the fields as read, notes included
 
     // Throws InputError with the field, what was found and what is allowed. `where`: the file it came from.
     static MachineModel from_description(const Json& description, const std::string& where);
 
-    ServoPlant::Parameters plant_parameters() const;
+    // The same machine with these effects instead of its own; its description and hash say so. Throws InputError where
+    // an effect does not fit the machine.
+    MachineModel with_effects(std::vector<Effect> others) const;
+
+    // The axis of the fields with the effects applied: what ServoSystem is made of.
+    ServoAxis axis() const;
     bool has_controller() const { return !std::holds_alternative<std::monostate>(controller); }
 
     // SHA-256 of the fields: the same for the same machine, however it was written.

@@ -1,6 +1,7 @@
 #include "machine/servo_system.hpp"
 #include "base/error.hpp"
 #include "base/random.hpp"
+#include "base/text.hpp"
 #include "control/quantizer.hpp"
 
 #include <cmath>
@@ -30,34 +31,37 @@ SplitDelay split(double delay, double period) {
 } // namespace
 
 ServoSystem::ServoSystem(const MachineModel& model, Drive drive, std::uint64_t seed, Start start)
-    : plant_(model.plant_parameters()),
-      settings_(model.controller),
+    : ServoSystem(model, model.axis(), std::move(drive), seed, start) {}
+
+ServoSystem::ServoSystem(const MachineModel& model, ServoAxis axis, Drive drive, std::uint64_t seed, Start start)
+    : plant_(std::move(axis.plant)),
+      amplifier_(axis.amplifier),
+      encoder_errors_(std::move(axis.encoder_errors)),
+      controller_(model),
       drive_(std::move(drive)),
       seed_(seed),
       start_(start),
       sample_time_(model.sample_time),
       output_delay_(model.output_delay),
-      encoder_resolution_(model.encoder_resolution),
+      encoder_resolution_(axis.encoder_resolution),
       noise_rms_(model.noise_rms),
       process_noise_rms_(model.process_noise_rms) {
     if (std::holds_alternative<ClosedLoop>(drive_) && !model.has_controller()) {
         throw InputError("the machine has no controller, so it cannot run in closed loop; give it one or drive it "
                          "with u in open loop");
     }
-    if (const auto* pid = std::get_if<PidSettings>(&settings_)) {
-        pid_ = {pid->kp, pid->ki, pid->kd, pid->derivative_filter_hz.value_or(0), sample_time_};
-    } else if (const auto* cascade = std::get_if<CascadeSettings>(&settings_)) {
-        cascade_.kp = cascade->kp;
-        cascade_.kv = cascade->kv;
-        if (cascade->limit) cascade_.limit = *cascade->limit;
-        cascade_.delay_samples = static_cast<std::size_t>(cascade->delay_samples);
-        cascade_.sample_time = sample_time_;
+    if (const auto* loop = std::get_if<ClosedLoop>(&drive_)) {
+        const double share = loop->friction_feedback;
+        if (!(share >= 0) || !std::isfinite(share)) {
+            throw InputError("friction_feedback = " + to_text(share) + ", must be finite and not negative");
+        }
+        if (share > 0) friction_model_.emplace(model.elements, model.viscous, sample_time_);
     }
     // Encoder instant k Ts - d = (k - lead) Ts + offset with 0 <= offset < Ts.
     const auto [encoder_whole, encoder_rest] = split(output_delay_, sample_time_);
     encoder_lead_ = encoder_whole + (encoder_rest > 0 ? 1 : 0);
     const double encoder_offset = encoder_rest > 0 ? sample_time_ - encoder_rest : 0.0;
-    const auto [hold_whole, hold_rest] = split(model.input_delay, sample_time_);
+    const auto [hold_whole, hold_rest] = split(axis.input_delay, sample_time_);
     hold_lag_ = hold_whole;
     clocks_ = {{"encoder", sample_time_, encoder_offset},
                {"controller", sample_time_, 0.0},
@@ -76,11 +80,17 @@ SystemState ServoSystem::initial_state() const {
         values->encoder_ring[static_cast<std::size_t>(k)] = detect(start_.position + start_.velocity * t, k);
     }
     values->hold_ring.resize(static_cast<std::size_t>(hold_lag_) + 1);
+    values->friction_model = friction_model_;
     state.discrete = std::move(values);
     return state;
 }
 
 double ServoSystem::detect(double position, long k) const {
+    if (!encoder_errors_.empty()) {
+        double error = 0;
+        for (const auto& part : encoder_errors_) error += part(position);
+        position += error;
+    }
     if (noise_rms_ > 0) {
         position += noise_rms_ * standard_normal(seed_, sensor_noise, static_cast<std::uint64_t>(k));
     }
@@ -92,9 +102,9 @@ void ServoSystem::derivative(double t, std::span<const double> x, const Discrete
     plant_.derivative(t, x, static_cast<const State&>(d).plant, dxdt);
 }
 
-bool ServoSystem::jacobian(double, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const {
-    plant_.jacobian(x, static_cast<const State&>(d).plant, matrix);
-    return true;
+bool ServoSystem::jacobian(double t, std::span<const double> x, const DiscreteState& d,
+                           std::span<double> matrix) const {
+    return plant_.jacobian(t, x, static_cast<const State&>(d).plant, matrix);
 }
 
 void ServoSystem::guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const {
@@ -133,7 +143,12 @@ EventEffect ServoSystem::on_sample(ClockId clock, long k, SystemState& state) co
         return EventEffect::none;
     }
     case controller: return control(k, s);
-    default: return k < hold_lag_ ? EventEffect::none : apply_hold(k - hold_lag_, state.t, s);
+    default: {
+        if (k < hold_lag_) return EventEffect::none;
+        const EventEffect effect = apply_hold(k - hold_lag_, state.t, s);
+        if (effect == EventEffect::restart) plant_.refresh_sines(state.t, state.x);
+        return effect;
+    }
     }
 }
 
@@ -144,20 +159,28 @@ EventEffect ServoSystem::control(long k, State& s) const {
         coefficients = open->thrust(k);
         s.thrust = coefficients[0];
     } else {
-        const LoopInput input = std::get<ClosedLoop>(drive_).input(k);
+        const ClosedLoop& loop = std::get<ClosedLoop>(drive_);
+        const LoopInput input = loop.input(k);
         s.reference = input.reference;
-        s.thrust = controller_output(s) + input.excitation;
+        if (s.friction_model) s.friction_fed_back = loop.friction_feedback * s.friction_model->step(s.detected);
+        s.thrust = controller_.step(s.controller, s.reference, s.detected) + input.excitation + s.friction_fed_back;
         coefficients[0] = s.thrust;
     }
+    if (amplifier_.shapes()) coefficients = amplified(coefficients);
     s.hold_ring[static_cast<std::size_t>(k) % s.hold_ring.size()] = coefficients;
     if (process_noise_rms_ == 0) return EventEffect::none;
     s.plant.disturbance = process_noise_rms_ * standard_normal(seed_, process_noise, static_cast<std::uint64_t>(k));
     return EventEffect::restart;
 }
 
-double ServoSystem::controller_output(State& s) const {
-    if (std::holds_alternative<PidSettings>(settings_)) return pid_.step(s.pid, s.reference - s.detected);
-    return cascade_.step(s.cascade, s.reference, s.detected);
+// A hold has one value. A cubic keeps its form: values and slopes at both ends go through the amplifier's curve.
+std::array<double, 4> ServoSystem::amplified(const std::array<double, 4>& u) const {
+    if (u[1] == 0 && u[2] == 0 && u[3] == 0) return {amplifier_(u[0]), 0, 0, 0};
+    const double next = u[0] + u[1] + u[2] + u[3];
+    const double from = amplifier_.slope(u[0]) * u[1];
+    const double to = amplifier_.slope(next) * (u[1] + 2 * u[2] + 3 * u[3]);
+    const double start = amplifier_(u[0]), rise = amplifier_(next) - start;
+    return {start, from, 3 * rise - 2 * from - to, from + to - 2 * rise};
 }
 
 EventEffect ServoSystem::apply_hold(long k, double t, State& s) const {

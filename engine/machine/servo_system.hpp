@@ -1,13 +1,14 @@
 #pragma once
-#include "control/cascade_controller.hpp"
-#include "control/pid_controller.hpp"
+#include "control/sampled_friction.hpp"
 #include "hybrid/hybrid_system.hpp"
+#include "machine/machine_controller.hpp"
 #include "machine/machine_model.hpp"
 #include "plant/servo_plant.hpp"
 
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <variant>
 #include <vector>
 
@@ -20,8 +21,16 @@ struct LoopInput {
 };
 
 // Closed loop: the machine's controller makes u from r and y. `input` is called once a sample, in order.
+//
+// friction_feedback is the share of the modelled friction that the drive adds, Fig. 6 of the paper:
+//
+//     u[k] = C(z) (r[k] - y[k]) + excitation + friction_feedback fh[k]
+//
+// with fh from SampledFriction, the machine's elements and viscous friction driven by the detected position y[k]. Its
+// elements are relaxed at the first sample. Dry friction is not in it. Finite and not negative; 0: none.
 struct ClosedLoop {
     std::function<LoopInput(long k)> input;
+    double friction_feedback = 0;
 };
 
 // Open loop: u between sample k and the next as a cubic in (t - t_k)/Ts; {u[k], 0, 0, 0} is a zero-order hold [N].
@@ -48,13 +57,14 @@ class ServoSystem final : public HybridSystem {
 
     struct State final : DiscreteValues<State> {
         ServoPlant::State plant;
-        PidController::State pid;
-        CascadeController::State cascade;
-        double reference = 0;                         // r[k] [m]
-        double thrust = 0;                            // u[k] [N]
-        double detected = 0;                          // y[k] [m]
-        std::vector<double> encoder_ring;             // y[k] at k mod size
-        std::vector<std::array<double, 4>> hold_ring; // u[k] as coefficients, at k mod size
+        MachineController::State controller;
+        double reference = 0;                          // r[k] [m]
+        double thrust = 0;                             // u[k] [N]
+        double detected = 0;                           // y[k] [m]
+        std::optional<SampledFriction> friction_model; // where friction is fed back
+        double friction_fed_back = 0;                  // its part of u[k] [N]
+        std::vector<double> encoder_ring;              // y[k] at k mod size
+        std::vector<std::array<double, 4>> hold_ring;  // u[k] as coefficients, at k mod size
     };
 
     // The model is copied. seed: of sensor and process noise.
@@ -86,15 +96,18 @@ class ServoSystem final : public HybridSystem {
     std::string guard_name(GuardId guard, const SystemState& state) const override;
 
   private:
+    ServoSystem(const MachineModel& model, ServoAxis axis, Drive drive, std::uint64_t seed, Start start);
+
     double detect(double position, long k) const;
+    std::array<double, 4> amplified(const std::array<double, 4>& u) const;
     EventEffect control(long k, State& s) const;
-    double controller_output(State& s) const;
     EventEffect apply_hold(long k, double t, State& s) const;
 
     ServoPlant plant_;
-    ControllerSettings settings_;
-    PidController pid_;
-    CascadeController cascade_;
+    Amplifier amplifier_;
+    std::vector<PeriodicEncoderError> encoder_errors_;
+    MachineController controller_;
+    std::optional<SampledFriction> friction_model_; // as it starts
     Drive drive_;
     std::uint64_t seed_;
     Start start_;

@@ -2,8 +2,12 @@
 #include "friction/dry_friction.hpp"
 #include "friction/rolling_friction.hpp"
 #include "hybrid/hybrid_system.hpp"
+#include "plant/backlash.hpp"
 #include "plant/held_input.hpp"
+#include "plant/point_force.hpp"
 
+#include <array>
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -16,21 +20,29 @@ struct VibrationMode {
     double zeta;    // z_j, >= 0
 };
 
+// A sine force on the driven point: amplitude sin(2 pi freq_hz t + phase).
+struct SineForce {
+    double amplitude; // [N]
+    double freq_hz;   // > 0
+    double phase;     // [rad]
+};
+
 // The continuous part of a servo axis, eqs. (1), (11)-(17):
 //
 //     y = x0 + sum q_j,  v = y'           the driven point; friction acts there
 //     x0'' = k0 u_e,  q_j'' = k_j u_e - r_j,  r_j = 2 z_j w_j q_j' + w_j^2 q_j
-//     u_e = Fm + disturbance - f          effective thrust
+//     u_e = Fm + disturbance + F - f      effective thrust; F: added forces, see Parameters
 //     f = f_roll(y, v) + D_v v + f_dry    friction
 //     Fm' = w_c (u - Fm)                  current loop, or Fm = u
 //
 // f_dry is set-valued at v = 0: while the axis sticks it is the force that keeps v' = 0,
-//     f_dry = Fm + disturbance - f_roll - sum r_j / k,   k = k0 + sum k_j,
+//     f_dry = Fm + disturbance + F - f_roll - sum r_j / k,   k = k0 + sum k_j,
 // as long as its magnitude does not exceed the static level. With no mode, u_e = 0 there.
 //
 // The states are x = [y, v, q_1, q_1', ..., Fm]: y and v in place of the rigid body's x0 and x0', with v' = k u_e -
 // sum r_j. Limits and reversals are then falls of single states, and an axis that sticks has v = 0 exactly; as sums
-// over the bodies they would carry the rounding, and the integration error, of every mode.
+// over the bodies they would carry the rounding, and the integration error, of every mode. Before Fm there may be the
+// other body of a backlash, [y, v] each, each sine force [F, F a quarter of its period later], and the states of forces.
 class ServoPlant {
   public:
     struct Parameters {
@@ -40,12 +52,26 @@ class ServoPlant {
         DryFriction dry;
         double viscous = 0;         // D_v [N s/m]
         double current_loop_hz = 0; // w_c / 2 pi [Hz]; 0: Fm = u
+
+        // What effects add; none of it costs time where it is absent.
+        struct Direction {
+            double level = 0;   // added to the dry level [N]; neither level may fall below zero
+            double viscous = 0; // added to D_v [N s/m]
+        };
+        Direction forward = {}, backward = {}; // friction that depends on the direction of motion
+        double constant_force = 0;             // [N]
+        double spring = 0;                     // [N/m]: the force - spring y
+        std::vector<SineForce> sine_forces = {};
+        std::vector<std::shared_ptr<const PointForce>> forces = {};
+        std::vector<std::shared_ptr<const FrictionScale>> friction_scales = {};
+        std::optional<Backlash> backlash = {}; // only without modes
     };
 
     // Discrete values of the plant.
     struct State {
         RollingFriction::State rolling;
         SlipState dry = SlipState::stick;
+        ContactState contact = ContactState::open;
         HeldInput input;        // u, after its delay [N]
         double disturbance = 0; // force added to the motor's [N]
     };
@@ -65,13 +91,15 @@ class ServoPlant {
 
     const Parameters& parameters() const { return p_; }
     const std::vector<StateVariable>& states() const { return states_; }
-    std::size_t guard_count() const { return p_.dry.present() ? 5 : 3; }
+    double driven_gain() const { return total_gain_; } // k: v' by the effective thrust [m/(N s^2)]
+    std::size_t guard_count() const { return first_contact_guard() + (p_.backlash ? 2 : 0); }
 
     // Elements relaxed, dry friction in stick where v = 0. x has states().size() entries.
     State start(double position, double velocity, std::span<double> x) const;
 
     void derivative(double t, std::span<const double> x, const State& s, std::span<double> dxdt) const;
-    void jacobian(std::span<const double> x, const State& s, std::span<double> matrix) const;
+    // False where a force does not know its slopes.
+    bool jacobian(double t, std::span<const double> x, const State& s, std::span<double> matrix) const;
     void guards(double t, std::span<const double> x, const State& s, std::span<double> g) const;
     // Driven point, modes and current loop without any friction.
     void linear_part(std::span<double> matrix) const;
@@ -83,6 +111,10 @@ class ServoPlant {
     std::optional<AffinePattern> affine_pattern(const State& s) const;
     EventEffect on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const;
     std::string guard_name(GuardId guard, const State& s) const;
+
+    // Sets the states of the sine forces to what they are at t, lest errors of integration add up. Tells whether there
+    // are any.
+    bool refresh_sines(double t, std::span<double> x) const;
 
     Outputs outputs(double t, std::span<const double> x, const State& s) const;
     static double position(std::span<const double> x) { return x[0]; }
@@ -98,15 +130,27 @@ class ServoPlant {
         bool release = false;                   // the Coulomb level may let go
     };
     Watched watched(const State& s) const;
+    GuardId first_contact_guard() const { return has_dry_ ? 5 : 3; }
 
     double thrust(double t, std::span<const double> x, const State& s) const;
-    double restoring(std::span<const double> x) const;                               // sum r_j / k [N]
-    double smooth_friction(std::span<const double> x, const State& s) const;         // f - f_dry [N]
-    double holding_force(double t, std::span<const double> x, const State& s) const; // f_dry in stick [N]
+    double pushing(double thrust, std::span<const double> x, const State& s, double one) const;
+    double driving(double t, std::span<const double> x, const State& s) const; // Fm + disturbance + F [N]
+    double viscous(const State& s) const { return viscous_[static_cast<std::size_t>(sign(s.dry) + 1)]; }
+    double dry_level(double v, const State& s) const;
+    double friction_factor(double t, std::span<const double> x) const;
+    double separation(std::span<const double> x, std::size_t of) const;
+    double contact_force(std::span<const double> x, const State& s, double one) const;
+    void contact_guards(std::span<const double> x, const State& s, double one, std::span<double> g) const;
+    void contact_crossing(bool first, State& s) const;
+    void added_rates(double thrust, std::span<const double> x, const State& s, double one,
+                     std::span<double> dxdt) const;
+    void linear_derivative(double input, std::span<const double> x, const State& s, std::span<double> dxdt) const;
+    double restoring(std::span<const double> x) const;                                 // sum r_j / k [N]
+    double smooth_friction(double t, std::span<const double> x, const State& s) const; // f - f_dry [N]
+    double holding_force(double t, std::span<const double> x, const State& s) const;   // f_dry in stick [N]
     double linear_friction(std::span<const double> x, const State& s) const;
     void motion(std::span<const double> x, double effective, std::span<double> dxdt) const;
-    // The axis is let go a little above the static level, so that rounding does not stop it again at once [N].
-    double release_level() const { return p_.dry.static_level * (1 + 1e-12); }
+    double release_level(double towards, double t, std::span<const double> x) const;
     void stop(std::span<double> x) const;
     SlipState direction(const State& s) const;
 
@@ -115,6 +159,14 @@ class ServoPlant {
     std::vector<double> gain_, damping_, stiffness_; // per mode: k_j, 2 z_j w_j, w_j^2
     double total_gain_;                              // k [m/(N s^2)]
     double corner_ = 0;                              // w_c [rad/s]
+    bool has_dry_ = false;                           // whether the direction of motion is a slip state
+    bool scaled_ = false;                            // whether friction is scaled
+    bool added_ = false;              // whether there are forces besides motor and friction, or a second body
+    std::array<double, 3> viscous_{}; // D_v backward, in stick, forward [N s/m]
+    std::size_t first_sine_ = 0, first_own_ = 0;         // states
+    std::vector<std::size_t> own_count_;                 // states of each force
+    double other_gain_ = 0;                              // of the body that is not the driven point [1/kg]
+    double contact_stiffness_ = 0, contact_damping_ = 0; // [N/m], [N s/m]
 };
 
 } // namespace tribode

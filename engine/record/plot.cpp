@@ -42,8 +42,11 @@ bool shown(const Panel& panel, double x, double y) {
     return std::isfinite(x) && std::isfinite(y) && (!panel.x_log || x > 0) && (!panel.y_log || y > 0);
 }
 
-// The range of an axis: as asked for, else all points with a margin. Never empty, so gnuplot always has axes to draw.
-Range range_of(const Panel& panel, bool of_x) {
+} // namespace
+
+const std::string& name_of(SeriesStyle style) { return style_names[static_cast<std::size_t>(style)]; }
+
+Range shown_range(const Panel& panel, bool of_x) {
     if (const auto& asked = of_x ? panel.x_range : panel.y_range) return *asked;
     double low = INFINITY, high = -INFINITY;
     for (const auto& series : panel.series) {
@@ -70,6 +73,21 @@ Range range_of(const Panel& panel, bool of_x) {
     const double margin = of_x && high > low && ascending ? 0 : (of_x ? 0.03 : 0.06) * span;
     return {low - margin, high + margin};
 }
+
+std::vector<std::string> shown_colors(const Panel& panel) {
+    std::vector<std::string> colors;
+    std::size_t next = 0;
+    for (const auto& series : panel.series) {
+        colors.push_back(series.color.empty() ? palette[next++ % palette.size()] : series.color);
+    }
+    return colors;
+}
+
+int shown_height(const Plot& plot) {
+    return plot.height > 0 ? plot.height : 200 + 380 * static_cast<int>(std::max<std::size_t>(plot.panels.size(), 1));
+}
+
+namespace {
 
 std::string datablock(const std::string& name, const Panel& panel, const Series& series) {
     std::string text = "$" + name + " << EOD\n";
@@ -144,19 +162,18 @@ std::string script_of(const Plot& plot, double height, const std::string& termin
         text += panel.title.empty() ? "unset title\n" : fmt::format("set title {} noenhanced\n", quoted(panel.title));
         text += fmt::format("set xlabel {} noenhanced\nset ylabel {} noenhanced\n", quoted(panel.x_label),
                             quoted(panel.y_label));
-        text += axis("x", panel.x_log, range_of(panel, true));
-        text += axis("y", panel.y_log, range_of(panel, false));
+        text += axis("x", panel.x_log, shown_range(panel, true));
+        text += axis("y", panel.y_log, shown_range(panel, false));
         text += legend(panel.legend);
         std::string curves;
-        std::size_t next_color = 0;
+        const auto colors = shown_colors(panel);
         for (std::size_t s = 0; s < panel.series.size(); ++s) {
             const auto& series = panel.series[s];
             const bool any = std::any_of(series.x.begin(), series.x.end(), [&, i = std::size_t{0}](double x) mutable {
                 return shown(panel, x, series.y[i++]);
             });
-            const std::string color = series.color.empty() ? palette[next_color++ % palette.size()] : series.color;
             if (!any) continue; // gnuplot takes a curve without points for an error
-            curves += (curves.empty() ? "" : ", ") + curve(fmt::format("d{}_{}", p, s), series, color);
+            curves += (curves.empty() ? "" : ", ") + curve(fmt::format("d{}_{}", p, s), series, colors[s]);
         }
         // An empty panel still shows its axes.
         text += "plot " + (curves.empty() ? "NaN notitle" : curves) + "\n";
@@ -252,29 +269,38 @@ const std::vector<std::string>& Panel::legend_places() {
     return places;
 }
 
-void draw_plot(const std::filesystem::path& path, const Plot& plot) {
+std::string plot_png(const Plot& plot) {
     check(plot);
-    const int panels = static_cast<int>(std::max<std::size_t>(plot.panels.size(), 1));
-    const int height = plot.height > 0 ? plot.height : 200 + 380 * panels;
-    const auto write = [&](const char* extension, const std::string& terminal) {
-        auto file = path;
-        file += extension;
-        write_file(file, run_gnuplot(script_of(plot, height, terminal)));
-    };
-    write(".png", fmt::format("set terminal pngcairo size {},{} font 'DejaVu Sans,12' enhanced background '#ffffff'\n",
-                              plot.width, height));
-    write(".svg",
-          fmt::format("set terminal svg size {},{} dynamic font 'DejaVu Sans,14' enhanced background '#ffffff'\n",
-                      plot.width, height));
+    const int height = shown_height(plot);
+    return run_gnuplot(
+        script_of(plot, height,
+                  fmt::format("set terminal pngcairo size {},{} font 'DejaVu Sans,12' enhanced background '#ffffff'\n",
+                              plot.width, height)));
+}
+
+std::string plot_svg(const Plot& plot) {
+    check(plot);
+    const int height = shown_height(plot);
+    return run_gnuplot(script_of(
+        plot, height,
+        fmt::format("set terminal svg size {},{} dynamic font 'DejaVu Sans,14' enhanced background '#ffffff'\n",
+                    plot.width, height)));
+}
+
+void draw_plot(const std::filesystem::path& path, const Plot& plot) {
+    auto file = path;
+    write_file(file += ".png", plot_png(plot));
+    file = path;
+    write_file(file += ".svg", plot_svg(plot));
 }
 
 Plot plot_from_json(const Json& json, const std::string& where) {
-    // NaN is allowed in the data: it breaks a line.
+    // NaN is allowed in the data: it breaks a line. A JSON file has null for it.
     const auto values = [](FieldReader& fields, const char* key) {
         std::vector<double> list;
         for (const auto& entry : fields.value(key)) {
-            if (!entry.is_number()) fields.fail(key, "must be a list of numbers");
-            list.push_back(entry.get<double>());
+            if (!entry.is_number() && !entry.is_null()) fields.fail(key, "must be a list of numbers");
+            list.push_back(entry.is_null() ? NAN : entry.get<double>());
         }
         return list;
     };

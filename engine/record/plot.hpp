@@ -10,6 +10,7 @@
 namespace tribode {
 
 enum class SeriesStyle { line, dashed, points, line_points };
+const std::string& name_of(SeriesStyle style);
 
 struct Series {
     std::string name;         // in the legend; empty: not there
@@ -44,6 +45,19 @@ struct Plot {
 // Throws InputError where the lengths of a series differ, or gnuplot is not installed; OutputError where a file cannot
 // be written.
 void draw_plot(const std::filesystem::path& path, const Plot& plot);
+
+// What a plot that is kept as a table has behind its name, see report_from_json.
+inline constexpr const char* plot_data_extension = ".plot.json";
+
+// The bytes of the two files.
+std::string plot_png(const Plot& plot);
+std::string plot_svg(const Plot& plot);
+
+// What a drawing shows where the plot leaves it open: the ends of an axis, the colour of each series, the height
+// [pixel]. Any other drawing of a plot takes them from here, so that both agree.
+Range shown_range(const Panel& panel, bool of_x);
+std::vector<std::string> shown_colors(const Panel& panel);
+int shown_height(const Plot& plot);
 
 // A plot as a table with the fields above (styles: "line", "dashed", "points", "line_points"); `where` begins the
 // messages. Throws InputError.

@@ -7,8 +7,10 @@
 #include "base/text.hpp"
 #include "control/discrete_transfer_function.hpp"
 #include "design/feedforward.hpp"
+#include "effect/effect.hpp"
 #include "experiment/comparison.hpp"
 #include "experiment/frequency_sweep.hpp"
+#include "experiment/friction_margins.hpp"
 #include "experiment/positioning.hpp"
 #include "experiment/simulation.hpp"
 #include "machine/machine_model.hpp"
@@ -16,6 +18,7 @@
 #include "record/hdf5.hpp"
 #include "record/json_file.hpp"
 #include "record/plot.hpp"
+#include "record/report.hpp"
 #include "script/batch_script.hpp"
 
 #include <cmath>
@@ -92,6 +95,16 @@ Json to_json(const StabilityMargins& margins) {
             {"modulus_margin", margins.modulus_margin}};
 }
 
+Json to_json(const FrictionMargins& margins) {
+    Json json = to_json(margins.margins);
+    json["stable"] = margins.stable;
+    if (margins.critical) {
+        json["critical_feedback"] = margins.critical->share;
+        json["critical_hz"] = margins.critical->frequency_hz;
+    }
+    return json;
+}
+
 // As tb.write_csv takes them.
 Json columns_of(const Table& table) {
     Json columns = Json::array();
@@ -136,6 +149,36 @@ Json load_machine(ScriptRun& run, const Json& arguments) {
     return run.machine(file, argument);
 }
 
+Json to_json(const EffectParameter& p) {
+    static const char* const allowed_names[] = {"finite", "positive", "not below zero", "between 0 and 1"};
+    static const char* const types[] = {"number", "choice", "flag", "records", "text", "texts", "constants"};
+    Json json = {{"name", p.name}, {"meaning", p.meaning}, {"type", types[static_cast<std::size_t>(p.type)]}};
+    if (p.type == EffectParameter::Type::number) {
+        json["unit"] = p.unit;
+        json["allowed"] = allowed_names[static_cast<std::size_t>(p.allowed)];
+        json["plausible"] = {p.plausible_least, p.plausible_most};
+    }
+    if (!p.choices.empty()) json["choices"] = p.choices;
+    if (p.fallback) json["default"] = *p.fallback;
+    for (const auto& field : p.fields) json["fields"].push_back(to_json(field));
+    return json;
+}
+
+Json list_effects(const Json& arguments) {
+    FieldReader(arguments, "tb.effects").finish();
+    Json list = Json::array();
+    for (const auto* kind : effect_kinds()) {
+        Json parameters = Json::array();
+        for (const auto& p : kind->parameters) parameters.push_back(to_json(p));
+        list.push_back({{"name", kind->name},
+                        {"equation", kind->equation},
+                        {"parameters", parameters},
+                        {"affine", kind->affine},
+                        {"drawn_against", name_of(kind->drawn_against)}});
+    }
+    return list;
+}
+
 // The input of a run: lists u, or r and exc, one entry a sample; y where the start is fitted.
 DriveRecord drive_of(FieldReader& fields, const MachineModel& machine, const char* function) {
     Table table;
@@ -156,13 +199,15 @@ Json simulate_machine(ScriptRun& run, const Json& arguments) {
     SolverOptions solver;
     solver.read(fields);
     const auto seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, 0));
+    const double feedback = fields.number("friction_feedback", "", Allowed::non_negative, 0);
     fields.finish();
-    const Simulation result = simulate(machine, record, solver, seed, run.control());
+    const Simulation result = simulate(machine, record, solver, seed, run.control(), feedback);
     if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
     run.note_work({{"function", "simulate"},
                    {"machine", machine.hash()},
                    {"solver", name_of(result.method)},
                    {"seed", seed},
+                   {"friction_feedback", feedback},
                    {"outcome", result.outcome.message},
                    {"statistics", to_json(result.statistics)}});
     Json json = to_json(result.trace);
@@ -188,16 +233,30 @@ Json compare_methods(ScriptRun& run, const Json& arguments) {
     const Comparison comparison = compare(machine, record, options, run.control());
     write_comparison(comparison, machine, run.folder());
     run.note_work({{"function", "compare"}, {"machine", machine.hash()}, {"seed", options.seed}});
-    Json json{{"text", comparison.text()}, {"findings", comparison.findings()}, {"methods", Json::array()}};
+    Json json{{"text", comparison.text()},
+              {"findings", comparison.findings()},
+              {"reference", comparison.reference},
+              {"methods", Json::array()}};
+    if (comparison.excitation_hz) json["excitation_hz"] = *comparison.excitation_hz;
     for (const auto& m : comparison.methods) {
-        json["methods"].push_back({{"name", m.name},
-                                   {"ok", m.outcome.ok()},
-                                   {"max_difference", m.max_difference},
-                                   {"rms_difference", m.rms_difference},
-                                   {"events_found", m.events_found},
-                                   {"events_missed", m.events_missed},
-                                   {"events_extra", m.events_extra},
-                                   {"seconds", m.seconds}});
+        Json method{{"name", m.name},
+                    {"ok", m.outcome.ok()},
+                    {"diverged", m.diverged},
+                    {"max_difference", m.max_difference},
+                    {"rms_difference", m.rms_difference},
+                    {"events_found", m.events_found},
+                    {"events_missed", m.events_missed},
+                    {"events_extra", m.events_extra},
+                    {"derivative_evaluations", m.statistics.derivative_evaluations},
+                    {"steps", m.statistics.steps},
+                    {"seconds", m.seconds}};
+        const auto put = [&](const char* name, const std::optional<double>& value) {
+            if (value) method[name] = *value;
+        };
+        put("gain_error", m.gain_error);
+        put("phase_error_deg", m.phase_error_deg);
+        put("stable_stiffness", m.stable_stiffness);
+        json["methods"].push_back(std::move(method));
     }
     return json;
 }
@@ -220,6 +279,7 @@ Json sweep(ScriptRun& run, const Json& arguments) {
                    {"absolute_tolerance_m", options.solver.absolute_tolerance},
                    {"amplitude_N", options.amplitude},
                    {"delay_s", options.delay},
+                   {"friction_feedback", options.friction_feedback},
                    {"seed", options.seed},
                    {"frequencies", options.frequency_hz.size()},
                    {"warnings", result.warnings()},
@@ -232,6 +292,8 @@ Json sweep(ScriptRun& run, const Json& arguments) {
     Json json{{"columns", columns_of(result.table())}};
     for (std::size_t a = 0; a < analysis_count; ++a) json["responses"][analysis_names[a]] = to_json(result.response(a));
     if (options.improved) json["responses"]["Improved"] = to_json(result.improved());
+    if (options.friction_feedback > 0) json["responses"]["Add-on"] = to_json(result.add_on());
+    json["loop_gain"] = to_json(result.loop_gain());
     json["warnings"] = result.warnings();
     json["statistics"] = to_json(result.statistics());
     return json;
@@ -431,8 +493,23 @@ Json positioning(ScriptRun& run, const Json& arguments) {
 Json loop_margins(const Json& arguments) {
     FieldReader fields(arguments, "tb.loop_margins");
     const MachineModel machine = machine_of(fields);
+    const auto amplitude = fields.optional_number("amplitude_m", "m", Allowed::non_negative);
+    const double feedback = fields.number("friction_feedback", "", Allowed::non_negative, 0);
+    if (!amplitude && feedback > 0) {
+        fields.fail("amplitude_m", "is missing; friction_feedback needs one (0: the elements stick)");
+    }
     fields.finish();
-    return to_json(positioning_margins(machine));
+    return amplitude ? to_json(friction_margins(machine, feedback, *amplitude)) : to_json(positioning_margins(machine));
+}
+
+Json loop_gain(const Json& arguments) {
+    FieldReader fields(arguments, "tb.loop_gain");
+    const MachineModel machine = machine_of(fields);
+    const auto amplitude = fields.numbers("amplitude_m", "m", Allowed::non_negative, {0.0});
+    const double feedback = fields.number("friction_feedback", "", Allowed::non_negative, 0);
+    const auto frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, {});
+    fields.finish();
+    return to_json(friction_loop_gain(machine, feedback, amplitude, frequency_hz));
 }
 
 // ---- results -----------------------------------------------------------------------------------------------------
@@ -446,70 +523,99 @@ Json read_batch(const ScriptAccess& access, const Json& arguments) {
 }
 
 Json read_json_file(const ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
-    FieldReader fields(arguments, "tb.read_json");
-    const auto path = run.find_file(fields.text("file"));
-    fields.finish();
-    access.check_read(path);
-    return read_json(path);
-}
-
-Json write_csv_file(ScriptRun& run, const Json& arguments) {
-    FieldReader fields(arguments, "tb.write_csv");
-    const std::string file = fields.text("file");
-    const Table table = table_of(fields, "columns");
-    fields.finish();
-    run.folder().write(file, to_csv(table));
-    return nullptr;
-}
-
-Json write_hdf5_file(ScriptRun& run, const Json& arguments) {
-    FieldReader fields(arguments, "tb.write_hdf5");
-    const std::string file = fields.text("file");
-    std::vector<NamedTable> tables;
-    fields.each("tables", [&](FieldReader& entry) {
-        tables.push_back({entry.text("name"), table_of(entry, "columns")});
-    });
-    const Json& attributes = fields.value("attributes");
-    fields.finish();
-    run.folder().write(file, to_hdf5(tables, attributes.is_null() ? Json::object() : attributes));
-    return nullptr;
-}
-
-Json write_json_file(ScriptRun& run, const Json& arguments) {
-    FieldReader fields(arguments, "tb.write_json");
-    const std::string file = fields.text("file");
-    const Json& value = fields.value("value");
-    fields.finish();
-    run.folder().write_json(file, value);
-    return nullptr;
-}
-
-Json plot(ScriptRun& run, const Json& arguments) {
-    Json figure = arguments;
-    if (!figure.is_object() || !figure.contains("file")) throw InputError("tb.plot: file is missing (a text)");
-    const std::string file = figure["file"].get<std::string>();
-    figure.erase("file");
-    draw_plot(run.folder().path(file), plot_from_json(figure, "tb.plot"));
-    run.folder().add(file + ".png");
-    run.folder().add(file + ".svg");
-    return nullptr;
-}
-
-Json spaced(const Json& arguments, const char* what, bool logarithmic) {
-    const double from = argument(arguments, 0, what), to = argument(arguments, 1, what);
-    const double count = argument(arguments, 2, what);
-    if (!(count >= 2 && count <= 1e7 && count == std::floor(count))) {
-        throw InputError(
-            fmt::format("{}: argument 3 = {}, must be a whole number from 2 to 1e7", what, to_text(count)));
+    Json run_script(ScriptRun & run, const Json& arguments) {
+        FieldReader fields(arguments, "tb.run");
+        const std::string script = fields.text("script"), folder = fields.text("folder");
+        const Json& options = fields.value("options");
+        std::optional<bool> quick;
+        if (fields.has("quick")) quick = fields.boolean("quick", false);
+        fields.finish();
+        const NestedRun nested = run.run_nested(script, folder, options.is_null() ? Json::object() : options, quick);
+        return {{"folder", nested.folder.string()}, {"repeated", nested.repeated}};
     }
-    if (logarithmic && !(from > 0 && to > 0)) throw InputError(fmt::format("{}: both ends must be positive", what));
-    Json list = Json::array();
-    for (double i = 0; i < count; ++i) {
-        const double part = i / (count - 1);
-        list.push_back(logarithmic ? from * std::pow(to / from, part) : from + (to - from) * part);
+
+    Json read_json_file(ScriptRun & run, const ScriptAccess& access, const Json& arguments) {
+        FieldReader fields(arguments, "tb.read_json");
+        const auto path = run.find_file(fields.text("file"));
+        fields.finish();
+        access.check_read(path);
+        Json value = read_json(path);
+        run.note_read(path);
+        return value;
     }
-    return list;
-}
+
+    Json write_csv_file(ScriptRun & run, const Json& arguments) {
+        FieldReader fields(arguments, "tb.write_csv");
+        const std::string file = fields.text("file");
+        const Table table = table_of(fields, "columns");
+        fields.finish();
+        run.folder().write(file, to_csv(table));
+        return nullptr;
+    }
+
+    Json write_hdf5_file(ScriptRun & run, const Json& arguments) {
+        FieldReader fields(arguments, "tb.write_hdf5");
+        const std::string file = fields.text("file");
+        std::vector<NamedTable> tables;
+        fields.each("tables", [&](FieldReader& entry) {
+            tables.push_back({entry.text("name"), table_of(entry, "columns")});
+        });
+        const Json& attributes = fields.value("attributes");
+        fields.finish();
+        run.folder().write(file, to_hdf5(tables, attributes.is_null() ? Json::object() : attributes));
+        return nullptr;
+    }
+
+    Json write_json_file(ScriptRun & run, const Json& arguments) {
+        FieldReader fields(arguments, "tb.write_json");
+        const std::string file = fields.text("file");
+        const Json& value = fields.value("value");
+        fields.finish();
+        run.folder().write_json(file, value);
+        return nullptr;
+    }
+
+    Json plot(ScriptRun & run, const Json& arguments) {
+        Json figure = arguments;
+        if (!figure.is_object() || !figure.contains("file")) throw InputError("tb.plot: file is missing (a text)");
+        const std::string file = FieldReader(arguments, "tb.plot").text("file");
+        figure.erase("file");
+        draw_plot(run.folder().path(file), plot_from_json(figure, "tb.plot"));
+        run.folder().add(file + ".png");
+        run.folder().add(file + ".svg");
+        if (run.keeps_plots()) run.folder().write(file + plot_data_extension, figure.dump() + "\n");
+        return nullptr;
+    }
+
+    Json report(ScriptRun & run, const Json& arguments) {
+        Json fields = arguments;
+        if (!fields.is_object() || !fields.contains("file")) throw InputError("tb.report: file is missing (a text)");
+        const std::string file = FieldReader(arguments, "tb.report").text("file");
+        fields.erase("file");
+        const auto page = run.folder().path(file);
+        const Report contents = report_from_json(fields, "tb.report", page.parent_path());
+        const auto beside = std::filesystem::path(file).parent_path();
+        for (const auto& image : write_report(page, contents, run.control()))
+            run.folder().add((beside / image).string());
+        run.folder().add(file);
+        return nullptr;
+    }
+
+    Json spaced(const Json& arguments, const char* what, bool logarithmic) {
+        const double from = argument(arguments, 0, what), to = argument(arguments, 1, what);
+        const double count = argument(arguments, 2, what);
+        if (!(count >= 2 && count <= 1e7 && count == std::floor(count))) {
+            throw InputError(
+                fmt::format("{}: argument 3 = {}, must be a whole number from 2 to 1e7", what, to_text(count)));
+        }
+        if (logarithmic && !(from > 0 && to > 0)) throw InputError(fmt::format("{}: both ends must be positive", what));
+        Json list = Json::array();
+        for (double i = 0; i < count; ++i) {
+            const double part = i / (count - 1);
+            list.push_back(logarithmic ? from * std::pow(to / from, part) : from + (to - from) * part);
+        }
+        return list;
+    }
 
 } // namespace
 
@@ -524,6 +630,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("single_frequency", [&run](const Json& a) { return single_frequency(run, a); });
     lua.add_function("plant_response", plant_response);
     lua.add_function("plant_parameters", plant_parameters);
+    lua.add_function("effects", list_effects);
     lua.add_function("model_response", model_response);
     lua.add_function("fit_modal", fit_modal);
     lua.add_function("phase_delay", read_phase_delay);
@@ -536,6 +643,8 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("feedforward", feedforward);
     lua.add_function("positioning", [&run](const Json& a) { return positioning(run, a); });
     lua.add_function("loop_margins", loop_margins);
+    lua.add_function("loop_gain", loop_gain);
+    lua.add_function("run", [&run](const Json& a) { return run_script(run, a); });
     lua.add_function("read_json", [&run, &lua](const Json& a) { return read_json_file(run, lua.access(), a); });
     lua.add_function("read_batch", [&lua](const Json& a) { return read_batch(lua.access(), a); });
     lua.add_function("write_csv", [&run](const Json& a) { return write_csv_file(run, a); });
@@ -543,6 +652,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("write_json", [&run](const Json& a) { return write_json_file(run, a); });
     lua.add_function("plot", [&run](const Json& a) { return plot(run, a); });
     lua.add_stack_function("batch", [&run](lua_State* state) { return describe_batch(state, run); });
+    lua.add_function("report", [&run](const Json& a) { return report(run, a); });
     lua.add_function("linspace", [](const Json& a) { return spaced(a, "tb.linspace", false); });
     lua.add_function("logspace", [](const Json& a) { return spaced(a, "tb.logspace", true); });
 }

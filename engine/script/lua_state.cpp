@@ -118,6 +118,41 @@ void LuaState::enter(const StackFunction& body) {
     protected_call(lua_.get(), body);
 }
 
+LuaState::Numbers LuaState::compile(std::string_view body, const std::vector<std::string>& arguments,
+                                    const std::string& chunk_name) {
+    int reference = LUA_NOREF;
+    protected_call(lua_.get(), [&](lua_State* lua) {
+        // On the first line of the body, so that lines in messages are those of the user.
+        load_text(lua, fmt::format("local {} = ...; {}", fmt::join(arguments, ", "), body), chunk_name);
+        reference = luaL_ref(lua, LUA_REGISTRYINDEX);
+        return 0;
+    });
+    return [state = lua_.get(), reference, chunk_name](std::span<const double> in, std::span<double> out) {
+        protected_call(state, [&](lua_State* lua) {
+            lua_rawgeti(lua, LUA_REGISTRYINDEX, reference);
+            for (const double number : in) lua_pushnumber(lua, number);
+            lua_call(lua, static_cast<int>(in.size()), static_cast<int>(out.size()));
+            for (std::size_t i = 0; i < out.size(); ++i) {
+                int is_number = 0;
+                out[i] = lua_tonumberx(lua, static_cast<int>(i) + 1, &is_number);
+                if (is_number) continue;
+                throw InputError(fmt::format("{}: must return {} number{}, returned {} as number {}", chunk_name,
+                                             out.size(), out.size() == 1 ? "" : "s",
+                                             luaL_typename(lua, static_cast<int>(i) + 1), i + 1));
+            }
+            return 0;
+        });
+    };
+}
+
+void LuaState::set_global(const std::string& name, double value) {
+    protected_call(lua_.get(), [&](lua_State* lua) {
+        lua_pushnumber(lua, value);
+        lua_setglobal(lua, name.c_str());
+        return 0;
+    });
+}
+
 const std::string& LuaState::traceback() const { return host_->traceback; }
 
 const ScriptAccess& LuaState::access() const { return host_->access; }

@@ -7,8 +7,10 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 struct lua_State;
 
@@ -63,6 +65,12 @@ class LuaState {
     // Runs `body` with the stack of the state, as an outermost call with a count of instructions of its own. For what
     // calls functions that a script has left behind. Throws what `run` does.
     void enter(const StackFunction& body);
+    // A function of numbers: fills the second from the first. Valid as long as this state is.
+    using Numbers = std::function<void(std::span<const double>, std::span<double>)>;
+    // Of a text that is its body, with these names for its arguments. A call throws InputError where the text does not
+    // return a number for each result, or fails, with its line.
+    Numbers compile(std::string_view body, const std::vector<std::string>& arguments, const std::string& chunk_name);
+    void set_global(const std::string& name, double value);
 
     // The chain of calls at the last uncaught error; empty where there was none.
     const std::string& traceback() const;

@@ -4,6 +4,7 @@
 #include "base/text.hpp"
 #include "batch/merge.hpp"
 #include "machine/machine_model.hpp"
+#include "record/json_file.hpp"
 #include "record/output_file.hpp"
 #include "script/batch_script.hpp"
 #include "script/bindings.hpp"
@@ -53,6 +54,42 @@ Json parse_define(const std::string& name, const std::string& text, const Json& 
     return list;
 }
 
+constexpr int deepest = 4; // nested runs within one another
+
+// The manifest in a folder; null where there is none that can be read.
+Json manifest_in(const std::filesystem::path& folder) {
+    const auto file = folder / "manifest.json";
+    if (!std::filesystem::exists(file)) return nullptr;
+    try {
+        return read_json(file);
+    } catch (const InputError&) {
+        return nullptr;
+    }
+}
+
+// A run that was ended leaves a manifest that says so, one that was killed leaves none.
+bool is_unfinished(const std::filesystem::path& folder) {
+    const Json manifest = manifest_in(folder);
+    return !manifest.is_object() || manifest.value("outcome", Json()) != "done";
+}
+
+// As it would stand behind -D name=.
+std::string define_of(const Json& value, const std::string& name) {
+    if (value.is_string()) return value.get<std::string>();
+    if (value.is_boolean()) return value.get<bool>() ? "true" : "false";
+    if (value.is_number()) return to_text(value.get<double>());
+    std::string text;
+    for (const auto& entry : value) {
+        if (!value.is_array() || !entry.is_number()) {
+            throw InputError(
+                fmt::format("tb.run: options.{} must be a number, a text, a boolean or a list of numbers", name));
+        }
+        if (!text.empty()) text += ',';
+        append_text(text, entry.get<double>());
+    }
+    return text;
+}
+
 } // namespace
 
 ScriptRun::ScriptRun(const ScriptRequest& request, const RunControl& control)
@@ -60,7 +97,8 @@ ScriptRun::ScriptRun(const ScriptRequest& request, const RunControl& control)
       control_(control),
       folder_(folder_of(request)),
       files_read_(std::make_shared<std::set<std::filesystem::path>>()),
-      lua_(request.limits, access(), control) {
+      lua_(request.limits, access(), control),
+      goes_on_(is_unfinished(folder_.folder())) {
     add_bindings(lua_, *this);
 }
 
@@ -70,7 +108,8 @@ ScriptAccess ScriptRun::access() const {
     access.run_folder = folder_.folder();
     access.files_read = files_read_;
     access.read_folders = {home() / "models", home() / "scripts"};
-    for (const auto& [name, value] : request_.defines) access.read_files.emplace_back(value);
+    access.read_folders.insert(access.read_folders.end(), request_.read_folders.begin(), request_.read_folders.end());
+    access.read_files = request_.read_files;
     return access;
 }
 
@@ -90,6 +129,7 @@ Json ScriptRun::machine(const std::string& file, const Json& argument) {
     const auto path = find_file(file);
     lua_.access().check_read(path);
     Json description = read_description(path, request_.limits, argument, files_read_);
+    note_read(path);
     machines_[file] = MachineModel::from_description(description, file).hash();
     return description;
 }
@@ -155,6 +195,69 @@ std::vector<std::string> ScriptRun::files_read() const {
     return files;
 }
 
+void ScriptRun::note_read(const std::filesystem::path& file) { read_[file.string()] = sha256(read_file(file)); }
+
+bool ScriptRun::is_complete(const ScriptRequest& request) const {
+    const Json manifest = manifest_in(request.folder);
+    const Json wanted{{"outcome", "done"},
+                      {"version", version()},
+                      {"quick", request.quick},
+                      {"given", request.defines},
+                      {"script", {{"file", request.script.string()}, {"sha256", sha256(read_file(request.script))}}}};
+    for (const auto& [key, value] : wanted.items()) {
+        if (!manifest.is_object() || manifest.value(key, Json()) != value) return false;
+    }
+    const auto unchanged = [](const std::filesystem::path& file, const Json& hash) {
+        std::error_code problem;
+        return std::filesystem::is_regular_file(file, problem) && sha256(read_file(file)) == hash;
+    };
+    for (const auto& [file, hash] : manifest.value("read", Json::object()).items()) {
+        if (!unchanged(file, hash)) return false;
+    }
+    for (const auto& [file, hash] : manifest.value("files", Json::object()).items()) {
+        if (!unchanged(request.folder / file, hash)) return false;
+    }
+    return true;
+}
+
+NestedRun ScriptRun::run_nested(const std::string& script, const std::string& folder, const Json& options,
+                                std::optional<bool> quick) {
+    if (request_.depth == deepest) {
+        throw InputError(fmt::format("tb.run: {} runs within one another, must be at most {}", deepest + 1, deepest));
+    }
+    ScriptRequest request = request_; // with its limits and rights
+    request.script = find_file(script);
+    lua_.access().check_read(request.script);
+    request.folder = folder_.path(folder);
+    request.quick = quick.value_or(request_.quick);
+    request.keep_plots = true;
+    request.depth += 1;
+    // What this run has written is there for the next.
+    request.read_folders.push_back(folder_.folder());
+    request.defines.clear();
+    for (const auto& [name, value] : options.items()) request.defines[name] = define_of(value, name);
+
+    NestedRun nested{.folder = request.folder};
+    if (goes_on_ && is_complete(request)) {
+        nested.repeated = false;
+    } else {
+        RunControl control = control_;
+        if (control.progress) {
+            control.progress = [outer = control_.progress, folder](const std::string& what, std::size_t done,
+                                                                   std::size_t of) {
+                outer(folder + ", " + what, done, of);
+            };
+        }
+        ScriptRun(request, control).execute();
+    }
+    const std::filesystem::path inside = folder;
+    const Json manifest = read_json(request.folder / "manifest.json");
+    for (const auto& [file, hash] : manifest.at("files").items()) folder_.add((inside / file).string());
+    folder_.add((inside / "manifest.json").string());
+    work_.push_back({{"function", "run"}, {"script", script}, {"folder", folder}, {"repeated", nested.repeated}});
+    return nested;
+}
+
 void ScriptRun::execute() {
     try {
         run_script();
@@ -190,8 +293,10 @@ void ScriptRun::write_manifest(const std::string& outcome) {
     manifest["program"] = "tribode";
     manifest["script"] = {{"file", request_.script.string()}, {"sha256", sha256(read_file(request_.script))}};
     manifest["options"] = options_;
+    manifest["given"] = request_.defines;
     manifest["quick"] = request_.quick;
     manifest["machines"] = machines_;
+    manifest["read"] = read_;
     manifest["outcome"] = outcome;
     manifest["work"] = work_;
     folder_.write_manifest(manifest);

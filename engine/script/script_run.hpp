@@ -11,6 +11,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <vector>
 
 namespace tribode {
 
@@ -20,9 +21,19 @@ struct ScriptRequest {
     std::filesystem::path folder;               // of the results; empty: results/<script>
     std::map<std::string, std::string> defines; // -D name=value
     bool quick = false;                         // scripts make their work small
+    bool keep_plots = false;                    // tb.plot leaves its table beside the image, for a report
     bool allow_all = false;
     bool only_batch = false; // it is read for the batch it describes: no manifest, no log of work, no checkpoints
     ScriptLimits limits;
+    std::vector<std::filesystem::path> read_folders; // besides models/ and scripts/
+    std::vector<std::filesystem::path> read_files;
+    int depth = 0; // of nested runs
+};
+
+// What became of a nested run.
+struct NestedRun {
+    std::filesystem::path folder;
+    bool repeated = true; // false: it was complete already
 };
 
 // What tb.batch was given: the points, and what is done with them once all are there.
@@ -62,6 +73,16 @@ class ScriptRun {
     // Checked reading of a machine description.
     Json machine(const std::string& file, const Json& argument);
 
+    // tb.run: another script in a folder of this run, with no more rights than this one. Options are texts as with -D.
+    // Where this run goes on after an interruption, a nested run that was complete is not repeated as long as script,
+    // options, the files it read and the version are the same and its results are there. Its results become part of
+    // this run's. Throws what ScriptRun and execute throw.
+    NestedRun run_nested(const std::string& script, const std::string& folder, const Json& options,
+                         std::optional<bool> quick);
+
+    // Notes a file whose contents decide what the run does.
+    void note_read(const std::filesystem::path& file);
+
     // Adds a line to what the manifest says of the work done.
     void note_work(Json entry) {
         if (!in_batch()) work_.push_back(std::move(entry));
@@ -71,11 +92,13 @@ class ScriptRun {
     const RunControl& control() const { return control_; }
     bool quick() const { return request_.quick; }
     const ScriptRequest& request() const { return request_; }
+    bool keeps_plots() const { return request_.keep_plots; }
 
   private:
     void run_script();
     void run_batch();
     void write_manifest(const std::string& outcome);
+    bool is_complete(const ScriptRequest& request) const;
     ScriptAccess access() const;
 
     ScriptRequest request_;
@@ -85,9 +108,11 @@ class ScriptRun {
     LuaState lua_;
     std::optional<ScriptBatch> batch_;
     bool in_points_ = false;
+    bool goes_on_; // after an interruption, at an earlier time
     bool options_asked_ = false;
     Json options_ = Json::object();
     Json machines_ = Json::object(); // file -> hash
+    Json read_ = Json::object();     // file -> hash of its bytes
     Json work_ = Json::array();
 };
 

@@ -33,6 +33,21 @@ Bernstein bernstein(std::span<const double> p) {
     return b;
 }
 
+// Even and odd powers apart, p(s) = e(s^2) + s o(s^2), so that one half does not wait for the other.
+std::pair<double, double> value_and_slope(std::span<const double> p, double s) {
+    const double square = s * s;
+    double even = 0, even_slope = 0, odd = 0, odd_slope = 0;
+    std::size_t n = p.size();
+    if (n % 2 == 1) even = p[--n];
+    while (n > 0) {
+        odd_slope = odd_slope * square + odd;
+        odd = odd * square + p[--n];
+        even_slope = even_slope * square + even;
+        even = even * square + p[--n];
+    }
+    return {even + s * odd, 2 * s * (even_slope + s * odd_slope) + odd};
+}
+
 // One root in [low, high], the polynomial positive before and negative after it.
 double close_in(std::span<const double> p, double low, double high) {
     // Where the first three terms have it.
@@ -40,11 +55,7 @@ double close_in(std::span<const double> p, double low, double high) {
     const double guess = square > 0 ? p[0] / (std::sqrt(square) - half) : low;
     double s = guess > low && guess < high ? guess : 0.5 * (low + high);
     for (int round = 0; round < 100; ++round) {
-        double value = 0, slope = 0;
-        for (std::size_t n = p.size(); n-- > 0;) {
-            slope = slope * s + value;
-            value = value * s + p[n];
-        }
+        const auto [value, slope] = value_and_slope(p, s);
         (value >= 0 ? low : high) = s;
         const double next = s - value / slope;
         if (!(slope < 0 && next > low && next < high)) {
@@ -110,8 +121,8 @@ double first_fall_below_zero(std::span<const double> p) {
 namespace {
 
 // The work of the integrator, on columns of `height` numbers, a multiple of eight, in blocks of eight. Without fused
-// operations the results are the same bits whichever instructions the processor has. With the height known (Fixed > 0)
-// the loops unroll.
+// operations the results are the same bits whichever instructions the processor has. With a size known (Fixed > 0) the
+// loops unroll and matrices stay in registers. Matrices have a column of zeros for each number that pads a column.
 using Block = double __attribute__((vector_size(64), aligned(8), may_alias));
 constexpr std::size_t block_size = 8;
 
@@ -119,18 +130,17 @@ const Block& block(const double* at) { return *reinterpret_cast<const Block*>(at
 Block& block(double* at) { return *reinterpret_cast<Block*>(at); }
 
 // product = matrix x
-template <std::size_t Fixed>
-[[gnu::always_inline]] inline void multiply(const double* matrix, std::size_t columns, std::size_t any_height,
+template <std::size_t FixedHeight, std::size_t FixedColumns>
+[[gnu::always_inline]] inline void multiply(const double* matrix, std::size_t any_height, std::size_t any_columns,
                                             const double* x, double* product) {
-    const std::size_t height = Fixed ? Fixed : any_height;
+    const std::size_t height = FixedHeight ? FixedHeight : any_height;
+    const std::size_t columns = FixedColumns ? FixedColumns : any_columns; // an even number
     for (std::size_t row = 0; row < height; row += block_size) {
         Block even{}, odd{};
-        std::size_t j = 0;
-        for (; j + 1 < columns; j += 2) {
+        for (std::size_t j = 0; j < columns; j += 2) {
             even += block(matrix + j * height + row) * x[j];
             odd += block(matrix + (j + 1) * height + row) * x[j + 1];
         }
-        if (j < columns) even += block(matrix + j * height + row) * x[j];
         block(product + row) = even + odd;
     }
 }
@@ -139,10 +149,14 @@ template <std::size_t Fixed>
 // the largest so far. Returns the last n, or 0 where most_terms do not do. Even and odd terms go each their own way by
 // the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two chains that do not wait for one another.
 template <std::size_t Fixed>
-[[gnu::always_inline]] inline int expand(const double* a, const double* square, std::size_t columns,
+[[gnu::always_inline]] inline int expand(const double* a, const double* square, std::size_t states,
                                          std::size_t any_height, double h, int most_terms, double* terms,
                                          double* largest, double* travel) {
     const std::size_t height = Fixed ? Fixed : any_height;
+    const auto multiply_by = [&](const double* matrix, int from, int to) {
+        multiply<Fixed, Fixed>(matrix, height, height, terms + static_cast<std::size_t>(from) * height,
+                               terms + static_cast<std::size_t>(to) * height);
+    };
     const auto term = [&](int n) { return terms + static_cast<std::size_t>(n) * height; };
     const auto scale = [&](int n, double factor) {
         for (std::size_t row = 0; row < height; row += block_size) {
@@ -155,7 +169,7 @@ template <std::size_t Fixed>
     };
     // From the last state on: the amplifier's, where there is one, which is slow to end.
     const auto small = [&](int n) {
-        std::size_t state = columns;
+        std::size_t state = states;
         while (state > 0 && std::abs(term(n)[state - 1]) <= half_ulp * largest[state - 1]) --state;
         return state == 0;
     };
@@ -164,13 +178,13 @@ template <std::size_t Fixed>
         block(travel + row) = Block{};
     }
     scale(1, 1.0);
-    multiply<Fixed>(a, columns, height, term(1), term(2));
+    multiply_by(a, 1, 2);
     scale(2, h / 2);
     constexpr int least_terms = 6; // no step of interest ends before; looking costs as much as a term
     bool last_was_small = false;
     for (int n = 1; n + 3 <= most_terms; n += 2) {
-        multiply<Fixed>(square, columns, height, term(n), term(n + 2));
-        multiply<Fixed>(square, columns, height, term(n + 1), term(n + 3));
+        multiply_by(square, n, n + 2);
+        multiply_by(square, n + 1, n + 3);
         scale(n + 2, h * h / ((n + 1) * (n + 2)));
         scale(n + 3, h * h / ((n + 2) * (n + 3)));
         if (n < least_terms) continue;
@@ -182,34 +196,44 @@ template <std::size_t Fixed>
     return 0;
 }
 
-// sum c_n s^n
+// sum c_n s^n, even and odd powers apart
 template <std::size_t Fixed>
 [[gnu::always_inline]] inline void evaluate(const double* terms, int order, std::size_t any_height, double s,
                                             double* x) {
     const std::size_t height = Fixed ? Fixed : any_height;
+    const double square = s * s;
     for (std::size_t row = 0; row < height; row += block_size) {
-        const double* c = terms + static_cast<std::size_t>(order) * height + row;
-        Block sum = block(c);
-        for (int n = order; n > 0; --n) sum = sum * s + block(c -= height);
-        block(x + row) = sum;
+        const auto term = [&](int n) -> const Block& {
+            return block(terms + static_cast<std::size_t>(n) * height + row);
+        };
+        Block even{}, odd{};
+        int n = order;
+        if (n % 2 == 0) even = term(n--);
+        for (; n > 0; n -= 2) {
+            odd = odd * square + term(n);
+            even = even * square + term(n - 1);
+        }
+        block(x + row) = even + odd * s;
     }
 }
 
 [[gnu::target_clones("avx512f", "avx2", "default")]] void
-multiply_columns(const double* matrix, std::size_t columns, std::size_t height, const double* x, double* product) {
+multiply_columns(const double* matrix, std::size_t height, std::size_t columns, const double* x, double* product) {
+    if (columns != 8) return multiply<0, 0>(matrix, height, columns, x, product);
     switch (height) {
-    case 8: return multiply<8>(matrix, columns, 8, x, product);
-    default: return multiply<0>(matrix, columns, height, x, product);
+    case 8: return multiply<8, 8>(matrix, 8, 8, x, product);
+    case 16: return multiply<16, 8>(matrix, 16, 8, x, product);
+    default: return multiply<0, 8>(matrix, height, 8, x, product);
     }
 }
 
 [[gnu::target_clones("avx512f", "avx2", "default")]] int expand_columns(const double* a, const double* square,
-                                                                        std::size_t columns, std::size_t height,
+                                                                        std::size_t states, std::size_t height,
                                                                         double h, int most_terms, double* terms,
                                                                         double* largest, double* travel) {
     switch (height) {
-    case 8: return expand<8>(a, square, columns, 8, h, most_terms, terms, largest, travel);
-    default: return expand<0>(a, square, columns, height, h, most_terms, terms, largest, travel);
+    case 8: return expand<8>(a, square, states, 8, h, most_terms, terms, largest, travel);
+    default: return expand<0>(a, square, states, height, h, most_terms, terms, largest, travel);
     }
 }
 
@@ -221,16 +245,23 @@ multiply_columns(const double* matrix, std::size_t columns, std::size_t height, 
     }
 }
 
+std::size_t padded(std::size_t size) { return (size + block_size - 1) / block_size * block_size; }
+
 } // namespace
 
 ExactIntegrator::ExactIntegrator(const HybridSystem& system)
     : system_(system),
       size_(system.states().size()),
-      height_((size_ + block_size - 1) / block_size * block_size),
+      height_(padded(size_)),
       guard_count_(system.guard_count()),
+      leap_height_(height_ + padded(2 * guard_count_)),
+      rest_height_(padded(guard_count_)),
       terms_((most_terms + 1) * height_),
       work_(height_),
       travel_(height_),
+      moved_(leap_height_),
+      speed_(height_),
+      rest_(rest_height_),
       guard_terms_((most_terms + 1) * guard_count_),
       polynomial_(most_terms + 1) {
     if (const auto reason = system.why_not_affine()) {
@@ -259,7 +290,7 @@ void ExactIntegrator::restart(SystemState& state) {
 // A and G column by column, as the images of the unit vectors.
 ExactIntegrator::Pattern ExactIntegrator::make_pattern() const {
     Pattern pattern;
-    pattern.a.resize(size_ * height_);
+    pattern.a.resize(height_ * height_);
     pattern.g.resize(guard_count_);
     std::vector<double> unit(size_), column(guard_count_);
     for (std::size_t j = 0; j < size_; ++j) {
@@ -271,54 +302,41 @@ ExactIntegrator::Pattern ExactIntegrator::make_pattern() const {
         }
         unit[j] = 0;
     }
-    pattern.square.resize(size_ * height_);
+    pattern.square.resize(height_ * height_);
     for (std::size_t j = 0; j < size_; ++j) {
-        multiply_columns(pattern.a.data(), size_, height_, pattern.a.data() + j * height_,
+        multiply_columns(pattern.a.data(), height_, height_, pattern.a.data() + j * height_,
                          pattern.square.data() + j * height_);
     }
     return pattern;
 }
 
-static double dot(const std::vector<double>& row, std::span<const double> x) {
-    double sum = 0;
-    for (std::size_t i = 0; i < x.size(); ++i) sum += row[i] * x[i];
-    return sum;
-}
-
-// Psi is the series h sum (hA)^n/(n+1)!; the guards' rows along it are those of Reach.
+// Column by column, as the responses to f = e_j: a step's series from zero with that slope.
 ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, double h) const {
-    const std::vector<double> zeros(size_);
-    Prepared made{h, Columns(size_ * height_), std::vector<Reach>(guard_count_, Reach{zeros, zeros, zeros})};
-    std::vector<double> power(height_), next(height_), largest(height_);
+    Prepared made{h, Columns(height_ * leap_height_), Columns(height_ * rest_height_)};
+    Columns terms(terms_.size()), largest(height_), travel(height_); // those of the last step are still asked for
     for (std::size_t j = 0; j < size_; ++j) {
-        // The response to f = e_j: terms h^{n+1}/(n+1)! A^n e_j.
-        std::fill(power.begin(), power.end(), 0.0);
-        std::fill(largest.begin(), largest.end(), 0.0);
-        power[j] = h;
-        int small_in_a_row = 0;
-        for (int n = 0; small_in_a_row < 2; ++n) {
-            // From rest any length comes to an end at once; from elsewhere this one does not.
-            if (n == most_terms) {
-                made.psi.clear();
-                return made;
-            }
-            bool small = true;
-            for (std::size_t i = 0; i < size_; ++i) {
-                made.psi[j * height_ + i] += power[i];
-                largest[i] = std::max(largest[i], std::abs(power[i]));
-                small = small && std::abs(power[i]) <= half_ulp * largest[i];
-            }
-            small_in_a_row = small ? small_in_a_row + 1 : 0;
-            for (std::size_t guard = 0; guard < guard_count_; ++guard) {
+        std::fill_n(terms.begin() + static_cast<std::ptrdiff_t>(height_), height_, 0.0);
+        terms[height_ + j] = h;
+        const int order = expand_columns(pattern.a.data(), pattern.square.data(), size_, height_, h, most_terms,
+                                         terms.data(), largest.data(), travel.data());
+        // From rest any length comes to an end at once; from elsewhere this one does not.
+        if (order == 0) {
+            made.leap.clear();
+            return made;
+        }
+        double* column = made.leap.data() + j * leap_height_;
+        evaluate_columns(terms.data(), order, height_, 1, column);
+        for (std::size_t guard = 0; guard < guard_count_; ++guard) {
+            const auto along = [&](int n) {
                 double g = 0;
-                for (const auto& [column, value] : pattern.g[guard]) g += value * power[column];
-                Reach& reach = made.reach[guard];
-                if (n == 0) reach.first[j] = g;
-                if (n == 1) reach.second[j] = g;
-                if (n > 1) reach.rest[j] += std::abs(g);
-            }
-            multiply_columns(pattern.a.data(), size_, height_, power.data(), next.data());
-            for (std::size_t i = 0; i < size_; ++i) power[i] = next[i] * (h / (n + 2));
+                for (const auto& [state, value] : pattern.g[guard]) {
+                    g += value * terms[static_cast<std::size_t>(n) * height_ + state];
+                }
+                return g;
+            };
+            column[height_ + 2 * guard] = along(1);
+            column[height_ + 2 * guard + 1] = along(2);
+            for (int n = 3; n <= order; ++n) made.rest[j * rest_height_ + guard] += std::abs(along(n));
         }
     }
     return made;
@@ -378,30 +396,30 @@ void ExactIntegrator::end(double span) {
 
 // Goes over the whole step at once, if no guard can fall in it.
 bool ExactIntegrator::leap(const Prepared& prepared) {
-    if (prepared.psi.empty()) return false;
+    if (prepared.leap.empty()) return false;
     auto& x = state_->x;
     const std::span<double> f(work_.data(), size_);
     system_.derivative(t0_, x, *state_->discrete, f);
     system_.guards(t0_, x, *state_->discrete, {guard_terms_.data(), guard_count_});
     ++counts_.derivative_evaluations;
     ++counts_.guard_evaluations;
+    for (std::size_t i = 0; i < size_; ++i) speed_[i] = std::abs(f[i]);
+    multiply_columns(prepared.leap.data(), leap_height_, height_, f.data(), moved_.data());
+    multiply_columns(prepared.rest.data(), rest_height_, height_, speed_.data(), rest_.data());
     for (std::size_t guard = 0; guard < guard_count_; ++guard) {
         if (pattern_->g[guard].empty()) continue; // it does not move
-        const Reach& reach = prepared.reach[guard];
-        const double first = dot(reach.first, f), second = dot(reach.second, f);
-        double rest = 0;
-        for (std::size_t i = 0; i < size_; ++i) rest += reach.rest[i] * std::abs(f[i]);
+        const double* row = moved_.data() + height_ + 2 * guard;
+        const double first = row[0], second = row[1], rest = rest_[guard];
         // s and s^2 lie between 0 and 1, so the guard is at least this, up to rounding, which the margin covers.
         const double least = guard_terms_[guard] + std::min(0.0, first + std::min(0.0, second)) - rest;
         const double margin = 1e-12 * (std::abs(first) + std::abs(second) + rest);
         if (!(least > margin)) return false;
     }
-    multiply_columns(prepared.psi.data(), size_, height_, work_.data(), term(1));
     // A machine without guards that move would leap on and on where its loop is unstable.
     for (std::size_t i = 0; i < size_; ++i) {
-        if (!std::isfinite(x[i] + term(1)[i])) return false;
+        if (!std::isfinite(x[i] + moved_[i])) return false;
     }
-    for (std::size_t i = 0; i < size_; ++i) x[i] += term(1)[i];
+    for (std::size_t i = 0; i < size_; ++i) x[i] += moved_[i];
     return true;
 }
 

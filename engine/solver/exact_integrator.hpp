@@ -34,7 +34,7 @@ class ExactIntegrator final : public Integrator {
 
     // Columns of states are padded with zeros to `height_` numbers, a multiple of eight, which the processor adds and
     // multiplies at one time.
-    using Columns = std::vector<double>; // (height x columns)
+    using Columns = std::vector<double>; // (height x columns); of a matrix, height columns, the last ones zero
 
     // A guard's row of G without its zeros.
     struct Entry {
@@ -42,17 +42,14 @@ class ExactIntegrator final : public Integrator {
         double value;
     };
 
-    // How one guard moves in a step, with f the derivative at its beginning: its first and second coefficients are
-    // first f and second f, all further ones together at most rest abs(f).
-    struct Reach {
-        std::vector<double> first, second, rest; // (states)
-    };
-
-    // Of a pattern, for steps of one length h.
+    // Of a pattern, for steps of one length h, with f the derivative at their beginning.
     struct Prepared {
         double h;
-        Columns psi;              // x(h) = x + psi f; empty: too long for its series
-        std::vector<Reach> reach; // (guards)
+        // Times f: how far x moves, Psi f, then for each guard its first and second coefficient. Empty: h is too long
+        // for its series.
+        Columns leap; // (leap_height x height)
+        // Times abs(f): a bound for all further coefficients of each guard together.
+        Columns rest; // (rest_height x height)
     };
 
     // What is known of one A and G.
@@ -80,6 +77,7 @@ class ExactIntegrator final : public Integrator {
 
     const HybridSystem& system_;
     const std::size_t size_, height_, guard_count_; // states, length of a padded column, guards
+    const std::size_t leap_height_, rest_height_;   // see Prepared
     SystemState* state_ = nullptr;
     std::map<AffinePattern, Pattern> patterns_;
     AffinePattern key_{};
@@ -94,6 +92,9 @@ class ExactIntegrator final : public Integrator {
     Columns terms_;                   // (height x most_terms + 1): c_n
     std::vector<double> work_;        // (height)
     std::vector<double> travel_;      // (height): how far each state can go in the step, where pattern_ is there
+    std::vector<double> moved_;       // (leap_height): leap times f
+    std::vector<double> speed_;       // (height): abs(f)
+    std::vector<double> rest_;        // (rest_height): rest times abs(f)
     std::vector<double> guard_terms_; // (most_terms + 1) x guards
     std::vector<double> polynomial_;
     RunStatistics counts_;

@@ -32,6 +32,8 @@ SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverO
     // A system of clocks alone has no states, which the library does not allow: it gets one that rests.
     const auto length = static_cast<sunindextype>(std::max<std::size_t>(size_, 1));
     vector_.reset(N_VNew_Serial(length, context_));
+    // Sums of many vectors in one call: with few states the calls are the work. The library's own vectors are copies.
+    check(N_VEnableFusedOps_Serial(vector_.get(), SUNTRUE), "N_VEnableFusedOps_Serial");
     tolerance_.reset(N_VNew_Serial(length, context_));
     dense_.reset(N_VNew_Serial(length, context_));
     N_VConst(0.0, vector_.get());

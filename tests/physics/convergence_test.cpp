@@ -135,7 +135,7 @@ TEST(IntegralOfExponential, of_the_reference_machine_is_the_same_by_both_roads) 
     Json description = reference_description();
     description["current_loop_hz"] = 7500.0; // stiff: ten steps of its time constant and more in a sample
     for (const Json& d : {reference_description(), description}) {
-        const ServoPlant plant(machine_of(d).plant_parameters());
+        const ServoPlant plant(machine_of(d).axis().plant);
         const auto n = static_cast<Eigen::Index>(plant.states().size());
         MatrixXd l = MatrixXd::Zero(n, n);
         plant.linear_part({l.data(), static_cast<std::size_t>(n * n)});

@@ -37,7 +37,7 @@ const Exact& exact(const OpenLoopRun& run) {
 }
 
 TEST(ReferenceMachine, is_the_table_of_the_oracle) {
-    EXPECT_EQ(machine_of(bare_description()).plant_parameters().rolling.elements().size(), 20u);
+    EXPECT_EQ(machine_of(bare_description()).axis().plant.rolling.elements().size(), 20u);
     const auto run = [&](const Json& d) {
         return run_open_loop(d, exact(g1).u, with_tolerance(Method::erk, 1e-6)).trace.x;
     };

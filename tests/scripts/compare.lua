@@ -38,6 +38,14 @@ for _, finding in ipairs(c.findings) do
 end
 assert(delay_told, table.concat(c.findings, "\n"))
 
+-- The same delay as a number, and the fields beside it.
+assert(math.abs(c.excitation_hz - 10) < 1e-6 and c.reference == "exact") -- 1e-6: where the search for it ends
+assert(math.abs(c.methods[6].phase_error_deg + 0.9) < 1e-3, c.methods[6].phase_error_deg)
+assert(math.abs(c.methods[6].gain_error) < 1e-3, c.methods[6].gain_error) -- half a step of delay is (w h)^2/8 of gain
+assert(c.methods[6].steps == #u - 1 and c.methods[6].derivative_evaluations >= #u - 1)
+assert(c.methods[6].stable_stiffness < c.methods[7].stable_stiffness)
+assert(c.methods[1].stable_stiffness == nil and not c.methods[1].diverged)
+
 -- Its files lie in the run folder; the test runs this script with the run folder `out`.
 local first = assert(io.open("out/comparison.csv")):read("l")
 assert(first:find("method,tolerance,step_s,completed,max_difference_m", 1, true) == 1, first)
@@ -49,7 +57,7 @@ end
 local none = tb.compare {
   machine = tb.machine "models/bare_mass.lua", r = u, divisions = {}, tolerances = {},
 }
-assert(#none.methods == 0 and none.text:find("\nexact ", 1, true))
+assert(#none.methods == 0 and none.excitation_hz and none.text:find("\nexact ", 1, true))
 
 -- The input is checked.
 local function refused(message, options)

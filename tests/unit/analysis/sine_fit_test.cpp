@@ -142,6 +142,33 @@ TEST(Coherence, WorksUpToTheNyquistFrequencyAndRefusesShortRecords) {
     EXPECT_THROW(coherence(one_period, other_length, sample_time, 100), InputError);
 }
 
+// To the last bit, so that a result does not depend on which signals are fitted together.
+TEST(SineBasis, FitsEachSignalAsTheFitOfItAlone) {
+    const double f = 33.3217, first = 1.2345;
+    const SineBasis basis(600, sample_time, f, first, 3, Drift::linear);
+    for (const double phase : {0.0, 1.0, 2.0}) {
+        const auto samples = sampled(
+            600, first, [&](double t) { return 2.5 + 0.7 * t + std::sin(turn * f * t + phase) + std::cos(70 * t); });
+        const SineFit one = basis.fit(samples), alone = fit_sine(samples, sample_time, f, first, 3, Drift::linear);
+        EXPECT_EQ(one.offset, alone.offset);
+        EXPECT_EQ(one.drift, alone.drift);
+        EXPECT_EQ(one.harmonics, alone.harmonics);
+        EXPECT_EQ(one.residual_rms, alone.residual_rms);
+    }
+}
+
+TEST(Coherence, OfSeveralInputsIsThatOfEach) {
+    const double f = 33.3217;
+    const auto output = sampled(2000, 0, [&](double t) { return wave(t, f, {0.1, 0.3}) + std::cos(300 * t); });
+    const auto first = sampled(2000, 0, [&](double t) { return wave(t, f, 1.0) + std::sin(170 * t); });
+    const auto second = sampled(2000, 0, [&](double t) { return wave(t, f, 2.0) + std::sin(t * t); });
+    const std::span<const double> inputs[] = {first, second};
+    const std::vector<double> both = coherence(inputs, output, sample_time, f);
+    ASSERT_EQ(both.size(), 2u);
+    EXPECT_EQ(both[0], coherence(first, output, sample_time, f));
+    EXPECT_EQ(both[1], coherence(second, output, sample_time, f));
+}
+
 TEST(Coherence, IsZeroWithoutASignal) {
     const std::vector<double> silent(400, 0.0);
     EXPECT_EQ(coherence(silent, silent, sample_time, 50), 0.0);

@@ -33,5 +33,24 @@ TEST(AmplitudeSpectrum, AConstantHasNone) {
 
 TEST(AmplitudeSpectrum, ThreeSamplesAreTooFew) { EXPECT_THROW(amplitude_spectrum({1, 2, 3}, ts, {20}), InputError); }
 
+TEST(StrongestLine, IsWithinAThirdOfTheResolutionOfASine) {
+    // 4 Hz of resolution; the sine has 3 to 200 periods in the record, and an offset.
+    for (const double f : {12.0, 34.5, 150.3, 800.0}) {
+        const auto line = strongest_line(sine(3e-6, f, 5e-6), ts, 8, 1000);
+        ASSERT_TRUE(line.has_value());
+        EXPECT_NEAR(*line, f, 4.0 / 3) << f;
+    }
+}
+
+TEST(StrongestLine, LooksNowhereElse) {
+    auto x = sine(1, 100, 0);
+    const auto faint = sine(0.1, 400, 0);
+    for (std::size_t k = 0; k < x.size(); ++k) x[k] += faint[k];
+    EXPECT_NEAR(strongest_line(x, ts, 8, 1000).value(), 100, 4.0 / 3);
+    EXPECT_NEAR(strongest_line(x, ts, 390, 410).value(), 400, 4.0 / 3); // to here 100 Hz leaks 1/(75 pi)
+    EXPECT_FALSE(strongest_line(x, ts, 10.1, 10.2).has_value());        // between two lines of the grid
+    EXPECT_FALSE(strongest_line(std::vector<double>(100, 7.0), ts, 0, 1000).has_value());
+}
+
 } // namespace
 } // namespace tribode

@@ -154,6 +154,19 @@ TEST(FrequencySweep, the_improved_analysis_finds_a_linear_machine_exactly_but_fo
     EXPECT_GT(deviation(machine, result.response(2)).back(), 0.05);
 }
 
+// u - p fh is the thrust before the feedback is added.
+TEST(FrequencySweep, the_add_on_form_of_all_the_friction_is_fra2_of_the_same_signals) {
+    SweepOptions options = sweep({20, 60});
+    EXPECT_EQ(run_sweep(reference(), options).add_on().size(), 0u);
+    options.friction_feedback = 1;
+    const SweepResult result = run_sweep(reference(), options);
+    ASSERT_EQ(result.add_on().size(), 2u);
+    for (std::size_t i = 0; i < 2; ++i) {
+        // The same sums: rounding.
+        EXPECT_LT(std::abs(result.add_on().value[i] / result.response(1).value[i] - 1.0), 1e-12);
+    }
+}
+
 TEST(FrequencySweep, the_improved_analysis_finds_the_plant_below_the_friction) {
     SweepOptions options = sweep({21.3, 34.1, 47.3, 66.7, 103.7, 157.9, 191.3});
     options.improved = true;
@@ -274,6 +287,17 @@ TEST(SweepCheckpoint, the_improved_analysis_is_kept_too) {
     const auto [whole, first] = resumed_sweep(reference(), options, file.path());
     EXPECT_EQ(first, 4u); // three were kept
     EXPECT_EQ(whole.improved().size(), ten_frequencies.size());
+    EXPECT_EQ(bytes(whole), bytes(run_sweep(reference(), options)));
+}
+
+TEST(SweepCheckpoint, the_add_on_form_and_the_loop_gain_are_kept_too) {
+    SweepOptions options = sweep(ten_frequencies);
+    options.friction_feedback = 0.8;
+    const TemporaryFile file;
+    interrupted_sweep(reference(), options, file.path());
+    const auto [whole, first] = resumed_sweep(reference(), options, file.path());
+    EXPECT_EQ(first, 4u); // three were kept
+    EXPECT_EQ(whole.add_on().size(), ten_frequencies.size());
     EXPECT_EQ(bytes(whole), bytes(run_sweep(reference(), options)));
 }
 

@@ -274,7 +274,7 @@ TEST(MachineModel, ABandLimitedInputNeedsAnOpenLoop) {
 }
 
 TEST(MachineModel, PlantParametersAreThoseOfTheModel) {
-    const auto p = parsed(complete).plant_parameters();
+    const auto p = parsed(complete).axis().plant;
     EXPECT_EQ(p.rigid_gain, 0.09428);
     EXPECT_EQ(p.modes.size(), 2u);
     EXPECT_DOUBLE_EQ(p.rolling.coulomb_level(), 0.86);

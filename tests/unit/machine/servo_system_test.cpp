@@ -1,3 +1,4 @@
+#include "base/error.hpp"
 #include "machine/servo_system.hpp"
 #include "unit/script/messages.hpp"
 
@@ -310,6 +311,66 @@ TEST(ServoSystemNoise, OfTheForceIsANewOneEachSample) {
     const double scale = 1 / static_cast<double>(many);
     EXPECT_LT(std::abs(std::inner_product(f.begin(), f.end() - 1, f.begin() + 1, 0.0)) * scale, most * 0.09);
     EXPECT_LT(std::abs(std::inner_product(f.begin(), f.end(), y.begin(), 0.0)) * scale, most * 0.3e-6);
+}
+
+// One element with the limit 0.01 m and D = 5 N s/m, D_v = 2 N s/m; a P controller of 10 N/m.
+MachineModel body_with_friction() {
+    MachineModel m = free_body();
+    m.elements = {{100, 1, 5}};
+    m.viscous = 2;
+    m.controller = PidSettings{10, 0, 0, std::nullopt};
+    return m;
+}
+
+// u at the samples k = first, first + 1, ... of a body that is put to these positions.
+std::vector<double> thrust_at(const ServoSystem& system, SystemState& state, const std::vector<double>& positions,
+                              long first = 0) {
+    std::vector<double> u;
+    for (std::size_t i = 0; i < positions.size(); ++i) {
+        const long k = first + static_cast<long>(i);
+        state.x[0] = positions[i];
+        system.on_sample(ServoSystem::encoder, k, state);
+        system.on_sample(ServoSystem::controller, k, state);
+        u.push_back(ServoSystem::values(state).thrust);
+    }
+    return u;
+}
+
+// Rounding: positions near 0.3 m are known to 5e-17 m, and divided by 0.5 ms.
+constexpr double velocity_rounding = 1e-11;
+
+TEST(FrictionFeedback, AddsItsShareOfTheModelledFrictionToTheThrust) {
+    for (const double share : {0.0, 0.8, 1.2}) {
+        const ServoSystem system(body_with_friction(), ClosedLoop{[](long) { return LoopInput{0.1, 7}; }, share});
+        SystemState state = system.initial_state();
+        const std::vector<double> y = {0.300, 0.304, 0.312, 0.311};
+        // First sample: the reference of the elements. Stick with z = 4 mm, v = 8 m/s; slip, no D, v = 16 m/s; back from
+        // the limit with v = -2 m/s.
+        const std::vector<double> friction = {0, 0.4 + 5 * 8 + 2 * 8, 1 + 2 * 16, 0.9 - 5 * 2 - 2 * 2};
+        const auto u = thrust_at(system, state, y);
+        for (std::size_t k = 0; k < y.size(); ++k) {
+            EXPECT_NEAR(u[k], 10 * (0.1 - y[k]) + 7 + share * friction[k], velocity_rounding) << share << ", " << k;
+        }
+    }
+}
+
+TEST(FrictionFeedback, IsPartOfASnapshotAndBeginsAnewWithEachRun) {
+    const ServoSystem system(body_with_friction(), ClosedLoop{[](long) { return LoopInput{}; }, 1});
+    SystemState state = system.initial_state();
+    const std::vector<double> before = {0.300, 0.304}, after = {0.312, 0.311};
+    thrust_at(system, state, before);
+    SystemState snapshot = state;
+    const auto u = thrust_at(system, state, after, 2);
+    EXPECT_EQ(thrust_at(system, snapshot, after, 2), u);
+    SystemState anew = system.initial_state();
+    EXPECT_NEAR(thrust_at(system, anew, {0.5})[0], -5, velocity_rounding);
+}
+
+TEST(FrictionFeedback, AShareBelowZeroIsRefused) {
+    for (const double share : {-0.1, std::nan("")}) {
+        EXPECT_THROW(ServoSystem(body_with_friction(), ClosedLoop{[](long) { return LoopInput{}; }, share}),
+                     InputError);
+    }
 }
 
 } // namespace

@@ -1,0 +1,26 @@
+#include "effect/servo_axis.hpp"
+#include "base/error.hpp"
+#include "base/text.hpp"
+
+#include <fmt/format.h>
+
+namespace tribode {
+
+static void require_not_below_zero(double value, const char* what, const char* unit) {
+    if (value >= 0) return;
+    throw InputError(fmt::format("they leave {} of {} {}, must not be below zero", what, to_text(value), unit));
+}
+
+void ServoAxis::require_possible() const {
+    for (const auto& [level, viscous] : {plant.forward, plant.backward}) {
+        require_not_below_zero(plant.viscous + viscous, "viscous friction", "N s/m");
+        require_not_below_zero(plant.dry.coulomb + level, "a dry friction level", "N");
+        require_not_below_zero(plant.dry.static_level + level, "a static friction level", "N");
+    }
+    require_not_below_zero(input_delay, "an input delay", "s");
+    if (!plant.backlash) return;
+    if (!plant.modes.empty()) throw InputError("backlash needs a machine without modes");
+    if (plant.rigid_gain == 0) throw InputError("backlash needs a machine with a rigid_gain_per_kg above zero");
+}
+
+} // namespace tribode

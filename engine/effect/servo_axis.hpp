@@ -1,0 +1,23 @@
+#pragma once
+#include "control/amplifier.hpp"
+#include "control/periodic_encoder_error.hpp"
+#include "plant/servo_plant.hpp"
+
+#include <vector>
+
+namespace tribode {
+
+// What a servo machine is made of besides its controller and clocks: the part that effects change.
+struct ServoAxis {
+    ServoPlant::Parameters plant;
+    Amplifier amplifier;
+    double input_delay = 0; // sample instant to actuator, besides the hold [s]
+    double encoder_resolution = 0;
+    std::vector<PeriodicEncoderError> encoder_errors;
+
+    // Throws InputError where the effects together leave something that cannot be: friction, a delay or a body below
+    // zero, backlash in a machine with modes.
+    void require_possible() const;
+};
+
+} // namespace tribode

@@ -1,0 +1,129 @@
+-- What each effect does to a machine: the same input with and without it, and the difference, drawn against what the
+-- effect depends on. One plot per group of effects.
+--
+--   tribode run scripts/effects.lua -D machine=models/bare_mass.lua
+--
+-- Results: effects.csv (rms and largest difference of position and thrust), and the plots friction, forces, amplifier,
+-- dynamics, encoder (png, svg).
+
+local tb = require "tribode"
+
+local option = tb.options {
+  machine = { default = "models/bare_mass.lua", help = "machine description, .lua or .json" },
+  amplitude = { default = 0.02, unit = "m", help = "of the reference" },
+  frequency = { default = 1.0, unit = "Hz", help = "of the reference" },
+  duration = { default = tb.quick and 1 or 3, unit = "s", help = "of each run" },
+}
+
+-- Every kind with values one could meet, in groups that share a plot.
+local groups = {
+  { name = "friction", effects = {
+    { "coulomb_friction", { dF = 5 } },
+    { "viscous_friction", { dD = 40 } },
+    { "stribeck_friction", { dFs = 3, velocity = 0.01 } },
+    { "presliding_hysteresis", { elements = { { K = 1e5, F = 2 }, { K = 1e4, F = 2 } } } },
+    { "asymmetric_friction", { dF_pos = 4, dF_neg = 1 } },
+    { "position_dependent_friction", { mode = "sine", a = 0.5, period_m = 0.02 } },
+    { "time_varying_friction", { kind = "exp", a = 0.8, T = 1 } },
+  } },
+  { name = "forces", effects = {
+    { "force_ripple", { harmonics = { { F = 3, period_m = 0.012 } } } },
+    { "constant_force", { F = 4 } },
+    { "spring_force", { k = 300 } },
+    { "cubic_stiffness", { k3 = 1e6 } },
+    { "quadratic_drag", { c = 300 } },
+    { "periodic_disturbance", { F = 2, freq_hz = 7 } },
+  } },
+  { name = "amplifier", effects = {
+    { "dead_zone", { half_width = 1.5 } },
+    { "thrust_saturation", { limit = 6 } },
+    { "thrust_gain", { gain = 1.2 } },
+  } },
+  { name = "dynamics", effects = {
+    { "backlash", { gap_m = 5e-5, load_fraction = 0.4, contact_hz = 200, contact_zeta = 0.2, sensor = "load" } },
+    { "payload_mass", { ratio = 0.3 } },
+    { "input_delay", { extra_s = 1e-3 } },
+    { "actuator_lag", { current_loop_hz = 120 } },
+    { "resonant_mode", { gain = 0.01, freq_hz = 60, zeta = 0.02 } },
+  } },
+  { name = "encoder", effects = {
+    { "encoder_quantization", { resolution_m = 5e-6 } },
+    { "encoder_periodic_error", { A = 2e-6, period_m = 1e-3, A2 = 5e-7 } },
+  } },
+}
+
+local described = {}
+for _, kind in ipairs(tb.effects {}) do described[kind.name] = kind end
+
+local reference, excitation = {}, {}
+local machine = tb.machine(option.machine)
+for k = 1, math.floor(option.duration / machine.Ts + 0.5) + 1 do
+  local t = (k - 1) * machine.Ts
+  reference[k] = option.amplitude * (1 - math.cos(2 * math.pi * option.frequency * t))
+  excitation[k] = 0
+end
+
+local function run(effects)
+  local changed = tb.machine(option.machine)
+  changed.effects = effects
+  return tb.simulate { machine = changed, r = reference, exc = excitation }
+end
+
+-- What the friction effects scale must be there.
+local function base_of(name)
+  if name == "position_dependent_friction" or name == "time_varying_friction" then
+    return { { name = "coulomb_friction", parameters = { dF = 5 } } }
+  end
+  return {}
+end
+
+local function distance_since_reversal(trace)
+  local list, from, last = {}, trace.x[1], 0
+  for k, v in ipairs(trace.v) do
+    if v * last < 0 then from = trace.x[k] end
+    if v ~= 0 then last = v end
+    list[k] = math.abs(trace.x[k] - from)
+  end
+  return list
+end
+
+-- Values along the axis a kind is drawn against, with its label.
+local function along(axis, trace)
+  if axis == "position" then return trace.x, "Position [m]" end
+  if axis == "velocity" then return trace.v, "Velocity [m/s]" end
+  if axis == "thrust" then return trace.u, "Thrust reference [N]" end
+  if axis == "distance since reversal" then return distance_since_reversal(trace), "Distance since reversal [m]" end
+  return trace.t, "Time [s]"
+end
+
+local names, rms_y, peak_y, rms_u, group_of = {}, {}, {}, {}, {}
+for number, group in ipairs(groups) do
+  local panels = {}
+  for _, entry in ipairs(group.effects) do
+    local name, parameters = entry[1], entry[2]
+    local base = base_of(name)
+    local before = run(base)
+    base[#base + 1] = { name = name, parameters = parameters }
+    local after = run(base)
+    local sum_y, sum_u, peak, micrometres = 0, 0, 0, {}
+    for k = 1, #after.y do
+      local dy, du = after.y[k] - before.y[k], after.u[k] - before.u[k]
+      sum_y, sum_u, peak = sum_y + dy ^ 2, sum_u + du ^ 2, math.max(peak, math.abs(dy))
+      micrometres[k] = 1e6 * dy
+    end
+    names[#names + 1], group_of[#group_of + 1] = name, number
+    rms_y[#rms_y + 1], rms_u[#rms_u + 1] = math.sqrt(sum_y / #after.y), math.sqrt(sum_u / #after.y)
+    peak_y[#peak_y + 1] = peak
+    local x, label = along(described[name].drawn_against, after)
+    panels[#panels + 1] = { title = name .. ": " .. described[name].equation, x_label = label,
+      y_label = "Position with - without [um]", legend = "none",
+      series = { { name = name, x = x, y = micrometres, style = "points" } } }
+    print(string.format("%-28s rms %9.3f um, largest %9.3f um, thrust rms %7.3f N", name, 1e6 * rms_y[#rms_y],
+      1e6 * peak, rms_u[#rms_u]))
+  end
+  tb.plot { file = group.name, title = "Effects: " .. group.name, panels = panels }
+end
+tb.write_json { file = "effects.json", value = { names = names, rms_m = rms_y, largest_m = peak_y, rms_N = rms_u } }
+tb.write_csv { file = "effects.csv", columns = {
+  { name = "group", values = group_of }, { name = "rms", unit = "m", values = rms_y },
+  { name = "largest", unit = "m", values = peak_y }, { name = "thrust_rms", unit = "N", values = rms_u } } }

@@ -1,0 +1,103 @@
+#include "base/error.hpp"
+#include "effect/effect.hpp"
+
+#include <gtest/gtest.h>
+#include <set>
+
+namespace tribode {
+namespace {
+
+Effect read(const std::string& text) {
+    const Json json = Json::parse(text);
+    FieldReader fields(json, "machine.json", "effects[1]");
+    Effect effect = Effect::read(fields);
+    fields.finish();
+    return effect;
+}
+
+std::string refusal(const std::string& text) {
+    try {
+        read(text);
+    } catch (const InputError& error) {
+        return error.what();
+    }
+    return "";
+}
+
+TEST(Effect, kinds_have_names_of_their_own_and_say_all_of_themselves) {
+    std::set<std::string> names;
+    for (const auto* kind : effect_kinds()) {
+        EXPECT_TRUE(names.insert(kind->name).second) << kind->name;
+        EXPECT_FALSE(kind->equation.empty()) << kind->name;
+        EXPECT_EQ(&effect_kind(kind->name), kind);
+        EXPECT_FALSE(kind->parameters.empty()) << kind->name;
+        const auto check = [&](const EffectParameter& p) {
+            EXPECT_FALSE(p.meaning.empty()) << kind->name << "." << p.name;
+            if (p.type == EffectParameter::Type::number) {
+                EXPECT_LT(p.plausible_least, p.plausible_most) << kind->name << "." << p.name;
+            }
+        };
+        for (const auto& p : kind->parameters) {
+            check(p);
+            for (const auto& field : p.fields) check(field);
+        }
+    }
+    EXPECT_EQ(names.size(), 24u); // 23 of physics, one of the user's own
+}
+
+TEST(Effect, what_is_left_out_is_what_the_kind_says) {
+    const Effect effect = read(R"({"name": "encoder_periodic_error", "parameters": {"A": 1e-6, "period_m": 1e-4}})");
+    EXPECT_EQ(effect.numbers(), (std::vector<double>{1e-6, 1e-4, 0, 0, 0}));
+    EXPECT_EQ(read(R"({"name": "spring_force", "parameters": {"k": 5}})").number("y0"), 0);
+}
+
+TEST(Effect, what_it_writes_reads_back_as_the_same) {
+    for (
+        const std::string text :
+        {R"({"name":"force_ripple","parameters":{"harmonics":[{"F":1.0,"period_m":0.02,"phase":0.5}]}})",
+         R"({"name":"presliding_hysteresis","parameters":{"elements":[{"K":1000.0,"F":1.0,"D":0.0}],"replace_coulomb":true}})",
+         R"({"name":"backlash","parameters":{"gap_m":1e-05,"load_fraction":0.5,"contact_hz":100.0,"contact_zeta":0.1,"sensor":"load"}})",
+         R"({"name":"own_force","parameters":{"force":"return -k*y","states":["z"],"rates":"return v","constants":{"k":2.0}}})"}) {
+        EXPECT_EQ(read(text).to_json().dump(), text);
+    }
+}
+
+TEST(Effect, its_numbers_can_be_moved_all_together) {
+    const Effect effect = read(R"({"name": "force_ripple", "parameters": {"harmonics": [{"F": 1, "period_m": 2}]}})");
+    const Effect moved = effect.with_numbers({3, 4, 5});
+    EXPECT_EQ(moved.records("harmonics"), (std::vector<std::vector<double>>{{3, 4, 5}}));
+    EXPECT_EQ(effect.numbers(), (std::vector<double>{1, 2, 0}));
+}
+
+TEST(Effect, wrong_ones_are_refused_with_the_field_and_what_is_allowed) {
+    EXPECT_EQ(refusal(R"({"name": "sprng_force", "parameters": {"k": 1}})"),
+              "machine.json: effects[1].name = \"sprng_force\" is not a known effect (did you mean \"spring_force\"?)");
+    EXPECT_EQ(refusal(R"({"name": "spring_force", "parameters": {"kk": 1, "k": 2}})"),
+              "machine.json: effects[1].parameters.kk is not a known field (did you mean \"k\"?)");
+    EXPECT_EQ(refusal(R"({"name": "spring_force"})"),
+              "machine.json: effects[1].parameters.k is missing (a number in N/m)");
+    EXPECT_EQ(refusal(R"({"name": "thrust_gain", "parameters": {"gain": 0}})"),
+              "machine.json: effects[1].parameters.gain = 0, must be positive and finite");
+    EXPECT_EQ(refusal(R"({"name": "time_varying_friction", "parameters": {"kind": "step", "a": 1, "T": 1}})"),
+              "machine.json: effects[1].parameters.kind = \"step\", must be one of exp, ramp, sine");
+    EXPECT_EQ(refusal(R"({"name": "force_ripple", "parameters": {}})"),
+              "machine.json: effects[1].parameters.harmonics is missing or empty, must be a list of one table or more");
+}
+
+// The amplifier's order does not depend on the order of the effects: u = 12 N, saturated to 10, less 1, doubled.
+TEST(Effect, saturation_dead_zone_and_gain_act_in_this_order) {
+    ServoAxis axis;
+    for (const std::string text : {R"({"name": "thrust_gain", "parameters": {"gain": 2}})",
+                                   R"({"name": "dead_zone", "parameters": {"half_width": 1}})",
+                                   R"({"name": "thrust_saturation", "parameters": {"limit": 10}})"}) {
+        read(text).apply(axis);
+    }
+    EXPECT_EQ(axis.amplifier(12), 18);
+    EXPECT_EQ(axis.amplifier(-12), -18);
+    EXPECT_EQ(axis.amplifier(0.5), 0);
+    EXPECT_EQ(axis.amplifier.slope(12), 0);
+    EXPECT_EQ(axis.amplifier.slope(5), 2);
+}
+
+} // namespace
+} // namespace tribode

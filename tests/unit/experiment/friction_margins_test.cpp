@@ -1,0 +1,46 @@
+#include "base/error.hpp"
+#include "experiment/friction_margins.hpp"
+#include "physics/reference_machine.hpp"
+
+#include <gtest/gtest.h>
+
+namespace tribode {
+namespace {
+
+TEST(FrictionMargins, TheGainMarginFallsWithEveryShareThatIsFedBack) {
+    const MachineModel machine = machine_of(reference_description());
+    for (const double amplitude : {0.0, 1e-6, 1e-5}) {
+        double before = 1e9;
+        for (const double share : {0.0, 0.5, 0.8, 0.9, 1.0}) {
+            const FrictionMargins found = friction_margins(machine, share, amplitude);
+            ASSERT_TRUE(found.stable && found.margins.gain_margin) << share;
+            EXPECT_LT(*found.margins.gain_margin, before) << share << " at " << amplitude;
+            before = *found.margins.gain_margin;
+        }
+        EXPECT_LT(before, 1.05) << "little is left at 100 %";
+        EXPECT_FALSE(friction_margins(machine, 1.2, amplitude).stable);
+    }
+}
+
+TEST(FrictionMargins, LargeMotionsBearMoreThanAllOfTheFriction) {
+    const auto found = friction_margins(machine_of(reference_description()), 1.2, 1e-3);
+    EXPECT_TRUE(found.stable);
+    ASSERT_TRUE(found.critical);
+    EXPECT_GT(found.critical->share, 3);
+}
+
+TEST(FrictionMargins, WhatDoesNotFitIsRefused) {
+    Json d = reference_description();
+    const MachineModel machine = machine_of(d);
+    EXPECT_THROW(friction_loop_gain(machine, 1, {1e-6, 1e-6}, {10}), InputError);
+    EXPECT_THROW(friction_loop_gain(machine, 1, {1e-6}, {1000}), InputError);
+    EXPECT_EQ(friction_loop_gain(machine, 1, {1e-6}, {10, 20}).size(), 2u);
+    d.erase("friction");
+    EXPECT_THROW(friction_margins(machine_of(d), 1, 0), InputError);
+    d = reference_description();
+    d.erase("controller");
+    EXPECT_THROW(friction_margins(machine_of(d), 1, 0), InputError);
+}
+
+} // namespace
+} // namespace tribode
