@@ -16,7 +16,7 @@ return tb.batch {
     name = "on a cluster", seed = 7, count = 90,
     points = function(i) return { x = i / 10 } end,
     run = function(point, seed)
-        local until_ = os.clock() + 0.1
+        local until_ = os.clock() + 0.05
         repeat until os.clock() > until_
         return { square = point.x ^ 2, seed = seed }
     end,
