@@ -10,6 +10,7 @@
 #include "machine/machine_model.hpp"
 #include "record/csv.hpp"
 #include "record/output_file.hpp"
+#include "record/record_file.hpp"
 #include "script/batch_script.hpp"
 #include "script/lua_force.hpp"
 #include "script/machine_file.hpp"
@@ -101,22 +102,6 @@ struct Common {
     }
 };
 
-// "t=t_s,u=u_V": pairs separated by commas.
-std::map<std::string, std::string> pairs_of(const std::string& text, const char* option) {
-    std::map<std::string, std::string> pairs;
-    for (std::size_t begin = 0; begin < text.size();) {
-        const std::size_t end = std::min(text.find(',', begin), text.size());
-        const std::string pair = text.substr(begin, end - begin);
-        const std::size_t equals = pair.find('=');
-        if (equals == 0 || equals == std::string::npos) {
-            throw InputError(fmt::format("{} {}: \"{}\" must be name=value", option, text, pair));
-        }
-        pairs[pair.substr(0, equals)] = pair.substr(equals + 1);
-        begin = end + 1;
-    }
-    return pairs;
-}
-
 // -D name=value, each once or more: the last counts.
 std::map<std::string, std::string> defines_of(const std::vector<std::string>& defines) {
     std::map<std::string, std::string> values;
@@ -136,7 +121,8 @@ struct MachineAndRecord {
 
     void add_to(CLI::App& app) {
         app.add_option("--machine", machine, "machine description, .lua or .json")->required();
-        app.add_option("--input", input, "CSV with t,u (open loop) or t,r,exc (closed loop)")->required();
+        app.add_option("--input", input, "record, CSV, MAT or HDF5, with t,u (open loop) or t,r,exc (closed loop)")
+            ->required();
         app.add_option("--columns", columns, "names in the input, e.g. t=t_s,u=u_V");
         app.add_option("--scale", scale, "factors that bring input columns to SI, e.g. u=35.15");
     }
@@ -144,28 +130,8 @@ struct MachineAndRecord {
     MachineModel model() const { return MachineModel::from_description(read_description(machine), machine); }
 
     DriveRecord record(const MachineModel& model) const {
-        const auto names = pairs_of(columns, "--columns");
-        Table table = read_csv(input);
-        for (const auto& [ours, theirs] : names) {
-            table[theirs]; // a name that is not there is refused
-            for (auto& column : table.columns) {
-                if (column.name == theirs) column.name = ours;
-            }
-        }
-        // A record with names of its own may hold more than is asked for.
-        if (!names.empty()) {
-            std::erase_if(table.columns, [](const Column& column) { return !DriveRecord::is_column(column.name); });
-        }
-        for (const auto& [name, text] : pairs_of(scale, "--scale")) {
-            const auto factor = parse_number(text);
-            if (!factor) throw InputError(fmt::format("--scale {}={}: must be a number", name, text));
-            table[name]; // a name that is not there is refused
-            for (auto& column : table.columns) {
-                if (column.name != name) continue;
-                for (double& value : column.values) value *= *factor;
-            }
-        }
-        return DriveRecord::from_table(table, model, input);
+        const Record measured = read_record(input, RecordOptions::parse(columns, scale), DriveRecord::columns());
+        return DriveRecord::from_table(measured.table, model, input);
     }
 };
 
@@ -179,7 +145,7 @@ struct SimulateCommand {
 
     void add_to(CLI::App& app, Common& common) {
         what.add_to(app);
-        app.add_option("-o,--out", output, "CSV to write: t,r,u,y,x,v,f")->required();
+        app.add_option("-o,--out", output, "file to write, .csv, .mat or .h5: t,r,u,y,x,v,f")->required();
         app.add_option("--events", events, "CSV to write: t,element,kind");
         app.add_option("--solver", solver,
                        fmt::format("{} (default auto: exact where possible, else erk)",
@@ -210,7 +176,7 @@ struct SimulateCommand {
             throw EndedEarly(fmt::format("{}; the {} samples reached are in {}", result.outcome.message,
                                          result.trace.t.size(), partial));
         }
-        write_csv(output, to_table(result.trace));
+        write_record(output, to_table(result.trace));
         if (!events.empty()) write_file(events, to_csv(result.events));
         if (!common.quiet) {
             const RunStatistics& n = result.statistics;
@@ -333,7 +299,7 @@ struct BatchCommand {
         slurm_app->add_flag("--again", again, "also what Slurm says to be waiting or running");
         status_app->add_flag("--json", as_json, "as JSON");
         status_app->add_flag("--watch", watch, "a progress display until the batch is complete");
-        merge_app->add_option("-o,--out", output, "file to write: .h5 or .csv")->required();
+        merge_app->add_option("-o,--out", output, "file to write: .h5, .csv or .mat")->required();
         for (auto* command : app.get_subcommands(nullptr)) {
             command->add_flag("--quiet", common.quiet, "no progress display");
             command->set_version_flag("--version", "tribode " + version());
@@ -425,7 +391,7 @@ struct BatchCommand {
         if (!common.quiet) {
             fmt::print("{} points, {} failed, in {}\n", summary.points, summary.failed, output);
             if (!summary.left_out.empty()) {
-                fmt::print("too long for a table of text, and so only in .h5: {}\n", fmt::join(summary.left_out, ", "));
+                fmt::print("too long for such a table, and so only in .h5: {}\n", fmt::join(summary.left_out, ", "));
             }
         }
         return done;

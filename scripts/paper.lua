@@ -32,6 +32,7 @@ local family = results(run("amplitude_family", many), "summary.json")
 local positioning = run("positioning", { identified = fra .. "/identified.json" })
 local moves, designs = results(positioning, "summary.json"), results(positioning, "designs.json")
 local open = results(run("open_question", many), "open_question.json")
+local add_on = results(run "friction_compensation", "results.json")
 local machine = tb.machine { file = "models/linear_motor_table.lua", argument = {} }
 
 -- ---- words -------------------------------------------------------------------------------------------------------
@@ -254,6 +255,56 @@ section "Signals and the three analyses: Figs. 11 and 12" {
       "over the frequencies, the delays of the first two taken out).", errors[1], errors[2], errors[3])),
   figure("fra_comparison/bode", "Fig. 12, with the true plant, which only a simulation knows."),
   figure("fra_comparison/error", "Distance of each from the true plant."),
+}
+
+-- ---- friction fed back: Fig. 6 -----------------------------------------------------------------------------------
+
+-- The rows with nothing and with all of the friction fed back, by the amplitude of the motion.
+local margin_rows, least_before, least_after, critical = {}, math.huge, math.huge, math.huge
+for _, row in ipairs(add_on.margins) do
+  if row.feedback == 0 then least_before = math.min(least_before, row.modulus_margin) end
+  if row.feedback == 1 then
+    least_after = math.min(least_after, row.stable and row.modulus_margin or 0)
+    critical = math.min(critical, row.critical_feedback or math.huge)
+  end
+  if row.feedback == 0 or row.feedback == 1 then
+    margin_rows[#margin_rows + 1] = {
+      row.amplitude_m == 0 and "stuck" or text("%g um", row.amplitude_m * 1e6), 100 * row.feedback,
+      row.gain_margin and 20 * math.log(row.gain_margin, 10) or (row.stable and "none" or "unstable"),
+      row.phase_margin_deg or (row.stable and "none" or "unstable"), row.modulus_margin,
+      row.critical_feedback and 100 * row.critical_feedback or "none",
+    }
+  end
+end
+local fed_back
+for _, entry in ipairs(add_on.add_on) do
+  if entry.feedback == 1 then fed_back = entry.model end
+end
+local calculated = add_on.identified["FRA-2"]
+section "Friction fed back: Fig. 6" {
+  compare("Fig. 6: feeding friction back", "can cost stability",
+    text("margin %.2f to %.3f", least_before, least_after), least_after < 0.5 * least_before,
+    text("with all of the modelled friction fed back the least distance of the loop gain from -1 falls from %.2f to " ..
+      "%.3f; from %.1f %% on the loop oscillates.", least_before, least_after, 100 * critical)),
+  fed_back and calculated and compare("Eqs. (5), (7): both forms of FRA-2", "the same",
+    text("k0 %+.1f %%", percent(fed_back.k0, calculated.k0)), math.abs(percent(fed_back.k0, calculated.k0)) < 1,
+    text("with friction really fed back FRA-2 gives k0 = %.2f mm/(N s²), calculated as in Fig. 7 %.2f.",
+      fed_back.k0 * 1e3, calculated.k0 * 1e3))
+    or "Too few frequencies settled for a model with friction fed back.",
+  figure("friction_compensation/bode", "FRA-2 with friction fed back in part and as a whole."),
+  {
+    table = {
+      caption = "Margins without and with all of the modelled friction fed back, by the amplitude of the motion",
+      columns = {
+        { name = "motion" }, { name = "fed back", unit = "%", decimals = 0 },
+        { name = "gain margin", unit = "dB", decimals = 1 }, { name = "phase margin", unit = "deg", decimals = 1 },
+        { name = "least distance from -1", decimals = 3 }, { name = "critical share", unit = "%", decimals = 1 },
+      },
+      rows = margin_rows,
+    },
+  },
+  figure("friction_compensation/margins", ""),
+  figure("friction_compensation/limit_cycle", "Beyond the critical share the axis keeps oscillating."),
 }
 
 -- ---- Table III, Fig. 13 ------------------------------------------------------------------------------------------

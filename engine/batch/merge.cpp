@@ -3,10 +3,13 @@
 #include "base/text.hpp"
 #include "batch/shard_file.hpp"
 #include "record/hdf5.hpp"
+#include "record/mat.hpp"
 #include "record/output_file.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <limits>
 #include <map>
 #include <memory>
@@ -124,30 +127,37 @@ class Hdf5Sink : public RowSink {
     std::vector<std::string> reasons_;
 };
 
-class CsvSink : public RowSink {
-  public:
-    CsvSink(const fs::path& output, const Manifest& manifest, const std::vector<KeptColumn>& columns,
-            std::vector<std::string>& left_out)
-        : file_(output) {
+// The columns of a table with one number in a cell: a list becomes name_1, name_2, ..., as long as there is room.
+struct FlatColumns {
+    std::vector<std::string> names; // of those that are taken
+    std::vector<bool> taken;        // which numbers of `spread`
+
+    FlatColumns(const Manifest& manifest, const std::vector<KeptColumn>& columns, std::vector<std::string>& left_out)
+        : names{"index", "failed"} {
         constexpr std::size_t most = 1000;
-        std::string header = "index,failed";
-        for (const auto& name : manifest.parameters) header += "," + name;
-        taken_.assign(2 + manifest.parameters.size(), true);
+        names.insert(names.end(), manifest.parameters.begin(), manifest.parameters.end());
+        taken.assign(names.size(), true);
         for (const auto& column : columns) {
-            const bool has_room = taken_.size() + column.width <= most || !column.list;
+            const bool has_room = !column.list || names.size() + column.width <= most;
             if (!has_room) left_out.push_back(column.name);
-            taken_.insert(taken_.end(), column.width, has_room);
+            taken.insert(taken.end(), column.width, has_room);
             for (std::size_t i = 1; has_room && i <= column.width; ++i) {
-                header += column.list ? fmt::format(",{}_{}", column.name, i) : "," + column.name;
+                names.push_back(column.list ? fmt::format("{}_{}", column.name, i) : column.name);
             }
         }
-        file_.write(header + ",reason\n");
+    }
+};
+
+class CsvSink : public RowSink {
+  public:
+    CsvSink(const fs::path& output, FlatColumns columns) : file_(output), columns_(std::move(columns)) {
+        file_.write(fmt::format("{},reason\n", fmt::join(columns_.names, ",")));
     }
 
     void add(const PointRow& row, const std::vector<double>& numbers) override {
         line_.clear();
         for (std::size_t i = 0; i < numbers.size(); ++i) {
-            if (!taken_[i]) continue;
+            if (!columns_.taken[i]) continue;
             append_text(line_, numbers[i]);
             line_ += ',';
         }
@@ -161,8 +171,40 @@ class CsvSink : public RowSink {
 
   private:
     OutputFile file_;
-    std::vector<bool> taken_; // which numbers become a cell
+    FlatColumns columns_;
     std::string line_;
+};
+
+// The only one that holds all rows: the format has the length of a column before its numbers.
+class MatSink : public RowSink {
+  public:
+    MatSink(fs::path output, const Manifest& manifest, FlatColumns columns)
+        : output_(std::move(output)),
+          taken_(std::move(columns.taken)) {
+        for (std::string name : columns.names) {
+            const std::string unit = unit_of(manifest, name);
+            for (char& c : name) {
+                if (!std::isalnum(static_cast<unsigned char>(c))) c = '_';
+            }
+            if (!std::isalpha(static_cast<unsigned char>(name.front()))) name = "x" + name;
+            table_.add(std::move(name), unit, {});
+        }
+        for (auto& column : table_.columns) column.values.reserve(manifest.count);
+    }
+
+    void add(const PointRow&, const std::vector<double>& numbers) override {
+        auto column = table_.columns.begin();
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            if (taken_[i]) (column++)->values.push_back(numbers[i]);
+        }
+    }
+
+    void commit() override { write_mat(output_, table_); }
+
+  private:
+    fs::path output_;
+    std::vector<bool> taken_;
+    Table table_;
 };
 
 } // namespace
@@ -186,8 +228,8 @@ void for_each_point(const fs::path& folder, const Manifest& manifest, const std:
 
 MergeSummary merge_batch(const fs::path& folder, const Manifest& manifest, const fs::path& output) {
     const std::string kind = output.extension().string();
-    if (kind != ".h5" && kind != ".hdf5" && kind != ".csv") {
-        throw InputError(fmt::format("{}: a merged batch is a .h5 or a .csv", output.string()));
+    if (kind != ".h5" && kind != ".hdf5" && kind != ".csv" && kind != ".mat") {
+        throw InputError(fmt::format("{}: a merged batch is a .h5, a .csv or a .mat", output.string()));
     }
 
     // First what there is, and whether it is what was planned.
@@ -225,7 +267,9 @@ MergeSummary merge_batch(const fs::path& folder, const Manifest& manifest, const
 
     std::unique_ptr<RowSink> sink;
     if (kind == ".csv") {
-        sink = std::make_unique<CsvSink>(output, manifest, summary.columns, summary.left_out);
+        sink = std::make_unique<CsvSink>(output, FlatColumns(manifest, summary.columns, summary.left_out));
+    } else if (kind == ".mat") {
+        sink = std::make_unique<MatSink>(output, manifest, FlatColumns(manifest, summary.columns, summary.left_out));
     } else {
         sink = std::make_unique<Hdf5Sink>(output, manifest, summary.columns);
     }

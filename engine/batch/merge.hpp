@@ -31,6 +31,7 @@ void for_each_point(const std::filesystem::path& folder, const Manifest& manifes
 //   HDF5   a vector per parameter and kept number, with its unit; a matrix (points x longest) per kept list; `index`,
 //          `failed` (0 or 1); in the group `failures` the index and the reason of each
 //   CSV    the same columns; a list becomes name_1, name_2, ..., up to 1000 columns in all; `reason` is the last column
+//   MAT    as CSV without the reason; other characters than letters and digits in a name become _; made in memory
 MergeSummary merge_batch(const std::filesystem::path& folder, const Manifest& manifest,
                          const std::filesystem::path& output);
 

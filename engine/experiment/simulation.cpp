@@ -61,6 +61,11 @@ bool DriveRecord::is_column(const std::string& name) {
     return std::find(known_columns.begin(), known_columns.end(), name) != known_columns.end();
 }
 
+const std::vector<std::string>& DriveRecord::columns() {
+    static const std::vector<std::string> names = {"t", "u", "r", "exc", "y"};
+    return names;
+}
+
 DriveRecord DriveRecord::from_table(const Table& table, const MachineModel& machine, const std::string& where) {
     for (const auto& column : table.columns) {
         if (!is_column(column.name)) {

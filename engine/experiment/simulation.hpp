@@ -23,6 +23,9 @@ struct DriveRecord {
     // Whether a record may have a column of this name: t, u, r, exc, y, and x, v, f, which are passed over.
     static bool is_column(const std::string& name);
 
+    // What from_table can use of a record: t, u, r, exc, y.
+    static const std::vector<std::string>& columns();
+
     // Columns t, then u (open loop) or r and exc (closed loop; one of the two may be absent and is zero then). Where a
     // record has u and r, the machine's closed_loop decides. Throws InputError on other columns, on a time column that
     // is not uniform with the machine's sample time, and on what the machine cannot do.

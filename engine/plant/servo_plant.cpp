@@ -63,6 +63,8 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
         corner_ = two_pi * p_.current_loop_hz;
     }
     assert(total_gain_ > 0);
+    release_margin_ = 1e-12 * (1 + p_.dry.static_level + std::max(p_.forward.level, p_.backward.level) +
+                               p_.rolling.coulomb_level());
 }
 
 ServoPlant::State ServoPlant::start(double y, double v, std::span<double> x) const {
@@ -199,7 +201,7 @@ double ServoPlant::dry_level(double v, const State& s) const {
 // The axis is let go a little above the static level, so that rounding does not stop it again at once [N].
 double ServoPlant::release_level(double towards, double t, std::span<const double> x) const {
     const double level = p_.dry.static_level + (towards > 0 ? p_.forward : p_.backward).level;
-    return level * (1 + 1e-12) * friction_factor(t, x);
+    return (level + release_margin_) * friction_factor(t, x);
 }
 
 double ServoPlant::restoring(std::span<const double> x) const {

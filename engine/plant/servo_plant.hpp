@@ -150,6 +150,8 @@ class ServoPlant {
     double holding_force(double t, std::span<const double> x, const State& s) const;   // f_dry in stick [N]
     double linear_friction(std::span<const double> x, const State& s) const;
     void motion(std::span<const double> x, double effective, std::span<double> dxdt) const;
+    // The axis is let go a little above the static level, so that rounding does not stop it again at once: also where
+    // one direction, or both, have no level at all.
     double release_level(double towards, double t, std::span<const double> x) const;
     void stop(std::span<double> x) const;
     SlipState direction(const State& s) const;
@@ -159,6 +161,7 @@ class ServoPlant {
     std::vector<double> gain_, damping_, stiffness_; // per mode: k_j, 2 z_j w_j, w_j^2
     double total_gain_;                              // k [m/(N s^2)]
     double corner_ = 0;                              // w_c [rad/s]
+    double release_margin_ = 0;                      // [N]
     bool has_dry_ = false;                           // whether the direction of motion is a slip state
     bool scaled_ = false;                            // whether friction is scaled
     bool added_ = false;              // whether there are forces besides motor and friction, or a second body

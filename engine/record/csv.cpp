@@ -55,6 +55,12 @@ std::size_t for_each_cell(std::string_view line, Use use) {
     }
 }
 
+// Without the byte order mark that some programs put in front.
+std::string_view without_mark(std::string_view text) {
+    if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
+    return text;
+}
+
 std::string shown(std::string_view cell) {
     constexpr std::size_t longest = 40;
     if (cell.empty()) return "empty";
@@ -115,10 +121,16 @@ double read_cell(std::string_view cell, const std::string& column, bool finite, 
 } // namespace
 
 Table read_csv(const std::filesystem::path& path, const CsvOptions& options) {
-    const std::string bytes = read_file(path);
-    std::string_view text = bytes;
-    if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
-    LineReader lines(path.string(), text);
+    return parse_csv(read_file(path), path.string(), options);
+}
+
+std::vector<std::string> csv_names(std::string_view text, const std::string& source) {
+    LineReader lines(source, without_mark(text));
+    return read_header(lines);
+}
+
+Table parse_csv(std::string_view text, const std::string& source, const CsvOptions& options) {
+    LineReader lines(source, without_mark(text));
 
     const std::vector<std::string> header = read_header(lines);
     const std::vector<std::string>& wanted = options.columns.empty() ? header : options.columns;
@@ -126,7 +138,7 @@ Table read_csv(const std::filesystem::path& path, const CsvOptions& options) {
     if (lines.only_blanks_left()) lines.fail("there are no rows of numbers after the header line");
 
     Table table;
-    table.source = path.string();
+    table.source = source;
     table.first_line = lines.number() + 1;
     for (const std::string& name : wanted) table.add(name, "", {});
     for (Column& column : table.columns) column.values.reserve(lines.lines_left());

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace tribode {
@@ -16,6 +17,12 @@ struct CsvOptions {
 // begin with # before the header, blank lines at the end, CRLF, a UTF-8 byte order mark. The units are "".
 // Throws InputError with file and line, e.g. `run.csv:17: column y is nan, must be a finite number`.
 Table read_csv(const std::filesystem::path& path, const CsvOptions& options = {});
+
+// The same of a text already read; `source` takes the place of the file's name.
+Table parse_csv(std::string_view text, const std::string& source, const CsvOptions& options = {});
+
+// The names in the header line alone; as above.
+std::vector<std::string> csv_names(std::string_view text, const std::string& source);
 
 // The header line and one line per row; each number as the shortest text that reads back to the same double.
 // Throws InputError where a name would not read back (comma, quote, line break, blank at an end, empty, # in front).

@@ -1,10 +1,13 @@
 #include "record/hdf5.hpp"
 #include "base/error.hpp"
+#include "record/guarded.hpp"
 #include "record/output_file.hpp"
 
 #include <algorithm>
 #include <cassert>
+#include <cstring>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <hdf5.h>
 #include <mutex>
 #include <optional>
@@ -175,9 +178,9 @@ std::vector<Link> links_of(hid_t group) {
     return links;
 }
 
-std::string read_unit(hid_t dataset) {
-    if (H5Aexists(dataset, "unit") <= 0) return "";
-    const Handle attribute(H5Aopen(dataset, "unit", H5P_DEFAULT), "H5Aopen");
+std::string read_text_attribute(hid_t object, const char* name) {
+    if (H5Aexists(object, name) <= 0) return "";
+    const Handle attribute(H5Aopen(object, name, H5P_DEFAULT), "H5Aopen");
     const Handle type(H5Aget_type(attribute), "H5Aget_type");
     const Handle space(H5Aget_space(attribute), "H5Aget_space");
     if (H5Tget_class(type) != H5T_STRING || H5Sget_simple_extent_npoints(space) != 1) return "";
@@ -193,60 +196,115 @@ std::string read_unit(hid_t dataset) {
     return text.c_str(); // up to the first zero
 }
 
-// The column, or nothing where the dataset is not a vector of numbers.
-std::optional<Column> read_column(hid_t group, const std::string& name) {
+// The dataset as a column, or why it cannot be one.
+Variable read_variable(hid_t group, const std::string& name, std::size_t file_size) {
+    Variable variable{name, "", {}, ""};
+    const auto refuse = [&](std::string reason) {
+        variable.refusal = std::move(reason);
+        return variable;
+    };
     const Handle dataset(H5Dopen2(group, name.c_str(), H5P_DEFAULT), "H5Dopen2");
     const Handle type(H5Dget_type(dataset), "H5Dget_type");
     const Handle space(H5Dget_space(dataset), "H5Dget_space");
     const H5T_class_t kind = H5Tget_class(type);
-    const int rank = H5Sget_simple_extent_ndims(space);
-    if ((kind != H5T_FLOAT && kind != H5T_INTEGER) || rank < 1) return std::nullopt;
+    // MATLAB says in an attribute what it means by the numbers.
+    const std::string matlab = read_text_attribute(dataset, "MATLAB_class");
+    if (kind == H5T_COMPOUND && (matlab.empty() || matlab == "double"))
+        return refuse("is complex or a record, must be real");
+    if (!matlab.empty() && matlab != "double")
+        return refuse(fmt::format("is of class {}, must be one of doubles", matlab));
+    if (H5Aexists(dataset, "MATLAB_empty") > 0) return refuse("is empty");
+    if (kind != H5T_FLOAT && kind != H5T_INTEGER) return refuse("is no array of numbers");
 
+    const int rank = H5Sget_simple_extent_ndims(space);
+    if (rank < 0) throw Refused{"H5Sget_simple_extent_ndims"};
     std::vector<hsize_t> shape(static_cast<std::size_t>(rank));
     H5Sget_simple_extent_dims(space, shape.data(), nullptr);
-    if (std::count_if(shape.begin(), shape.end(), [](hsize_t n) { return n != 1; }) > 1) return std::nullopt;
-
-    Column column{name, read_unit(dataset), {}};
-    column.values.resize(static_cast<std::size_t>(H5Sget_simple_extent_npoints(space)));
-    check(H5Dread(dataset, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, column.values.data()), "H5Dread");
-    return column;
+    if (std::count_if(shape.begin(), shape.end(), [](hsize_t n) { return n != 1; }) > 1) {
+        return refuse(fmt::format("is a matrix ({}), must be a vector", fmt::join(shape, " x ")));
+    }
+    const auto count = static_cast<std::size_t>(std::max<hssize_t>(H5Sget_simple_extent_npoints(space), 0));
+    // Packing makes at most a thousandth of numbers that are all the same.
+    constexpr std::size_t densest = 1100;
+    if (count / densest > file_size)
+        return refuse(fmt::format("claims {} numbers, more than the file can hold", count));
+    variable.unit = read_text_attribute(dataset, "unit");
+    variable.values.resize(count);
+    check(H5Dread(dataset, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, variable.values.data()), "H5Dread");
+    return variable;
 }
 
-Table read_table(hid_t group, const std::string& source) {
-    std::vector<Column> columns;
-    for (const Link& link : links_of(group)) {
-        if (link.type != H5O_TYPE_DATASET) continue;
-        if (auto column = read_column(group, link.name)) columns.push_back(std::move(*column));
-    }
-    const bool has_vectors =
-        std::any_of(columns.begin(), columns.end(), [](const Column& c) { return c.values.size() > 1; });
-
-    Table table;
-    table.source = source;
-    for (Column& column : columns) {
-        if (has_vectors && column.values.size() == 1) continue;
-        table.add(std::move(column.name), std::move(column.unit), std::move(column.values));
-    }
-    return table;
-}
-
-std::vector<NamedTable> read_image(const std::string& bytes, const std::string& source) {
+Handle open_image(std::string_view bytes) {
     const Handle access = memory_access(65536);
     check(H5Pset_file_image(access, const_cast<char*>(bytes.data()), bytes.size()), "H5Pset_file_image");
-    const Handle file(H5Fopen("tribode", H5F_ACC_RDONLY, access), "H5Fopen");
-    const Handle root(H5Gopen2(file, "/", H5P_DEFAULT), "H5Gopen2");
+    return Handle(H5Fopen("tribode", H5F_ACC_RDONLY, access), "H5Fopen");
+}
 
-    std::vector<NamedTable> tables;
-    const auto keep = [&](const std::string& name, Table table) {
-        if (!table.columns.empty()) tables.push_back({name, std::move(table)});
-    };
-    keep("", read_table(root, source));
+std::vector<Variable> variables_of(std::string_view bytes) {
+    const Handle file = open_image(bytes);
+    const Handle root(H5Gopen2(file, "/", H5P_DEFAULT), "H5Gopen2");
+    std::vector<Variable> variables;
     for (const Link& link : links_of(root)) {
-        if (link.type != H5O_TYPE_GROUP) continue;
-        const Handle group(H5Gopen2(root, link.name.c_str(), H5P_DEFAULT), "H5Gopen2");
-        keep(link.name, read_table(group, source));
+        if (link.name.starts_with('#')) continue; // where MATLAB keeps the parts of cells and objects
+        if (link.type == H5O_TYPE_DATASET) {
+            variables.push_back(read_variable(root, link.name, bytes.size()));
+        } else if (link.type == H5O_TYPE_GROUP) {
+            const Handle group(H5Gopen2(root, link.name.c_str(), H5P_DEFAULT), "H5Gopen2");
+            if (const std::string matlab = read_text_attribute(group, "MATLAB_class"); !matlab.empty()) {
+                variables.push_back({link.name, "", {}, fmt::format("is a {}, must be an array of doubles", matlab)});
+                continue;
+            }
+            for (const Link& inner : links_of(group)) {
+                if (inner.type != H5O_TYPE_DATASET) continue;
+                variables.push_back(read_variable(group, inner.name, bytes.size()));
+                variables.back().name = link.name + "/" + inner.name;
+            }
+        }
     }
-    return tables;
+    return variables;
+}
+
+// ---- out of the process that reads -------------------------------------------------------------------------------
+
+void append_size(std::string& bytes, std::size_t size) {
+    bytes.append(reinterpret_cast<const char*>(&size), sizeof size);
+}
+
+std::string to_bytes(const std::vector<Variable>& variables) {
+    std::string bytes;
+    for (const Variable& variable : variables) {
+        for (const std::string* text : {&variable.name, &variable.unit, &variable.refusal}) {
+            append_size(bytes, text->size());
+            bytes += *text;
+        }
+        append_size(bytes, variable.values.size());
+        bytes.append(reinterpret_cast<const char*>(variable.values.data()), sizeof(double) * variable.values.size());
+    }
+    return bytes;
+}
+
+std::vector<Variable> from_bytes(std::string_view bytes) {
+    const auto take = [&bytes](void* place, std::size_t count) {
+        assert(count <= bytes.size());
+        if (count > 0) std::memcpy(place, bytes.data(), count);
+        bytes.remove_prefix(count);
+    };
+    const auto take_size = [&take] {
+        std::size_t size = 0;
+        take(&size, sizeof size);
+        return size;
+    };
+    std::vector<Variable> variables;
+    while (!bytes.empty()) {
+        Variable& variable = variables.emplace_back();
+        for (std::string* text : {&variable.name, &variable.unit, &variable.refusal}) {
+            text->resize(take_size());
+            take(text->data(), text->size());
+        }
+        variable.values.resize(take_size());
+        take(variable.values.data(), sizeof(double) * variable.values.size());
+    }
+    return variables;
 }
 
 } // namespace
@@ -266,15 +324,59 @@ void write_hdf5(const std::filesystem::path& path, const std::vector<NamedTable>
 }
 
 std::vector<NamedTable> read_hdf5(const std::filesystem::path& path) {
-    const std::string bytes = read_file(path);
-    const auto lock = enter_library();
-    try {
-        return read_image(bytes, path.string());
-    } catch (const Refused& refused) {
-        throw InputError(fmt::format("{}: is not a readable HDF5 file ({} failed)", path.string(), refused.function));
-    } catch (const InputError& problem) {
-        throw InputError(fmt::format("{}: {}", path.string(), problem.what()));
+    const std::string source = path.string();
+    std::vector<std::pair<std::string, std::vector<Variable>>> groups;
+    for (Variable& variable : hdf5_variables(read_file(path), source)) {
+        if (!variable.refusal.empty()) continue;
+        const auto slash = variable.name.find('/');
+        const std::string group = slash == std::string::npos ? "" : variable.name.substr(0, slash);
+        if (slash != std::string::npos) variable.name.erase(0, slash + 1);
+        auto it = std::find_if(groups.begin(), groups.end(), [&](const auto& g) { return g.first == group; });
+        if (it == groups.end()) it = groups.insert(group.empty() ? groups.begin() : groups.end(), {group, {}});
+        it->second.push_back(std::move(variable));
     }
+
+    std::vector<NamedTable> tables;
+    for (auto& [name, columns] : groups) {
+        const bool has_vectors =
+            std::any_of(columns.begin(), columns.end(), [](const Variable& c) { return c.values.size() > 1; });
+        Table table;
+        table.source = source;
+        for (Variable& column : columns) {
+            if (has_vectors && column.values.size() == 1) continue;
+            try {
+                table.add(std::move(column.name), std::move(column.unit), std::move(column.values));
+            } catch (const InputError& problem) {
+                throw InputError(fmt::format("{}: {}", source, problem.what()));
+            }
+        }
+        tables.push_back({name, std::move(table)});
+    }
+    return tables;
+}
+
+bool is_hdf5(std::string_view bytes) {
+    // At the start, or after a head of 512, 1024, 2048 ... bytes.
+    for (std::size_t place = 0; place < bytes.size(); place = place == 0 ? 512 : 2 * place) {
+        if (bytes.substr(place).starts_with("\x89HDF\r\n\x1a\n")) return true;
+    }
+    return false;
+}
+
+std::vector<Variable> hdf5_variables(std::string_view bytes, const std::string& source) {
+    const auto lock = enter_library();
+    // Far more than a sound file takes, of the processor and of the memory.
+    const GuardLimits limits{static_cast<unsigned>(1 + bytes.size() / 20'000'000),
+                             (std::size_t{256} << 20) + 40 * bytes.size()};
+    const auto packed = run_guarded(limits, [&] {
+        try {
+            return to_bytes(variables_of(bytes));
+        } catch (const Refused& refused) {
+            throw InputError(fmt::format("{}: is not a readable HDF5 file ({} failed)", source, refused.function));
+        }
+    });
+    if (!packed) throw InputError(fmt::format("{}: is a damaged HDF5 file", source));
+    return from_bytes(*packed);
 }
 
 // ---- row by row --------------------------------------------------------------------------------------------------

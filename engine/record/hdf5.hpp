@@ -1,10 +1,12 @@
 #pragma once
 #include "base/json.hpp"
 #include "record/table.hpp"
+#include "record/variable.hpp"
 
 #include <filesystem>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace tribode {
@@ -60,5 +62,13 @@ class Hdf5RowFile {
 // matrices, groups in groups, single numbers beside longer vectors) is passed over; tables without columns are left
 // out. Throws InputError where the file is not HDF5 or the vectors of one group differ in length.
 std::vector<NamedTable> read_hdf5(const std::filesystem::path& path);
+
+// Whether the bytes begin like an HDF5 file; the head of a MAT file of version 7.3 may stand in front.
+bool is_hdf5(std::string_view bytes);
+
+// What stands at the root and, as `group/name`, in the groups of the root, whether or not it can be a column; also of a
+// MAT file of version 7.3, where only class double can. The library reads in a process of its own, because damaged bytes
+// can bring it down: that, too, is an InputError. `source` begins its message.
+std::vector<Variable> hdf5_variables(std::string_view bytes, const std::string& source);
 
 } // namespace tribode

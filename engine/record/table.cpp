@@ -1,6 +1,7 @@
 #include "record/table.hpp"
 #include "base/error.hpp"
 #include "base/text.hpp"
+#include "record/time_grid.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -46,10 +47,15 @@ void require_uniform_time(const Table& table, double sample_time, std::string_vi
         const double expected = t[0] + static_cast<double>(k) * sample_time;
         if (std::abs(t[k] - expected) <= 1e-3 * sample_time) continue;
 
-        const double step = t[k] - t[k - 1];
-        const char* finding = "the record has another sample time or is not uniform";
-        if (step > 1.5 * sample_time) finding = "the record has a gap in time";
-        if (step <= 0) finding = "time must increase from row to row";
+        const TimeGrid grid = time_grid(table, column); // throws where time does not increase
+        std::string finding =
+            fmt::format("the record has another sample time ({:.6g} s) or is not uniform (jitter {:.2g} s rms)",
+                        grid.sample_time, grid.jitter_rms);
+        // Where the median step is the sample time, single steps are what is wrong.
+        if (grid.dropped > 0 && std::abs(grid.sample_time - sample_time) <= 1e-2 * sample_time) {
+            finding = fmt::format("the record has a gap in time ({} sample{} missing in {} gap{} in all)", grid.dropped,
+                                  grid.dropped == 1 ? "" : "s", grid.gaps.size(), grid.gaps.size() == 1 ? "" : "s");
+        }
         // Rounded: the sum t0 + k Ts has an error in its last digits that nobody wants to read.
         throw InputError(fmt::format("{}: {} = {} s, expected {:.10g} s (sample time {} s): {}", table.place(k), column,
                                      to_text(t[k]), expected, to_text(sample_time), finding));

@@ -266,12 +266,12 @@ std::string name_in_manifest(const fs::path& file, const fs::path& working_folde
     const fs::path below = file.lexically_relative(fs::weakly_canonical(working_folder));
     if (!below.empty() && *below.begin() != "..") return below.string();
     const fs::path ready = file.lexically_relative(fs::weakly_canonical(ScriptRun::home()));
-    return !ready.empty() && ScriptRun::find_file(ready.string()) != ready ? ready.string() : file.string();
+    return !ready.empty() && ScriptRun::ready_file(ready.string()) != ready ? ready.string() : file.string();
 }
 
 ScriptRequest request_of(const Manifest& manifest, const fs::path& folder) {
     ScriptRequest request;
-    request.script = ScriptRun::find_file(manifest.files.front().name);
+    request.script = ScriptRun::ready_file(manifest.files.front().name);
     request.folder = folder / "files";
     request.defines = manifest.defines;
     for (const auto& [name, value] : manifest.defines) request.read_files.emplace_back(value);
@@ -343,7 +343,7 @@ bool run_script_batch(const fs::path& in, std::optional<std::size_t> shard, cons
                                      (folder / manifest.working_folder).lexically_normal().string(),
                                      problem.message()));
     }
-    manifest.require_unchanged(folder, ScriptRun::find_file);
+    manifest.require_unchanged(folder, ScriptRun::ready_file);
 
     std::optional<FolderLock> lock;
     std::vector<std::size_t> shards;
@@ -371,7 +371,7 @@ bool run_batch_of(ScriptRun& script, const fs::path& in, const RunControl& contr
     const Batch& batch = script.batch().batch;
     if (!fs::exists(folder / "manifest.json")) plan_batch_of(script, batch, folder, {});
     const Manifest manifest = Manifest::read(folder);
-    manifest.require_unchanged(folder, ScriptRun::find_file);
+    manifest.require_unchanged(folder, ScriptRun::ready_file);
     if (!is_same(manifest, batch) || manifest.defines != script.request().defines ||
         manifest.quick != script.request().quick) {
         throw InputError(

@@ -17,7 +17,9 @@
 #include "record/csv.hpp"
 #include "record/hdf5.hpp"
 #include "record/json_file.hpp"
+#include "record/mat.hpp"
 #include "record/plot.hpp"
+#include "record/record_file.hpp"
 #include "record/report.hpp"
 #include "script/batch_script.hpp"
 
@@ -83,6 +85,16 @@ Json to_json(const ServoTrace& trace) {
     Json table;
     for (const auto& column : to_table(trace).columns) table[column.name] = column.values;
     return table;
+}
+
+Json to_json(const TimeGrid& grid) {
+    Json json{{"sample_time_s", grid.sample_time},
+              {"jitter_rms_s", grid.jitter_rms},
+              {"jitter_max_s", grid.jitter_max},
+              {"dropped", grid.dropped},
+              {"gaps", Json::array()}};
+    for (const auto& gap : grid.gaps) json["gaps"].push_back({{"row", gap.row + 1}, {"missing", gap.missing}});
+    return json;
 }
 
 Json to_json(const StabilityMargins& margins) {
@@ -179,8 +191,24 @@ Json list_effects(const Json& arguments) {
     return list;
 }
 
-// The input of a run: lists u, or r and exc, one entry a sample; y where the start is fitted.
-DriveRecord drive_of(FieldReader& fields, const MachineModel& machine, const char* function) {
+// A record of the options `file_key`, columns and scale.
+Record record_of(ScriptRun& run, const ScriptAccess& access, FieldReader& fields, const char* file_key,
+                 const std::vector<std::string>& wanted) {
+    const auto path = run.find_file(fields.text(file_key));
+    const RecordOptions options = RecordOptions::read(fields);
+    access.check_read(path);
+    Record record = read_record(path, options, wanted);
+    run.note_read(path);
+    return record;
+}
+
+// The input of a run: a file, or lists u, or r and exc, one entry a sample; y where the start is fitted.
+DriveRecord drive_of(ScriptRun& run, const ScriptAccess& access, FieldReader& fields, const MachineModel& machine,
+                     const char* function) {
+    if (fields.has("input")) {
+        const Table table = record_of(run, access, fields, "input", DriveRecord::columns()).table;
+        return DriveRecord::from_table(table, machine, table.source);
+    }
     Table table;
     for (const char* name : {"u", "r", "exc", "y"}) {
         const auto values = fields.numbers(name, "", Allowed::finite, {});
@@ -192,10 +220,10 @@ DriveRecord drive_of(FieldReader& fields, const MachineModel& machine, const cha
     return DriveRecord::from_table(table, machine, function);
 }
 
-Json simulate_machine(ScriptRun& run, const Json& arguments) {
+Json simulate_machine(ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
     FieldReader fields(arguments, "tb.simulate");
     const MachineModel machine = machine_of(fields);
-    const DriveRecord record = drive_of(fields, machine, "tb.simulate");
+    const DriveRecord record = drive_of(run, access, fields, machine, "tb.simulate");
     SolverOptions solver;
     solver.read(fields);
     const auto seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, 0));
@@ -223,10 +251,10 @@ Json simulate_machine(ScriptRun& run, const Json& arguments) {
     return json;
 }
 
-Json compare_methods(ScriptRun& run, const Json& arguments) {
+Json compare_methods(ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
     FieldReader fields(arguments, "tb.compare");
     const MachineModel machine = machine_of(fields);
-    const DriveRecord record = drive_of(fields, machine, "tb.compare");
+    const DriveRecord record = drive_of(run, access, fields, machine, "tb.compare");
     ComparisonOptions options;
     options.read(fields);
     fields.finish();
@@ -514,6 +542,17 @@ Json loop_gain(const Json& arguments) {
 
 // ---- results -----------------------------------------------------------------------------------------------------
 
+Json run_script(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.run");
+    const std::string script = fields.text("script"), folder = fields.text("folder");
+    const Json& options = fields.value("options");
+    std::optional<bool> quick;
+    if (fields.has("quick")) quick = fields.boolean("quick", false);
+    fields.finish();
+    const NestedRun nested = run.run_nested(script, folder, options.is_null() ? Json::object() : options, quick);
+    return {{"folder", nested.folder.string()}, {"repeated", nested.repeated}};
+}
+
 Json read_batch(const ScriptAccess& access, const Json& arguments) {
     FieldReader fields(arguments, "tb.read_batch");
     const std::filesystem::path folder = fields.text("folder");
@@ -522,100 +561,109 @@ Json read_batch(const ScriptAccess& access, const Json& arguments) {
     return merged_batch(folder);
 }
 
-Json read_json_file(const ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
-    Json run_script(ScriptRun & run, const Json& arguments) {
-        FieldReader fields(arguments, "tb.run");
-        const std::string script = fields.text("script"), folder = fields.text("folder");
-        const Json& options = fields.value("options");
-        std::optional<bool> quick;
-        if (fields.has("quick")) quick = fields.boolean("quick", false);
-        fields.finish();
-        const NestedRun nested = run.run_nested(script, folder, options.is_null() ? Json::object() : options, quick);
-        return {{"folder", nested.folder.string()}, {"repeated", nested.repeated}};
-    }
+Json read_json_file(ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
+    FieldReader fields(arguments, "tb.read_json");
+    const auto path = run.find_file(fields.text("file"));
+    fields.finish();
+    access.check_read(path);
+    Json value = read_json(path);
+    run.note_read(path);
+    return value;
+}
 
-    Json read_json_file(ScriptRun & run, const ScriptAccess& access, const Json& arguments) {
-        FieldReader fields(arguments, "tb.read_json");
-        const auto path = run.find_file(fields.text("file"));
-        fields.finish();
-        access.check_read(path);
-        Json value = read_json(path);
-        run.note_read(path);
-        return value;
+Json read_record_file(ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
+    FieldReader fields(arguments, "tb.read_record");
+    const Record record = record_of(run, access, fields, "file", {});
+    fields.finish();
+    Json json{{"data", Json::object()}, {"units", Json::object()}, {"time", nullptr}};
+    for (const auto& column : record.table.columns) {
+        json["data"][column.name] = column.values;
+        json["units"][column.name] = column.unit;
     }
+    if (record.time) json["time"] = to_json(*record.time);
+    return json;
+}
 
-    Json write_csv_file(ScriptRun & run, const Json& arguments) {
-        FieldReader fields(arguments, "tb.write_csv");
-        const std::string file = fields.text("file");
-        const Table table = table_of(fields, "columns");
-        fields.finish();
-        run.folder().write(file, to_csv(table));
-        return nullptr;
-    }
+Json write_csv_file(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.write_csv");
+    const std::string file = fields.text("file");
+    const Table table = table_of(fields, "columns");
+    fields.finish();
+    run.folder().write(file, to_csv(table));
+    return nullptr;
+}
 
-    Json write_hdf5_file(ScriptRun & run, const Json& arguments) {
-        FieldReader fields(arguments, "tb.write_hdf5");
-        const std::string file = fields.text("file");
-        std::vector<NamedTable> tables;
-        fields.each("tables", [&](FieldReader& entry) {
-            tables.push_back({entry.text("name"), table_of(entry, "columns")});
-        });
-        const Json& attributes = fields.value("attributes");
-        fields.finish();
-        run.folder().write(file, to_hdf5(tables, attributes.is_null() ? Json::object() : attributes));
-        return nullptr;
-    }
+Json write_hdf5_file(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.write_hdf5");
+    const std::string file = fields.text("file");
+    std::vector<NamedTable> tables;
+    fields.each("tables", [&](FieldReader& entry) {
+        tables.push_back({entry.text("name"), table_of(entry, "columns")});
+    });
+    const Json& attributes = fields.value("attributes");
+    fields.finish();
+    run.folder().write(file, to_hdf5(tables, attributes.is_null() ? Json::object() : attributes));
+    return nullptr;
+}
 
-    Json write_json_file(ScriptRun & run, const Json& arguments) {
-        FieldReader fields(arguments, "tb.write_json");
-        const std::string file = fields.text("file");
-        const Json& value = fields.value("value");
-        fields.finish();
-        run.folder().write_json(file, value);
-        return nullptr;
-    }
+Json write_mat_file(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.write_mat");
+    const std::string file = fields.text("file");
+    const Table table = table_of(fields, "columns");
+    fields.finish();
+    run.folder().write(file, to_mat(table));
+    return nullptr;
+}
 
-    Json plot(ScriptRun & run, const Json& arguments) {
-        Json figure = arguments;
-        if (!figure.is_object() || !figure.contains("file")) throw InputError("tb.plot: file is missing (a text)");
-        const std::string file = FieldReader(arguments, "tb.plot").text("file");
-        figure.erase("file");
-        draw_plot(run.folder().path(file), plot_from_json(figure, "tb.plot"));
-        run.folder().add(file + ".png");
-        run.folder().add(file + ".svg");
-        if (run.keeps_plots()) run.folder().write(file + plot_data_extension, figure.dump() + "\n");
-        return nullptr;
-    }
+Json write_json_file(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.write_json");
+    const std::string file = fields.text("file");
+    const Json& value = fields.value("value");
+    fields.finish();
+    run.folder().write_json(file, value);
+    return nullptr;
+}
 
-    Json report(ScriptRun & run, const Json& arguments) {
-        Json fields = arguments;
-        if (!fields.is_object() || !fields.contains("file")) throw InputError("tb.report: file is missing (a text)");
-        const std::string file = FieldReader(arguments, "tb.report").text("file");
-        fields.erase("file");
-        const auto page = run.folder().path(file);
-        const Report contents = report_from_json(fields, "tb.report", page.parent_path());
-        const auto beside = std::filesystem::path(file).parent_path();
-        for (const auto& image : write_report(page, contents, run.control()))
-            run.folder().add((beside / image).string());
-        run.folder().add(file);
-        return nullptr;
-    }
+Json plot(ScriptRun& run, const Json& arguments) {
+    Json figure = arguments;
+    if (!figure.is_object() || !figure.contains("file")) throw InputError("tb.plot: file is missing (a text)");
+    const std::string file = FieldReader(arguments, "tb.plot").text("file");
+    figure.erase("file");
+    draw_plot(run.folder().path(file), plot_from_json(figure, "tb.plot"));
+    run.folder().add(file + ".png");
+    run.folder().add(file + ".svg");
+    if (run.keeps_plots()) run.folder().write(file + plot_data_extension, figure.dump() + "\n");
+    return nullptr;
+}
 
-    Json spaced(const Json& arguments, const char* what, bool logarithmic) {
-        const double from = argument(arguments, 0, what), to = argument(arguments, 1, what);
-        const double count = argument(arguments, 2, what);
-        if (!(count >= 2 && count <= 1e7 && count == std::floor(count))) {
-            throw InputError(
-                fmt::format("{}: argument 3 = {}, must be a whole number from 2 to 1e7", what, to_text(count)));
-        }
-        if (logarithmic && !(from > 0 && to > 0)) throw InputError(fmt::format("{}: both ends must be positive", what));
-        Json list = Json::array();
-        for (double i = 0; i < count; ++i) {
-            const double part = i / (count - 1);
-            list.push_back(logarithmic ? from * std::pow(to / from, part) : from + (to - from) * part);
-        }
-        return list;
+Json report(ScriptRun& run, const Json& arguments) {
+    Json fields = arguments;
+    if (!fields.is_object() || !fields.contains("file")) throw InputError("tb.report: file is missing (a text)");
+    const std::string file = FieldReader(arguments, "tb.report").text("file");
+    fields.erase("file");
+    const auto page = run.folder().path(file);
+    const Report contents = report_from_json(fields, "tb.report", page.parent_path());
+    const auto beside = std::filesystem::path(file).parent_path();
+    for (const auto& image : write_report(page, contents, run.control())) run.folder().add((beside / image).string());
+    run.folder().add(file);
+    return nullptr;
+}
+
+Json spaced(const Json& arguments, const char* what, bool logarithmic) {
+    const double from = argument(arguments, 0, what), to = argument(arguments, 1, what);
+    const double count = argument(arguments, 2, what);
+    if (!(count >= 2 && count <= 1e7 && count == std::floor(count))) {
+        throw InputError(
+            fmt::format("{}: argument 3 = {}, must be a whole number from 2 to 1e7", what, to_text(count)));
     }
+    if (logarithmic && !(from > 0 && to > 0)) throw InputError(fmt::format("{}: both ends must be positive", what));
+    Json list = Json::array();
+    for (double i = 0; i < count; ++i) {
+        const double part = i / (count - 1);
+        list.push_back(logarithmic ? from * std::pow(to / from, part) : from + (to - from) * part);
+    }
+    return list;
+}
 
 } // namespace
 
@@ -624,8 +672,8 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_value("quick", run.quick());
     lua.add_function("options", [&run](const Json& a) { return run.options(a); });
     lua.add_function("machine", [&run](const Json& a) { return load_machine(run, a); });
-    lua.add_function("simulate", [&run](const Json& a) { return simulate_machine(run, a); });
-    lua.add_function("compare", [&run](const Json& a) { return compare_methods(run, a); });
+    lua.add_function("simulate", [&run, &lua](const Json& a) { return simulate_machine(run, lua.access(), a); });
+    lua.add_function("compare", [&run, &lua](const Json& a) { return compare_methods(run, lua.access(), a); });
     lua.add_function("sweep", [&run](const Json& a) { return sweep(run, a); });
     lua.add_function("single_frequency", [&run](const Json& a) { return single_frequency(run, a); });
     lua.add_function("plant_response", plant_response);
@@ -646,13 +694,15 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("loop_gain", loop_gain);
     lua.add_function("run", [&run](const Json& a) { return run_script(run, a); });
     lua.add_function("read_json", [&run, &lua](const Json& a) { return read_json_file(run, lua.access(), a); });
+    lua.add_function("read_record", [&run, &lua](const Json& a) { return read_record_file(run, lua.access(), a); });
     lua.add_function("read_batch", [&lua](const Json& a) { return read_batch(lua.access(), a); });
     lua.add_function("write_csv", [&run](const Json& a) { return write_csv_file(run, a); });
     lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });
+    lua.add_function("write_mat", [&run](const Json& a) { return write_mat_file(run, a); });
     lua.add_function("write_json", [&run](const Json& a) { return write_json_file(run, a); });
     lua.add_function("plot", [&run](const Json& a) { return plot(run, a); });
-    lua.add_stack_function("batch", [&run](lua_State* state) { return describe_batch(state, run); });
     lua.add_function("report", [&run](const Json& a) { return report(run, a); });
+    lua.add_stack_function("batch", [&run](lua_State* state) { return describe_batch(state, run); });
     lua.add_function("linspace", [](const Json& a) { return spaced(a, "tb.linspace", false); });
     lua.add_function("logspace", [](const Json& a) { return spaced(a, "tb.logspace", true); });
 }

@@ -118,7 +118,14 @@ std::filesystem::path ScriptRun::home() {
     return std::filesystem::exists(source / "models") ? source : std::filesystem::path(TRIBODE_DATA_DIR);
 }
 
-std::filesystem::path ScriptRun::find_file(const std::string& name) {
+std::filesystem::path ScriptRun::find_file(const std::string& name) const {
+    const std::filesystem::path path = name;
+    if (path.empty() || std::filesystem::exists(path)) return path;
+    if (const auto own = folder_.folder() / path; std::filesystem::exists(own)) return own;
+    return ready_file(name);
+}
+
+std::filesystem::path ScriptRun::ready_file(const std::string& name) {
     const std::filesystem::path path = name;
     if (path.empty() || std::filesystem::exists(path)) return path;
     const bool ready = *path.begin() == "models" || *path.begin() == "scripts";
@@ -211,10 +218,11 @@ bool ScriptRun::is_complete(const ScriptRequest& request) const {
         std::error_code problem;
         return std::filesystem::is_regular_file(file, problem) && sha256(read_file(file)) == hash;
     };
-    for (const auto& [file, hash] : manifest.value("read", Json::object()).items()) {
+    const Json read = manifest.value("read", Json::object()), files = manifest.value("files", Json::object());
+    for (const auto& [file, hash] : read.items()) {
         if (!unchanged(file, hash)) return false;
     }
-    for (const auto& [file, hash] : manifest.value("files", Json::object()).items()) {
+    for (const auto& [file, hash] : files.items()) {
         if (!unchanged(request.folder / file, hash)) return false;
     }
     return true;

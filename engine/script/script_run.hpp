@@ -65,9 +65,11 @@ class ScriptRun {
     // {default=, unit=, help=, choices=}; a value is read as its default's type, a list of numbers from "1,2,3".
     Json options(const Json& defaults);
 
-    // A file a script names: as it stands, or in the folder in which models/ and scripts/ lie.
-    static std::filesystem::path find_file(const std::string& name);
-    // That folder: of the source tree the program was built from, else where it was installed.
+    // A file a script names: as it stands, in the folder of the run, or where models/ and scripts/ lie.
+    std::filesystem::path find_file(const std::string& name) const;
+    // The same without the folder of the run.
+    static std::filesystem::path ready_file(const std::string& name);
+    // Where models/ and scripts/ lie: the source tree the program was built from, else where it was installed.
     static std::filesystem::path home();
 
     // Checked reading of a machine description.

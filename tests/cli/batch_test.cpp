@@ -107,6 +107,8 @@ TEST_F(BatchCommands, EveryPointIsARowInTheOrderOfTheIndex) {
                                          "1,0,2,2,1,4,\n"
                                          "2,1,3,nan,nan,nan,s.lua:4: three; 'of all'\n"
                                          "3,0,5,5,1,10,\n");
+    expect_done({"merge", "b", "-o", "m.mat"});
+    EXPECT_EQ(text_of(folder / "m.mat").substr(0, 6), "MATLAB");
     EXPECT_NE(tribode({"status", "b"}).out.find("3 of 3 points done, 1 failed; 2 of 2 shards complete"),
               std::string::npos);
 }

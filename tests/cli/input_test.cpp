@@ -126,6 +126,20 @@ TEST_F(Input, ColumnsAndScalesMustFitTheRecord) {
     expect_refused("mass.json", "in.csv", {"--columns", "\"u_V\"", "name=value"}, {"--columns", "u_V"});
     expect_refused("mass.json", "in.csv", {"--scale u=big", "must be a number"}, {"--scale", "u=big"});
     expect_refused("mass.json", "in.csv", {"no column r"}, {"--scale", "r=2"});
+    expect_refused("mass.json", "in.csv", {"--columns", "t stands twice"}, {"--columns", "t=t,t=u"});
+}
+
+TEST_F(Input, ARecordInAFormatThatIsNotReadOrIsCutShortIsRefused) {
+    folder.write("picture.png", std::string("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16));
+    expect_refused("mass.json", "picture.png", {"picture.png", "CSV, MAT", "HDF5"});
+    folder.write("cut.h5", "\x89HDF\r\n\x1a\n");
+    expect_refused("mass.json", "cut.h5", {"cut.h5", "HDF5"});
+    folder.write("cut.csv.gz", std::string("\x1f\x8b\x08\0\0\0\0\0\0\0", 10));
+    expect_refused("mass.json", "cut.csv.gz", {"cut.csv.gz", "cut short"});
+    std::string head(128, ' ');
+    head.replace(124, 4, std::string("\0\1IM", 4));
+    folder.write("cut.mat", head + "\x0e");
+    expect_refused("mass.json", "cut.mat", {"cut.mat", "cut short"});
 }
 
 } // namespace

@@ -285,6 +285,25 @@ TEST_F(Simulate, ColumnsAndScalesMapARecord) {
     EXPECT_EQ(mapped.rows(), plain.rows());
 }
 
+TEST_F(Simulate, AResultInAnyFormatIsARecordForTheNextRun) {
+    folder.write("machine.json", golden_table().dump());
+    folder.write("in.csv", record("t,u", {problems::sampled_sine(8, 5, sample_time, 200)}));
+    const auto plain = trace("machine.json").rows();
+    const auto simulate_file = [&](const std::string& in, const std::string& out) {
+        const auto ending =
+            run({"simulate", "--machine", "machine.json", "--input", in, "-o", out}, {.folder = folder.path()});
+        EXPECT_EQ(ending.exit_code, 0) << ending.err;
+    };
+    for (const std::string file : {"x.csv", "x.mat", "x.h5", "x.csv.gz"}) {
+        simulate_file("in.csv", file);
+        simulate_file(file, "again.csv");
+        EXPECT_EQ(Sheet(folder / "again.csv").rows(), plain) << file;
+    }
+    EXPECT_TRUE(text_of(folder / "x.mat").starts_with("MATLAB 5.0"));
+    EXPECT_EQ(text_of(folder / "x.h5").substr(1, 3), "HDF");
+    EXPECT_EQ(text_of(folder / "x.csv.gz").substr(0, 2), "\x1f\x8b");
+}
+
 TEST_F(Simulate, WithoutEventsNoSuchFileIsWritten) {
     folder.write("machine.json", golden_table().dump());
     folder.write("in.csv", record("t,u", {std::vector<double>(10, 5.0)}));

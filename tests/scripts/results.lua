@@ -59,3 +59,39 @@ refused("file is missing", tb.write_json, { value = 1 })
 refused("did you mean \"value\"?", tb.write_json, { file = "a.json", valeu = 1 })
 refused("plain data", tb.write_json, { file = "a.json", value = print })
 assert(not io.open("out/uneven.csv") and not io.open("out/a.json"))
+
+-- Records: what is written reads back, by the names of the user and in SI.
+local two = { { name = "t_ms", unit = "ms", values = { 0, 0.5, 1, 2 } }, { name = "u_V", values = { 1, 2, 3, 4 } } }
+tb.write_mat { file = "record.mat", columns = two }
+tb.write_csv { file = "record.csv", columns = two }
+tb.write_hdf5 { file = "record.h5", tables = { { name = "run", columns = two } } }
+for _, file in ipairs { "record.mat", "out/record.csv", "out/record.h5" } do
+  local record = tb.read_record { file = file, columns = { t = "t_ms", u = "u_V" }, scale = { t = 1e-3, u = 35.15 } }
+  assert(record.data.u[4] == 4 * 35.15 and record.data.t[2] == 0.5e-3)
+  assert(record.time.dropped == 1 and #record.time.gaps == 1)
+  assert(record.time.gaps[1].row == 4 and record.time.gaps[1].missing == 1)
+  assert(math.abs(record.time.sample_time_s - 0.5e-3) < 1e-15)
+  record = tb.read_record { file = file }
+  assert(record.data.t_ms[4] == 2 and not record.time)
+end
+assert(tb.read_record { file = "out/record.h5" }.units.t_ms == "ms")
+refused("did you mean \"u_V\"?", tb.read_record, { file = "out/record.mat", columns = { u = "u_N" } })
+refused("columns.u must be a text", tb.read_record, { file = "out/record.mat", columns = { u = 1 } })
+refused("is not a name that a MAT file can hold", tb.write_mat,
+  { file = "x.mat", columns = { { name = "u V", values = { 1 } } } })
+refused("outside", tb.read_record, { file = "/etc/hostname" })
+
+-- A run takes its input from a record as from lists.
+local even = { { name = "t_ms", values = { 0, 0.5, 1, 1.5 } }, { name = "u_V", values = { 1, 2, 3, 4 } } }
+tb.write_mat { file = "even.mat", columns = even }
+local mass = { rigid_gain_per_kg = 0.1 }
+local from_file = tb.simulate {
+  machine = mass, input = "out/even.mat", columns = { t = "t_ms", u = "u_V" }, scale = { t = 1e-3, u = 2 },
+}
+local from_lists = tb.simulate { machine = mass, u = { 2, 4, 6, 8 } }
+for k, x in ipairs(from_lists.x) do assert(from_file.x[k] == x) end
+refused("gap in time", tb.simulate,
+  { machine = mass, input = "out/record.mat", columns = { t = "t_ms", u = "u_V" }, scale = { t = 1e-3 } })
+refused("u is not a known field", tb.simulate, { machine = mass, input = "out/even.mat", u = { 1 },
+  columns = { t = "t_ms", u = "u_V" }, scale = { t = 1e-3 } })
+assert(not io.open("out/x.mat"))
