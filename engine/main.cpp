@@ -1,12 +1,17 @@
 #include "base/error.hpp"
 #include "base/run_control.hpp"
 #include "base/text.hpp"
+#include "batch/merge.hpp"
+#include "batch/slurm.hpp"
+#include "batch/status.hpp"
+#include "batch/workers.hpp"
 #include "experiment/comparison.hpp"
 #include "experiment/simulation.hpp"
 #include "machine/machine_model.hpp"
 #include "record/csv.hpp"
 #include "record/output_file.hpp"
 #include "record/record_file.hpp"
+#include "script/batch_script.hpp"
 #include "script/lua_force.hpp"
 #include "script/machine_file.hpp"
 #include "script/script_run.hpp"
@@ -26,7 +31,7 @@ using namespace tribode;
 
 namespace {
 
-enum ExitCode { done = 0, anything_else = 1, wrong_input = 2, ended_early = 3 };
+enum ExitCode { done = 0, anything_else = 1, wrong_input = 2, ended_early = 3, shard_interrupted = 75 };
 
 std::atomic<bool> stop_requested{false};
 
@@ -58,12 +63,14 @@ class ProgressDisplay {
         }
         shown_ = now;
         tenth_ = of ? done * 10 / of : 0;
-        const double left =
-            done > first_ ? elapsed * static_cast<double>(of - done) / static_cast<double>(done - first_) : 0;
+        const auto made = static_cast<double>(done - first_);
+        const double left = made > 0 ? elapsed * static_cast<double>(of - done) / made : 0;
+        const double rate = elapsed > 0 ? made / elapsed : 0;
         constexpr std::size_t width = 30;
         const std::size_t filled = of ? width * done / of : width;
         std::fprintf(stderr, "%s%s", terminal_ ? "\r" : "",
-                     fmt::format("{} [{:#<{}}{:.<{}}] {}/{}  {}{}", what, "", filled, "", width - filled, done, of,
+                     fmt::format("{} [{:#<{}}{:.<{}}] {}/{}  {:.3g}/s  {}{}", what, "", filled, "", width - filled,
+                                 done, of, rate,
                                  last ? fmt::format("{:.1f} s    ", elapsed) : fmt::format("{:.0f} s left ", left),
                                  terminal_ && !last ? "" : "\n")
                          .c_str());
@@ -94,6 +101,19 @@ struct Common {
         return control;
     }
 };
+
+// -D name=value, each once or more: the last counts.
+std::map<std::string, std::string> defines_of(const std::vector<std::string>& defines) {
+    std::map<std::string, std::string> values;
+    for (const auto& define : defines) {
+        const std::size_t equals = define.find('=');
+        if (equals == 0 || equals == std::string::npos) {
+            throw InputError(fmt::format("-D {}: must be name=value", define));
+        }
+        values[define.substr(0, equals)] = define.substr(equals + 1);
+    }
+    return values;
+}
 
 // A machine and the record that drives it, as simulate and compare take them.
 struct MachineAndRecord {
@@ -220,19 +240,160 @@ struct RunCommand {
     }
 
     int run(const Common& common) {
-        for (const auto& define : defines) {
-            const std::size_t equals = define.find('=');
-            if (equals == 0 || equals == std::string::npos) {
-                throw InputError(fmt::format("-D {}: must be name=value", define));
-            }
-            request.defines[define.substr(0, equals)] = define.substr(equals + 1);
-        }
+        request.defines = defines_of(defines);
         for (const auto& [name, file] : {std::pair{"machine", machine}, {"data", data}, {"input", input}}) {
             if (!file.empty()) request.defines[name] = file;
         }
         for (const auto& [name, value] : request.defines) request.read_files.emplace_back(value);
         request.limits.memory_bytes = memory_mib << 20;
         ScriptRun(request, common.control()).execute();
+        return done;
+    }
+};
+
+struct BatchCommand {
+    BatchPlanRequest plan;
+    std::vector<std::string> defines;
+    std::string folder, output;
+    std::size_t shards = 0, shard = 0;
+    bool as_json = false, watch = false, dry_run = false, again = false;
+    SlurmOptions slurm;
+    CLI::App *plan_app, *run_app, *slurm_app, *resume_app, *shard_app, *status_app, *merge_app;
+
+    void add_to(CLI::App& app, Common& common) {
+        app.require_subcommand(1);
+        plan_app = app.add_subcommand("plan", "describes the points of a script and divides them into shards");
+        run_app = app.add_subcommand("run", "runs what is missing on this computer");
+        resume_app = app.add_subcommand("resume", "the same: goes on with what is missing");
+        shard_app = app.add_subcommand("shard", "runs one shard: what a task of a cluster calls");
+        slurm_app = app.add_subcommand("slurm", "submits what is missing to a cluster, as arrays of Slurm");
+        status_app = app.add_subcommand("status", "how far a batch is");
+        merge_app = app.add_subcommand("merge", "all points as one file");
+        plan_app->add_option("script", plan.script.script, "batch script, .lua")->required();
+        plan_app->add_option("-o,--out", plan.folder, "folder of the batch, a new one")->required();
+        plan_app->add_option("-D", defines, "name=value: sets an option of the script")
+            ->take_all()
+            ->allow_extra_args(false);
+        plan_app->add_option("--shards", shards, "how many (default: by the time of some points)")
+            ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 30));
+        plan_app->add_option("--shard-seconds", plan.shard_seconds, "duration of the longest shards (default 120)")
+            ->check(CLI::PositiveNumber);
+        plan_app->add_flag("--quick", plan.script.quick, "a small version of the work, to try a script");
+        for (auto* command : {run_app, resume_app, shard_app, slurm_app, status_app, merge_app}) {
+            command->add_option("folder", folder, "folder of the batch")->required();
+        }
+        for (auto* command : {run_app, resume_app}) {
+            command->add_option("-j,--workers", common.workers, "processes (default: all cores)")
+                ->check(CLI::Range(1u, 4096u));
+        }
+        shard_app->add_option("shard", shard, "its number, from 1")->required();
+        slurm_app->add_option("--max-running", slurm.max_running, "tasks of one array at one time (default: no limit)")
+            ->check(CLI::PositiveNumber);
+        slurm_app->add_option("--restarts", slurm.restarts, "of a task that was killed or interrupted (default 3)")
+            ->check(CLI::NonNegativeNumber);
+        slurm_app
+            ->add_option("--sbatch", slurm.sbatch, "an option of the site for sbatch, e.g. --sbatch=--partition=short")
+            ->take_all()
+            ->allow_extra_args(false);
+        slurm_app->add_flag("--dry-run", dry_run, "show the scripts, submit nothing");
+        slurm_app->add_flag("--again", again, "also what Slurm says to be waiting or running");
+        status_app->add_flag("--json", as_json, "as JSON");
+        status_app->add_flag("--watch", watch, "a progress display until the batch is complete");
+        merge_app->add_option("-o,--out", output, "file to write: .h5, .csv or .mat")->required();
+        for (auto* command : app.get_subcommands(nullptr)) {
+            command->add_flag("--quiet", common.quiet, "no progress display");
+            command->set_version_flag("--version", "tribode " + version());
+        }
+    }
+
+    int run(Common common) {
+        if (plan_app->parsed()) return run_plan(common);
+        if (status_app->parsed()) return show_status(common);
+        if (merge_app->parsed()) return merge(common);
+        if (slurm_app->parsed()) return submit_missing(common);
+        if (shard_app->parsed()) {
+            common.workers = 1;
+            return run_script_batch(folder, shard, common.control()) ? done : shard_interrupted;
+        }
+        return run_missing(common);
+    }
+
+    int run_plan(const Common& common) {
+        plan.script.defines = defines_of(defines);
+        for (const auto& [name, value] : plan.script.defines) plan.script.read_files.emplace_back(value);
+        if (shards) plan.shards = shards;
+        const PlannedBatch planned = plan_script_batch(plan, common.control());
+        for (const auto& warning : planned.warnings) std::fprintf(stderr, "tribode: warning: %s\n", warning.c_str());
+        if (common.quiet) return done;
+        fmt::print("{} points in {} shards", planned.points, planned.shards);
+        if (planned.seconds_per_point > 0) {
+            fmt::print(", {:.3g} ms a point, {:.3g} s in all on one core", 1e3 * planned.seconds_per_point,
+                       planned.seconds_per_point * static_cast<double>(planned.points));
+        }
+        fmt::print("; tribode batch run {}\n", plan.folder.string());
+        return done;
+    }
+
+    int run_missing(const Common& common) {
+        const auto place = std::filesystem::absolute(folder); // the work goes to another folder
+        const bool complete = run_script_batch(folder, std::nullopt, common.control());
+        const BatchStatus status = read_status(place, Manifest::read(place));
+        if (!complete) {
+            throw EndedEarly(
+                fmt::format("interrupted after {} of {} points; they are kept, and tribode batch resume {} "
+                            "goes on from there",
+                            status.done, status.points, folder));
+        }
+        if (!common.quiet) {
+            fmt::print("{} points done, {} failed; tribode batch merge {} -o FILE\n", status.done, status.failed,
+                       folder);
+        }
+        return done;
+    }
+
+    int submit_missing(const Common& common) {
+        const Manifest manifest = Manifest::read(folder);
+        const auto place = std::filesystem::canonical(folder);
+        const auto missing = missing_shards(place, manifest);
+        const auto open = again ? missing : without_queued(place, missing);
+        slurm.program = std::filesystem::read_symlink("/proc/self/exe").string();
+        const auto arrays = slurm_arrays(place, manifest, open, slurm, slurm_largest_index());
+        if (dry_run) {
+            for (const auto& array : arrays) fmt::print("{}\n", array.script);
+            return done;
+        }
+        const FolderLock lock(place);
+        for (const auto& array : arrays) {
+            const std::string job = submit(place, array);
+            if (!common.quiet) fmt::print("job {}: {} shards\n", job, array.tasks);
+        }
+        if (!common.quiet) {
+            fmt::print("{} of {} shards missing, {} of them queued before; tribode batch status --watch {}\n",
+                       missing.size(), manifest.shards, missing.size() - open.size(), folder);
+        }
+        return done;
+    }
+
+    int show_status(const Common& common) const {
+        const Manifest manifest = Manifest::read(folder);
+        BatchStatus status = read_status(folder, manifest);
+        const RunControl control = common.control();
+        for (; watch && !status.complete() && !control.stop_requested(); status = read_status(folder, manifest)) {
+            if (control.progress) control.progress(status.name, status.done, status.points);
+            std::this_thread::sleep_for(std::chrono::seconds(1));
+        }
+        fmt::print("{}\n", as_json ? status.json().dump(2) : status.text());
+        return done;
+    }
+
+    int merge(const Common& common) const {
+        const MergeSummary summary = merge_batch(folder, Manifest::read(folder), output);
+        if (!common.quiet) {
+            fmt::print("{} points, {} failed, in {}\n", summary.points, summary.failed, output);
+            if (!summary.left_out.empty()) {
+                fmt::print("too long for such a table, and so only in .h5: {}\n", fmt::join(summary.left_out, ", "));
+            }
+        }
         return done;
     }
 };
@@ -259,18 +420,26 @@ std::vector<std::string> command_names(const CLI::App& app) {
 
 // What is wrong with the command line. A word that nobody knows comes first: it is often why something else is missing.
 std::string usage_problem(const CLI::App& app, const CLI::ParseError& problem) {
-    const auto parsed = app.get_subcommands();
-    const CLI::App& command = parsed.empty() ? app : *parsed.front();
-    const std::string name = parsed.empty() ? "tribode" : "tribode " + command.get_name();
+    const CLI::App* found = &app;
+    std::string name = "tribode";
+    while (!found->get_subcommands().empty()) {
+        found = found->get_subcommands().front();
+        name += " " + found->get_name();
+    }
+    const CLI::App& command = *found;
+    const bool is_group = !command_names(command).empty(); // a command is still to come
     if (const auto unknown = app.remaining(true); !unknown.empty()) {
         const std::string word = unknown.front().substr(0, unknown.front().find('='));
         if (word.starts_with('-')) {
             return fmt::format("{} is not an option of {}{}", word, name, suggestion(word, option_names(command)));
         }
-        if (!parsed.empty()) return fmt::format("{} takes no further argument \"{}\"", name, word);
-        return fmt::format("\"{}\" is not a command{}", word, suggestion(word, command_names(app)));
+        if (!is_group) return fmt::format("{} takes no further argument \"{}\"", name, word);
+        return fmt::format("\"{}\" is not a command{}{}", word, &command == &app ? "" : " of " + name,
+                           suggestion(word, command_names(command)));
     }
-    if (parsed.empty()) return fmt::format("a command is missing{}", suggestion("", command_names(app)));
+    if (is_group)
+        return fmt::format("{}a command is missing{}", &command == &app ? "" : name + ": ",
+                           suggestion("", command_names(command)));
     return fmt::format("{}: {}; {} --help tells what is allowed", name, problem.what(), name);
 }
 
@@ -288,13 +457,16 @@ int main(int argc, char** argv) {
     SimulateCommand simulate_command;
     CompareCommand compare_command;
     RunCommand run_command;
+    BatchCommand batch_command;
     auto* simulate_app = app.add_subcommand("simulate", "one machine under a recorded input");
     auto* compare_app = app.add_subcommand("compare", "one machine and one input through every method");
     auto* run_app = app.add_subcommand("run", "an experiment script in Lua");
+    auto* batch_app = app.add_subcommand("batch", "many independent points, that survive what may happen");
     simulate_command.add_to(*simulate_app, common);
     compare_command.add_to(*compare_app, common);
     run_command.add_to(*run_app, common);
-    for (auto* command : {simulate_app, compare_app, run_app}) {
+    batch_command.add_to(*batch_app, common);
+    for (auto* command : {simulate_app, compare_app, run_app, batch_app}) {
         command->set_version_flag("--version", "tribode " + version());
     }
     try {
@@ -307,6 +479,7 @@ int main(int argc, char** argv) {
     try {
         if (simulate_app->parsed()) return simulate_command.run(common);
         if (compare_app->parsed()) return compare_command.run(common);
+        if (batch_app->parsed()) return batch_command.run(common);
         return run_command.run(common);
     } catch (const InputError& problem) {
         return report(problem.what(), wrong_input);

@@ -76,13 +76,35 @@ std::string suggestion(std::string_view name, const std::vector<std::string>& ca
     return fmt::format(" (known: {})", fmt::join(candidates, ", "));
 }
 
-std::string sha256(std::string_view bytes) {
+static EVP_MD_CTX* context_of(void* context) { return static_cast<EVP_MD_CTX*>(context); }
+
+static void require_sha256(int status) {
+    if (status != 1) throw Error("SHA-256 is not available from the system's OpenSSL");
+}
+
+Sha256::Sha256() : context_(EVP_MD_CTX_new()) {
+    require_sha256(EVP_DigestInit_ex(context_of(context_), EVP_sha256(), nullptr));
+}
+
+Sha256::~Sha256() { EVP_MD_CTX_free(context_of(context_)); }
+
+void Sha256::add(std::string_view bytes) {
+    require_sha256(EVP_DigestUpdate(context_of(context_), bytes.data(), bytes.size()));
+}
+
+std::string Sha256::hex() const {
+    const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> copy(EVP_MD_CTX_new(), EVP_MD_CTX_free);
     unsigned char digest[EVP_MAX_MD_SIZE];
     unsigned length = 0;
-    if (EVP_Digest(bytes.data(), bytes.size(), digest, &length, EVP_sha256(), nullptr) != 1) {
-        throw Error("SHA-256 is not available from the system's OpenSSL");
-    }
+    require_sha256(EVP_MD_CTX_copy_ex(copy.get(), context_of(context_)));
+    require_sha256(EVP_DigestFinal_ex(copy.get(), digest, &length));
     return fmt::format("{:02x}", fmt::join(digest, digest + length, ""));
+}
+
+std::string sha256(std::string_view bytes) {
+    Sha256 hash;
+    hash.add(bytes);
+    return hash.hex();
 }
 
 std::string version() { return TRIBODE_VERSION; }

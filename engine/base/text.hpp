@@ -27,6 +27,21 @@ std::string_view trim(std::string_view text);
 // SHA-256 of the bytes, 64 hexadecimal digits.
 std::string sha256(std::string_view bytes);
 
+// The same of bytes that come in parts.
+class Sha256 {
+  public:
+    Sha256();
+    ~Sha256();
+    Sha256(const Sha256&) = delete;
+    Sha256& operator=(const Sha256&) = delete;
+
+    void add(std::string_view bytes);
+    std::string hex() const; // of all so far
+
+  private:
+    void* context_;
+};
+
 // The version of the program, "0.1.0".
 std::string version();
 

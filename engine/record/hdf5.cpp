@@ -47,6 +47,8 @@ void check(herr_t status, const char* function) {
 std::unique_lock<std::mutex> enter_library() {
     static std::mutex mutex;
     std::unique_lock lock(mutex);
+    // At the end of the process the library would write once more what a full disk refused, and crash.
+    [[maybe_unused]] static const herr_t nothing_at_exit = H5dont_atexit();
     H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
     return lock;
 }
@@ -375,6 +377,162 @@ std::vector<Variable> hdf5_variables(std::string_view bytes, const std::string& 
     });
     if (!packed) throw InputError(fmt::format("{}: is a damaged HDF5 file", source));
     return from_bytes(*packed);
+}
+
+// ---- row by row --------------------------------------------------------------------------------------------------
+
+struct Hdf5RowFile::Content {
+    std::vector<Dataset> datasets;
+    std::size_t rows = 0;
+    std::filesystem::path part;
+    std::optional<Handle> file;
+    std::vector<Handle> sets;
+    std::vector<std::vector<double>> gathered; // per dataset
+    std::size_t written = 0, waiting = 0;      // rows
+
+    // The handles before the file, so that it is closed.
+    void close() {
+        sets.clear();
+        file.reset();
+    }
+};
+
+namespace {
+
+template <class Work>
+void refused_is_output_error(const std::filesystem::path& path, const Work& work) {
+    try {
+        work();
+    } catch (const Refused& problem) {
+        throw OutputError(
+            fmt::format("{}: cannot be written (HDF5 refused {}; is the disk full?)", path.string(), problem.function));
+    }
+}
+
+Handle make_dataset(hid_t group, const std::string& name, hid_t type, const std::vector<hsize_t>& shape) {
+    const Handle space(H5Screate_simple(static_cast<int>(shape.size()), shape.data(), nullptr), "H5Screate_simple");
+    const Handle creation(H5Pcreate(H5P_DATASET_CREATE), "H5Pcreate");
+    check(H5Pset_obj_track_times(creation, false), "H5Pset_obj_track_times");
+    return {H5Dcreate2(group, name.c_str(), type, space, H5P_DEFAULT, creation, H5P_DEFAULT), "H5Dcreate2"};
+}
+
+} // namespace
+
+Hdf5RowFile::Hdf5RowFile(std::filesystem::path path, std::size_t rows, std::vector<Dataset> datasets,
+                         const Json& attributes)
+    : path_(std::move(path)),
+      content_(std::make_unique<Content>()) {
+    std::vector<std::string> taken;
+    for (const auto& set : datasets) require_link_name(set.name, taken);
+    Content& c = *content_;
+    c.datasets = std::move(datasets);
+    c.rows = rows;
+    c.part = path_;
+    c.part += ".part";
+    c.gathered.resize(c.datasets.size());
+    std::error_code problem;
+    if (path_.has_parent_path()) std::filesystem::create_directories(path_.parent_path(), problem);
+    const auto lock = enter_library();
+    try {
+        refused_is_output_error(path_, [&] {
+            const Handle creation = ordered(H5P_FILE_CREATE);
+            c.file.emplace(H5Fcreate(c.part.c_str(), H5F_ACC_TRUNC, creation, H5P_DEFAULT), "H5Fcreate");
+            for (const auto& [name, value] : attributes.items()) write_attribute(*c.file, name, value);
+            for (const auto& set : c.datasets) {
+                std::vector<hsize_t> shape = {rows};
+                if (set.width) shape.push_back(set.width);
+                c.sets.push_back(make_dataset(*c.file, set.name, H5T_IEEE_F64LE, shape));
+                write_text_attribute(c.sets.back(), "unit", set.unit);
+            }
+        });
+    } catch (const OutputError&) {
+        abandon();
+        throw;
+    }
+}
+
+Hdf5RowFile::~Hdf5RowFile() {
+    if (content_->file) abandon();
+}
+
+void Hdf5RowFile::abandon() {
+    std::error_code problem;
+    std::filesystem::remove(content_->part, problem);
+    // Never closed: that would write what is left once more, and the library crashes where the disk refuses it.
+    static auto& never_closed = *new std::vector<std::unique_ptr<Content>>;
+    never_closed.push_back(std::move(content_));
+}
+
+void Hdf5RowFile::add_row(const std::vector<double>& numbers) {
+    constexpr std::size_t worth_writing = 1 << 19; // numbers
+    Content& c = *content_;
+    auto next = numbers.begin();
+    for (std::size_t i = 0; i < c.datasets.size(); ++i) {
+        const auto width = static_cast<std::ptrdiff_t>(std::max<std::size_t>(c.datasets[i].width, 1));
+        c.gathered[i].insert(c.gathered[i].end(), next, next + width);
+        next += width;
+    }
+    assert(next == numbers.end());
+    ++c.waiting;
+    if (c.waiting * numbers.size() >= worth_writing) flush();
+}
+
+void Hdf5RowFile::flush() {
+    Content& c = *content_;
+    const auto lock = enter_library();
+    refused_is_output_error(path_, [&] {
+        for (std::size_t i = 0; i < c.sets.size() && c.waiting > 0; ++i) {
+            std::vector<hsize_t> begin = {c.written}, count = {c.waiting};
+            if (c.datasets[i].width) {
+                begin.push_back(0);
+                count.push_back(c.datasets[i].width);
+            }
+            const Handle in_file(H5Dget_space(c.sets[i]), "H5Dget_space");
+            check(H5Sselect_hyperslab(in_file, H5S_SELECT_SET, begin.data(), nullptr, count.data(), nullptr),
+                  "H5Sselect_hyperslab");
+            const Handle in_memory(H5Screate_simple(static_cast<int>(count.size()), count.data(), nullptr),
+                                   "H5Screate_simple");
+            check(H5Dwrite(c.sets[i], H5T_NATIVE_DOUBLE, in_memory, in_file, H5P_DEFAULT, c.gathered[i].data()),
+                  "H5Dwrite");
+            c.gathered[i].clear();
+        }
+    });
+    c.written += c.waiting;
+    c.waiting = 0;
+}
+
+void Hdf5RowFile::add_group(const std::string& name, const Column& numbers, const std::string& texts_name,
+                            const std::vector<std::string>& texts) {
+    assert(numbers.values.size() == texts.size());
+    Content& c = *content_;
+    std::size_t longest = 1;
+    for (const auto& text : texts) longest = std::max(longest, text.size());
+    std::string bytes;
+    for (const auto& text : texts) bytes += text + std::string(longest - text.size(), '\0');
+    const auto lock = enter_library();
+    refused_is_output_error(path_, [&] {
+        const Handle creation = ordered(H5P_GROUP_CREATE);
+        const Handle group(H5Gcreate2(*c.file, name.c_str(), H5P_DEFAULT, creation, H5P_DEFAULT), "H5Gcreate2");
+        write_column(group, numbers);
+        const Handle type(H5Tcopy(H5T_C_S1), "H5Tcopy");
+        check(H5Tset_size(type, longest), "H5Tset_size");
+        check(H5Tset_strpad(type, H5T_STR_NULLPAD), "H5Tset_strpad");
+        check(H5Tset_cset(type, H5T_CSET_UTF8), "H5Tset_cset");
+        const Handle set = make_dataset(group, texts_name, type, {texts.size()});
+        if (!texts.empty()) check(H5Dwrite(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, bytes.data()), "H5Dwrite");
+    });
+}
+
+void Hdf5RowFile::commit() {
+    flush();
+    Content& c = *content_;
+    assert(c.written == c.rows);
+    {
+        const auto lock = enter_library();
+        refused_is_output_error(path_, [&] { check(H5Fflush(*c.file, H5F_SCOPE_GLOBAL), "H5Fflush"); });
+        c.close();
+    }
+    commit_file(c.part, path_);
 }
 
 } // namespace tribode

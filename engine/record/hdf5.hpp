@@ -4,6 +4,7 @@
 #include "record/variable.hpp"
 
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -24,6 +25,37 @@ std::string to_hdf5(const std::vector<NamedTable>& tables, const Json& attribute
 // to_hdf5 through write_file: no half-written file is ever left.
 void write_hdf5(const std::filesystem::path& path, const std::vector<NamedTable>& tables,
                 const Json& attributes = Json::object());
+
+// A file of many rows that is written row by row, with a few megabytes in memory. The same rows give the same bytes.
+// Functions throw OutputError, after which nothing is left behind; without `commit` nothing is, either.
+class Hdf5RowFile {
+  public:
+    struct Dataset {
+        std::string name, unit;
+        std::size_t width = 0; // 0: a vector (rows); else a matrix (rows x width)
+    };
+
+    Hdf5RowFile(std::filesystem::path path, std::size_t rows, std::vector<Dataset> datasets, const Json& attributes);
+    ~Hdf5RowFile();
+    Hdf5RowFile(const Hdf5RowFile&) = delete;
+    Hdf5RowFile& operator=(const Hdf5RowFile&) = delete;
+
+    // One number per vector and `width` per matrix, in the order of the datasets.
+    void add_row(const std::vector<double>& numbers);
+    // A group with a column of numbers and one of texts, of equal length.
+    void add_group(const std::string& name, const Column& numbers, const std::string& texts_name,
+                   const std::vector<std::string>& texts);
+    // Requires that all rows were added.
+    void commit();
+
+  private:
+    struct Content;
+    void flush();
+    void abandon();
+
+    std::filesystem::path path_;
+    std::unique_ptr<Content> content_;
+};
 
 // Reads the layout above and files of others: the vectors of numbers (n, 1 x n or n x 1, of any numeric type) at the
 // root, as the first table with the name "", and in each group of the root, as one table each. The rest (texts,

@@ -85,6 +85,55 @@ void write_file(const fs::path& path, std::string_view bytes) {
     }
 }
 
+OutputFile::OutputFile(fs::path path) : path_(std::move(path)), part_(path_) {
+    part_ += ".part";
+    std::error_code problem;
+    if (fs::is_directory(path_)) fail_to_write(path_, "it is a folder");
+    if (path_.has_parent_path()) fs::create_directories(path_.parent_path(), problem);
+    if (problem) fail_to_write(path_, problem.message());
+    file_ = ::open(part_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0666);
+    if (file_ < 0) fail();
+}
+
+OutputFile::~OutputFile() {
+    if (file_ < 0) return;
+    ::close(file_);
+    ::unlink(part_.c_str());
+}
+
+void OutputFile::write(std::string_view bytes) {
+    constexpr std::size_t worth_a_call = 1 << 16;
+    buffer_ += bytes;
+    if (buffer_.size() >= worth_a_call) flush();
+}
+
+void OutputFile::flush() {
+    if (!write_all(file_, buffer_)) fail();
+    buffer_.clear();
+}
+
+void OutputFile::commit() {
+    flush();
+    if (::fsync(file_) != 0 || ::close(std::exchange(file_, -1)) != 0 || ::rename(part_.c_str(), path_.c_str()) != 0) {
+        fail();
+    }
+}
+
+void OutputFile::fail() {
+    const std::string reason = std::strerror(errno);
+    if (file_ >= 0) ::close(std::exchange(file_, -1));
+    ::unlink(part_.c_str());
+    fail_to_write(path_, reason);
+}
+
+void commit_file(const fs::path& part, const fs::path& path) {
+    Descriptor file(::open(part.c_str(), O_RDONLY | O_CLOEXEC));
+    if (file.number() >= 0 && ::fsync(file.number()) == 0 && ::rename(part.c_str(), path.c_str()) == 0) return;
+    const std::string reason = std::strerror(errno);
+    ::unlink(part.c_str());
+    fail_to_write(path, reason);
+}
+
 std::string read_file(const fs::path& path) {
     const auto fail = [&](std::string_view reason) {
         throw InputError(fmt::format("{}: cannot be read ({})", path.string(), reason));

@@ -13,6 +13,30 @@ namespace tribode {
 // limit is such an error, too.
 void write_file(const std::filesystem::path& path, std::string_view bytes);
 
+// The same for a file that is too large to be held in memory: it is written in parts and takes its name at the end.
+class OutputFile {
+  public:
+    explicit OutputFile(std::filesystem::path path); // a regular file or none yet
+    ~OutputFile();                                   // without `commit`: nothing is left behind
+    OutputFile(const OutputFile&) = delete;
+    OutputFile& operator=(const OutputFile&) = delete;
+
+    void write(std::string_view bytes);
+    void commit();
+
+  private:
+    [[noreturn]] void fail();
+    void flush();
+
+    std::filesystem::path path_, part_;
+    std::string buffer_;
+    int file_ = -1;
+};
+
+// Gives a file that another library has written as `part` its final name, once it is on the disk. Throws OutputError;
+// then the part is removed.
+void commit_file(const std::filesystem::path& part, const std::filesystem::path& path);
+
 // All bytes of a file. Throws InputError where it is missing, a folder or unreadable.
 std::string read_file(const std::filesystem::path& path);
 

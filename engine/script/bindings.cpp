@@ -21,6 +21,7 @@
 #include "record/plot.hpp"
 #include "record/record_file.hpp"
 #include "record/report.hpp"
+#include "script/batch_script.hpp"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -297,7 +298,8 @@ Json sweep(ScriptRun& run, const Json& arguments) {
     options.read(fields);
     const std::string checkpoint = fields.text("checkpoint", "sweep.resume.json");
     fields.finish();
-    const SweepResult result = run_sweep(machine, options, run.control(), run.folder().path(checkpoint));
+    const SweepResult result = run_sweep(machine, options, run.control(),
+                                         run.in_batch() ? std::filesystem::path() : run.folder().path(checkpoint));
     run.note_work({{"function", "sweep"},
                    {"machine", machine.hash()},
                    {"solver", name_of(resolved(options.solver.method, machine))},
@@ -551,6 +553,14 @@ Json run_script(ScriptRun& run, const Json& arguments) {
     return {{"folder", nested.folder.string()}, {"repeated", nested.repeated}};
 }
 
+Json read_batch(const ScriptAccess& access, const Json& arguments) {
+    FieldReader fields(arguments, "tb.read_batch");
+    const std::filesystem::path folder = fields.text("folder");
+    fields.finish();
+    access.check_read(folder);
+    return merged_batch(folder);
+}
+
 Json read_json_file(ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
     FieldReader fields(arguments, "tb.read_json");
     const auto path = run.find_file(fields.text("file"));
@@ -685,12 +695,14 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("run", [&run](const Json& a) { return run_script(run, a); });
     lua.add_function("read_json", [&run, &lua](const Json& a) { return read_json_file(run, lua.access(), a); });
     lua.add_function("read_record", [&run, &lua](const Json& a) { return read_record_file(run, lua.access(), a); });
+    lua.add_function("read_batch", [&lua](const Json& a) { return read_batch(lua.access(), a); });
     lua.add_function("write_csv", [&run](const Json& a) { return write_csv_file(run, a); });
     lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });
     lua.add_function("write_mat", [&run](const Json& a) { return write_mat_file(run, a); });
     lua.add_function("write_json", [&run](const Json& a) { return write_json_file(run, a); });
     lua.add_function("plot", [&run](const Json& a) { return plot(run, a); });
     lua.add_function("report", [&run](const Json& a) { return report(run, a); });
+    lua.add_stack_function("batch", [&run](lua_State* state) { return describe_batch(state, run); });
     lua.add_function("linspace", [](const Json& a) { return spaced(a, "tb.linspace", false); });
     lua.add_function("logspace", [](const Json& a) { return spaced(a, "tb.logspace", true); });
 }

@@ -113,6 +113,11 @@ Json LuaState::run_text(std::string_view text, const std::string& chunk_name, co
     return run(chunk_name, argument, [&](lua_State* lua) { load_text(lua, text, chunk_name); });
 }
 
+void LuaState::enter(const StackFunction& body) {
+    host_->instructions_used = 0;
+    protected_call(lua_.get(), body);
+}
+
 LuaState::Numbers LuaState::compile(std::string_view body, const std::vector<std::string>& arguments,
                                     const std::string& chunk_name) {
     int reference = LUA_NOREF;

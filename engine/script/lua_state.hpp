@@ -62,6 +62,9 @@ class LuaState {
     Json run_file(const std::filesystem::path& path, const Json& argument = nullptr);
     Json run_text(std::string_view text, const std::string& chunk_name, const Json& argument = nullptr);
 
+    // Runs `body` with the stack of the state, as an outermost call with a count of instructions of its own. For what
+    // calls functions that a script has left behind. Throws what `run` does.
+    void enter(const StackFunction& body);
     // A function of numbers: fills the second from the first. Valid as long as this state is.
     using Numbers = std::function<void(std::span<const double>, std::span<double>)>;
     // Of a text that is its body, with these names for its arguments. A call throws InputError where the text does not

@@ -38,12 +38,15 @@ void refuse_zero_byte(const fs::path& name) {
 
 void ScriptAccess::check_read(const fs::path& name) const {
     refuse_zero_byte(name);
-    if (allow_all) return;
     const fs::path path = resolved(name);
     const auto holds_it = [&](const fs::path& folder) { return lies_in(path, folder); };
+    const auto note = [&] {
+        if (files_read && !path.empty() && !holds_it(run_folder)) files_read->insert(path);
+    };
+    if (allow_all) return note();
     const auto is_it = [&](const fs::path& file) { return !path.empty() && resolved(file) == path; };
-    if (holds_it(run_folder) || std::any_of(read_folders.begin(), read_folders.end(), holds_it)) return;
-    if (std::any_of(read_files.begin(), read_files.end(), is_it)) return;
+    if (holds_it(run_folder) || std::any_of(read_folders.begin(), read_folders.end(), holds_it)) return note();
+    if (std::any_of(read_files.begin(), read_files.end(), is_it)) return note();
     throw InputError(fmt::format("\"{}\" is outside the run folder; name it with -D, --machine, --data or --input, "
                                  "or use --allow-all",
                                  name.string()));

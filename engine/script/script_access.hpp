@@ -1,5 +1,7 @@
 #pragma once
 #include <filesystem>
+#include <memory>
+#include <set>
 #include <vector>
 
 namespace tribode {
@@ -11,6 +13,9 @@ struct ScriptAccess {
     std::filesystem::path run_folder;                // read and write; empty: none
     std::vector<std::filesystem::path> read_folders; // models, scripts: read, and searched by `require`
     std::vector<std::filesystem::path> read_files;   // named by the user on the command line
+
+    // Where present: takes the names of all files outside the run folder that the script was allowed to read.
+    std::shared_ptr<std::set<std::filesystem::path>> files_read;
 
     // Throw InputError where the script may not do so. Whether the file exists is left to the one who opens
     // it.

@@ -2,9 +2,11 @@
 #include "base/error.hpp"
 #include "base/field_reader.hpp"
 #include "base/text.hpp"
+#include "batch/merge.hpp"
 #include "machine/machine_model.hpp"
 #include "record/json_file.hpp"
 #include "record/output_file.hpp"
+#include "script/batch_script.hpp"
 #include "script/bindings.hpp"
 #include "script/machine_file.hpp"
 
@@ -14,12 +16,6 @@
 namespace tribode {
 
 namespace {
-
-// Where models/ and scripts/ lie: the source tree the program was built from, else where it was installed.
-std::filesystem::path home() {
-    const std::filesystem::path source = TRIBODE_SOURCE_DIR;
-    return std::filesystem::exists(source / "models") ? source : std::filesystem::path(TRIBODE_DATA_DIR);
-}
 
 // The folder of the results. A missing script is said here, before the folder is made.
 std::filesystem::path folder_of(const ScriptRequest& request) {
@@ -100,6 +96,7 @@ ScriptRun::ScriptRun(const ScriptRequest& request, const RunControl& control)
     : request_(request),
       control_(control),
       folder_(folder_of(request)),
+      files_read_(std::make_shared<std::set<std::filesystem::path>>()),
       lua_(request.limits, access(), control),
       goes_on_(is_unfinished(folder_.folder())) {
     add_bindings(lua_, *this);
@@ -109,16 +106,28 @@ ScriptAccess ScriptRun::access() const {
     ScriptAccess access;
     access.allow_all = request_.allow_all;
     access.run_folder = folder_.folder();
+    access.files_read = files_read_;
     access.read_folders = {home() / "models", home() / "scripts"};
     access.read_folders.insert(access.read_folders.end(), request_.read_folders.begin(), request_.read_folders.end());
     access.read_files = request_.read_files;
     return access;
 }
 
+std::filesystem::path ScriptRun::home() {
+    const std::filesystem::path source = TRIBODE_SOURCE_DIR;
+    return std::filesystem::exists(source / "models") ? source : std::filesystem::path(TRIBODE_DATA_DIR);
+}
+
 std::filesystem::path ScriptRun::find_file(const std::string& name) const {
     const std::filesystem::path path = name;
     if (path.empty() || std::filesystem::exists(path)) return path;
     if (const auto own = folder_.folder() / path; std::filesystem::exists(own)) return own;
+    return ready_file(name);
+}
+
+std::filesystem::path ScriptRun::ready_file(const std::string& name) {
+    const std::filesystem::path path = name;
+    if (path.empty() || std::filesystem::exists(path)) return path;
     const bool ready = *path.begin() == "models" || *path.begin() == "scripts";
     return ready ? home() / path : path;
 }
@@ -126,7 +135,7 @@ std::filesystem::path ScriptRun::find_file(const std::string& name) const {
 Json ScriptRun::machine(const std::string& file, const Json& argument) {
     const auto path = find_file(file);
     lua_.access().check_read(path);
-    Json description = read_description(path, request_.limits, argument);
+    Json description = read_description(path, request_.limits, argument, files_read_);
     note_read(path);
     machines_[file] = MachineModel::from_description(description, file).hash();
     return description;
@@ -160,6 +169,37 @@ Json ScriptRun::options(const Json& defaults) {
     }
     options_ = values;
     return values;
+}
+
+void ScriptRun::run_script() {
+    lua_.run_file(request_.script);
+    if (!options_asked_ && !request_.defines.empty()) {
+        throw InputError(fmt::format("-D {}: the script takes no options (it does not call tb.options)",
+                                     request_.defines.begin()->first));
+    }
+}
+
+ScriptBatch& ScriptRun::read_batch() {
+    run_script();
+    if (!batch_) {
+        throw InputError(fmt::format("{}: describes no batch (it does not call tb.batch)", request_.script.string()));
+    }
+    return *batch_;
+}
+
+void ScriptRun::set_batch(ScriptBatch batch) {
+    if (batch_) throw InputError("tb.batch: was called before; a script describes one batch");
+    if (batch.batch.name.empty()) batch.batch.name = request_.script.stem().string();
+    batch_ = std::move(batch);
+}
+
+std::vector<std::string> ScriptRun::files_read() const {
+    const auto script = std::filesystem::weakly_canonical(std::filesystem::absolute(request_.script));
+    std::vector<std::string> files = {script.string()};
+    for (const auto& file : *files_read_) {
+        if (file != script) files.push_back(file.string());
+    }
+    return files;
 }
 
 void ScriptRun::note_read(const std::filesystem::path& file) { read_[file.string()] = sha256(read_file(file)); }
@@ -228,11 +268,8 @@ NestedRun ScriptRun::run_nested(const std::string& script, const std::string& fo
 
 void ScriptRun::execute() {
     try {
-        lua_.run_file(request_.script);
-        if (!options_asked_ && !request_.defines.empty()) {
-            throw InputError(fmt::format("-D {}: the script takes no options (it does not call tb.options)",
-                                         request_.defines.begin()->first));
-        }
+        run_script();
+        if (batch_) run_batch();
     } catch (const Error& problem) {
         // What ended the run is the news; a folder that cannot take the manifest either would only hide it.
         try {
@@ -242,6 +279,21 @@ void ScriptRun::execute() {
         throw;
     }
     write_manifest("done");
+}
+
+void ScriptRun::run_batch() {
+    const RunControl control = control_;
+    control_ = inside_a_point(control);
+    in_points_ = true;
+    const bool complete = run_batch_of(*this, folder_.folder() / "batch", control);
+    control_ = control;
+    in_points_ = false;
+    if (!complete) {
+        throw EndedEarly("interrupted; the points that are done are kept, and the same command goes on from there");
+    }
+    merge_batch(folder_.folder() / "batch", Manifest::read(folder_.folder() / "batch"), folder_.path("batch.h5"));
+    folder_.add("batch.h5");
+    if (batch_->finish) batch_->finish(merged_batch(folder_.folder() / "batch"));
 }
 
 void ScriptRun::write_manifest(const std::string& outcome) {

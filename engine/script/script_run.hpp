@@ -1,12 +1,15 @@
 #pragma once
 #include "base/json.hpp"
 #include "base/run_control.hpp"
+#include "batch/batch.hpp"
 #include "record/run_folder.hpp"
 #include "script/lua_state.hpp"
 
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -20,6 +23,7 @@ struct ScriptRequest {
     bool quick = false;                         // scripts make their work small
     bool keep_plots = false;                    // tb.plot leaves its table beside the image, for a report
     bool allow_all = false;
+    bool only_batch = false; // it is read for the batch it describes: no manifest, no log of work, no checkpoints
     ScriptLimits limits;
     std::vector<std::filesystem::path> read_folders; // besides models/ and scripts/
     std::vector<std::filesystem::path> read_files;
@@ -32,6 +36,12 @@ struct NestedRun {
     bool repeated = true; // false: it was complete already
 };
 
+// What tb.batch was given: the points, and what is done with them once all are there.
+struct ScriptBatch {
+    Batch batch;
+    std::function<void(const Json& merged)> finish; // empty: nothing
+};
+
 // One run of an experiment script: its options, its folder and what goes into the manifest. The functions of the
 // module `tribode` (bindings.hpp) work on it.
 class ScriptRun {
@@ -41,12 +51,26 @@ class ScriptRun {
     // Runs the script and writes the manifest, also where the script ends early or fails. Throws what the script does.
     void execute();
 
+    // Runs the script, for the batch that it describes. Throws InputError where it describes none.
+    ScriptBatch& read_batch();
+    ScriptBatch& batch() { return *batch_; } // once it was read
+    // tb.batch.
+    void set_batch(ScriptBatch batch);
+    // Whether what runs now is a point of a batch, beside others: it keeps no checkpoint and no log of its work.
+    bool in_batch() const { return request_.only_batch || in_points_; }
+    std::vector<std::string> files_read() const; // the script first, absolute names
+    LuaState& lua() { return lua_; }
+
     // tb.options: the defaults, with those the user has set by -D in their place. A default is a value or
     // {default=, unit=, help=, choices=}; a value is read as its default's type, a list of numbers from "1,2,3".
     Json options(const Json& defaults);
 
     // A file a script names: as it stands, in the folder of the run, or where models/ and scripts/ lie.
     std::filesystem::path find_file(const std::string& name) const;
+    // The same without the folder of the run.
+    static std::filesystem::path ready_file(const std::string& name);
+    // Where models/ and scripts/ lie: the source tree the program was built from, else where it was installed.
+    static std::filesystem::path home();
 
     // Checked reading of a machine description.
     Json machine(const std::string& file, const Json& argument);
@@ -62,14 +86,19 @@ class ScriptRun {
     void note_read(const std::filesystem::path& file);
 
     // Adds a line to what the manifest says of the work done.
-    void note_work(Json entry) { work_.push_back(std::move(entry)); }
+    void note_work(Json entry) {
+        if (!in_batch()) work_.push_back(std::move(entry));
+    }
 
     RunFolder& folder() { return folder_; }
     const RunControl& control() const { return control_; }
     bool quick() const { return request_.quick; }
+    const ScriptRequest& request() const { return request_; }
     bool keeps_plots() const { return request_.keep_plots; }
 
   private:
+    void run_script();
+    void run_batch();
     void write_manifest(const std::string& outcome);
     bool is_complete(const ScriptRequest& request) const;
     ScriptAccess access() const;
@@ -77,7 +106,10 @@ class ScriptRun {
     ScriptRequest request_;
     RunControl control_;
     RunFolder folder_;
+    std::shared_ptr<std::set<std::filesystem::path>> files_read_;
     LuaState lua_;
+    std::optional<ScriptBatch> batch_;
+    bool in_points_ = false;
     bool goes_on_; // after an interruption, at an earlier time
     bool options_asked_ = false;
     Json options_ = Json::object();

@@ -40,6 +40,7 @@ class Program {
     bool wait_until(const std::function<bool()>& condition);
     bool has_ended();
     void send(int signal) const;
+    pid_t number() const { return process_; }
 
     std::string out() const; // so far
     std::string err() const;
