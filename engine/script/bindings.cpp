@@ -20,6 +20,7 @@
 #include "record/plot.hpp"
 #include "record/report.hpp"
 #include "script/batch_script.hpp"
+#include "script/sampling_bindings.hpp"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -655,6 +656,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("report", [&run](const Json& a) { return report(run, a); });
     lua.add_function("linspace", [](const Json& a) { return spaced(a, "tb.linspace", false); });
     lua.add_function("logspace", [](const Json& a) { return spaced(a, "tb.logspace", true); });
+    add_sampling_bindings(lua);
 }
 
 } // namespace tribode
