@@ -32,8 +32,4 @@ class Distribution {
     std::vector<double> cumulated_; // of choice: shares up to and with value k, the last is 1
 };
 
-// Of the standard normal distribution. The inverse is that of [Wichura 1988], to 1e-15 relative.
-double normal_cumulative(double x);
-double normal_quantile(double p); // 0 < p < 1
-
 } // namespace tribode

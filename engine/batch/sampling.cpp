@@ -28,6 +28,12 @@ bool is_value(const Json& value) {
     return value.is_string() || value.is_boolean() || (value.is_number() && std::isfinite(value.get<double>()));
 }
 
+void add_value(Factor& factor, const Json& value) {
+    factor.named = factor.named || !value.is_number();
+    factor.whole = (factor.whole || factor.values.empty()) && value.is_number_integer();
+    factor.values.push_back(value);
+}
+
 // The greatest double below 1, for sums that round up to it.
 double below_one(double p) { return std::min(p, 1 - 0x1p-53); }
 
@@ -44,8 +50,7 @@ void Design::read_factors(FieldReader& fields) {
         if (!values.is_null() && (!values.is_array() || values.empty())) entry.fail("values", "must be a list");
         for (const auto& value : values) {
             if (!is_value(value)) entry.fail("values", "must hold finite numbers, texts or booleans");
-            factor.values.push_back(value);
-            factor.named = factor.named || !value.is_number();
+            add_value(factor, value);
         }
         if (!is_grid) {
             factor.distribution = Distribution::read(entry, factor.values.size());
@@ -60,7 +65,7 @@ void Design::read_factors(FieldReader& fields) {
 void Design::read_points(FieldReader& fields) {
     const Json& points = fields.value("points");
     if (!points.is_array() || points.empty()) fields.fail("points", "must be a list of tables");
-    for (const auto& [name, value] : points[0].items()) factors_.push_back({name, {}, std::nullopt, false});
+    for (const auto& [name, value] : points[0].items()) factors_.emplace_back().name = name;
     for (std::size_t i = 0; i < points.size(); ++i) {
         const std::string entry = fmt::format("points[{}]", i + 1);
         if (!points[i].is_object() || points[i].size() != factors_.size()) {
@@ -70,8 +75,7 @@ void Design::read_points(FieldReader& fields) {
             const auto value = points[i].find(factor.name);
             if (value == points[i].end()) fields.fail(entry, "has no \"" + factor.name + "\", the first point has");
             if (!is_value(*value)) fields.fail(entry + "." + factor.name, "must be a finite number, text or boolean");
-            factor.values.push_back(*value);
-            factor.named = factor.named || !value->is_number();
+            add_value(factor, *value);
         }
     }
     count_ = points.size();
@@ -202,6 +206,7 @@ std::vector<double> Design::row(std::uint64_t index) const {
 }
 
 Json Design::value(std::size_t factor, double in_row) const {
+    if (factors_[factor].whole) return static_cast<std::int64_t>(in_row);
     if (!factors_[factor].named) return in_row;
     return factors_[factor].values[static_cast<std::size_t>(in_row) - 1];
 }
@@ -238,8 +243,7 @@ std::vector<Step> steps_of(const std::string& path, const std::string& where) {
             if (index == "*]") {
                 step.every = true;
             } else {
-                const auto [rest, failure] =
-                    std::from_chars(index.data(), index.data() + index.size(), step.index);
+                const auto [rest, failure] = std::from_chars(index.data(), index.data() + index.size(), step.index);
                 const bool closed = rest + 1 == index.data() + index.size() && *rest == ']';
                 if (failure != std::errc() || !closed || step.index == 0) return refuse();
             }

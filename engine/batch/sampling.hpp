@@ -16,6 +16,7 @@ struct Factor {
     std::vector<Json> values;                 // of a grid, a list or a choice; empty: a distribution of numbers
     std::optional<Distribution> distribution; // absent: the design runs through `values`
     bool named = false;                       // some of the values is no number: a row holds its place from 1
+    bool whole = false;                       // all of the values are whole numbers
 };
 
 // The points of an experiment: row `index` is a function of the description and the index alone, so any part of a design
@@ -48,7 +49,7 @@ class Design {
     // One number for each factor. Requires index < count().
     std::vector<double> row(std::uint64_t index) const;
 
-    // What the number in a row stands for: itself, or the value that is no number.
+    // What the number in a row stands for: itself, a whole number where all values are, or the value that is no number.
     Json value(std::size_t factor, double in_row) const;
 
     // The row as a table {name = value, ...}.
