@@ -178,7 +178,7 @@ local function sensitivity_of(merged, statistics)
   local shown = "believed.rmse_um"
   plots.tornado {
     file = "tornado",
-    title = "Positioning error with the believed model: means over the points with the lowest and highest tenth of a factor",
+    title = "Positioning error with the believed model: means over the lowest and the highest tenth of each factor",
     x_label = "Root mean square of the tracking error [um]",
     bars = found[shown].tornado,
     centre = statistics[shown].mean,
