@@ -60,18 +60,18 @@ end
 
 -- ---- one model in the machine ---------------------------------------------------------------------------------------
 
--- A thrust of three sines that reverses at many amplitudes, open loop.
-local thrust = {}
+-- An excitation of three sines that reverses at many amplitudes. The loop is closed: without it the slightest force adds
+-- up to a drift.
+local excitation = {}
 for k = 1, math.floor(option.seconds / machine.Ts + 0.5) do
   local t = (k - 1) * machine.Ts
-  thrust[k] = 8 * math.sin(two_pi * 3 * t) + 5 * math.sin(two_pi * 7.3 * t) + 3 * math.sin(two_pi * 31 * t)
+  excitation[k] = 8 * math.sin(two_pi * 3 * t) + 5 * math.sin(two_pi * 7.3 * t) + 3 * math.sin(two_pi * 31 * t)
 end
 local frequency_hz = tb.linspace(15, 200, option.frequencies)
 
 local function simulate(elements)
-  local changed = tb.with_fields(machine, { ["friction.elements"] = elements, closed_loop = false,
-    encoder_resolution_m = 0 })
-  return tb.simulate { machine = changed, u = thrust }
+  local changed = tb.with_fields(machine, { ["friction.elements"] = elements, encoder_resolution_m = 0 })
+  return tb.simulate { machine = changed, exc = excitation }
 end
 
 local true_motion = simulate(friction.elements)

@@ -10,7 +10,6 @@
 local tb = require "tribode"
 local plots = {}
 
-local gap = 0 / 0 -- breaks a line
 local low_color, high_color = "#0072b2", "#e69f00"
 
 local function sorted_keys(fields)
@@ -104,16 +103,19 @@ function plots.scatter(o)
   tb.plot { file = o.file, title = o.title, height = 140 + 270 * #panels, panels = panels }
 end
 
--- Bars from bottom to top, so that the first of the list is the uppermost.
-local function bars_at(list, offset, ends)
-  local x, y = {}, {}
+-- One series for each bar, the first of the list uppermost; only the first stands in the legend.
+local function add_bars(series, list, offset, style, ends)
   for i, entry in ipairs(list) do
-    local from, to = ends(entry, i)
-    for _, value in ipairs { from, to, gap } do
-      x[#x + 1], y[#y + 1] = value, #list + 1 - i + offset
-    end
+    local from, to = ends(entry)
+    local at = #list + 1 - i + offset
+    series[#series + 1] =
+      { name = i == 1 and style.name or "", x = { from, to }, y = { at, at }, color = style.color, width = style.width }
   end
-  return x, y
+end
+
+local function add_errors(series, list, offset, ends)
+  local style = { name = offset > 0 and "two standard errors" or "", color = "#000000", width = 1.5 }
+  add_bars(series, list, offset, style, ends)
 end
 
 local function names_upwards(list, name_of)
@@ -123,18 +125,21 @@ local function names_upwards(list, name_of)
 end
 
 function plots.tornado(o)
-  local low_x, low_y = bars_at(o.bars, 0, function(bar) return o.centre, bar.low end)
-  local high_x, high_y = bars_at(o.bars, 0, function(bar) return o.centre, bar.high end)
   local least, greatest = o.centre, o.centre
-  local error_x, error_y = {}, {}
-  for i, bar in ipairs(o.bars) do
-    for _, part in ipairs { { bar.low, bar.low_error }, { bar.high, bar.high_error } } do
-      least, greatest = math.min(least, part[1] - 2 * part[2]), math.max(greatest, part[1] + 2 * part[2])
-      for _, value in ipairs { part[1] - 2 * part[2], part[1] + 2 * part[2], gap } do
-        error_x[#error_x + 1], error_y[#error_y + 1] = value, #o.bars + 1 - i
-      end
-    end
+  for _, bar in ipairs(o.bars) do
+    least = math.min(least, bar.low - 2 * bar.low_error, bar.high - 2 * bar.high_error)
+    greatest = math.max(greatest, bar.low + 2 * bar.low_error, bar.high + 2 * bar.high_error)
   end
+  local series = {}
+  local low_style = { name = "factor among its lowest", color = low_color, width = 9 }
+  local high_style = { name = "factor among its highest", color = high_color, width = 9 }
+  add_bars(series, o.bars, 0.16, low_style, function(bar) return o.centre, bar.low end)
+  add_bars(series, o.bars, -0.16, high_style, function(bar) return o.centre, bar.high end)
+  add_errors(series, o.bars, 0.16, function(bar) return bar.low - 2 * bar.low_error, bar.low + 2 * bar.low_error end)
+  add_errors(series, o.bars, -0.16, function(bar)
+    return bar.high - 2 * bar.high_error, bar.high + 2 * bar.high_error
+  end)
+  series[#series + 1] = { x = { o.centre, o.centre }, y = { 0.4, #o.bars + 0.6 }, color = "#000000", width = 1 }
   local margin = 0.04 * math.max(greatest - least, 1e-12)
   tb.plot {
     file = o.file,
@@ -146,12 +151,7 @@ function plots.tornado(o)
         x_range = { least - margin, greatest + margin },
         y_range = { 0.4, #o.bars + 0.6 },
         y_names = names_upwards(o.bars, function(bar) return bar.name end),
-        series = {
-          { name = "factor among its lowest", x = low_x, y = low_y, color = low_color, width = 16 },
-          { name = "factor among its highest", x = high_x, y = high_y, color = high_color, width = 16 },
-          { name = "two standard errors", x = error_x, y = error_y, color = "#000000", width = 1.5 },
-          { x = { o.centre, o.centre }, y = { 0.4, #o.bars + 0.6 }, color = "#000000", width = 1 },
-        },
+        series = series,
       },
     },
   }
@@ -167,17 +167,17 @@ function plots.indices(o)
     }
   end
   table.sort(list, function(a, b) return a.total > b.total end)
-  local first_x, first_y = bars_at(list, 0.17, function(entry) return 0, entry.first end)
-  local total_x, total_y = bars_at(list, -0.17, function(entry) return 0, entry.total end)
-  local error_x, error_y = {}, {}
-  for _, part in ipairs { { "first", 0.17 }, { "total", -0.17 } } do
-    local x, y = bars_at(list, part[2], function(entry)
-      local value, error = entry[part[1]], entry[part[1] .. "_error"]
-      return value - 2 * error, value + 2 * error
-    end)
-    table.move(x, 1, #x, #error_x + 1, error_x)
-    table.move(y, 1, #y, #error_y + 1, error_y)
-  end
+  local series = {}
+  local first_style = { name = "alone (first order)", color = low_color, width = 9 }
+  local total_style = { name = "with others (total)", color = high_color, width = 9 }
+  add_bars(series, list, 0.16, first_style, function(entry) return 0, entry.first end)
+  add_bars(series, list, -0.16, total_style, function(entry) return 0, entry.total end)
+  add_errors(series, list, 0.16, function(entry)
+    return entry.first - 2 * entry.first_error, entry.first + 2 * entry.first_error
+  end)
+  add_errors(series, list, -0.16, function(entry)
+    return entry.total - 2 * entry.total_error, entry.total + 2 * entry.total_error
+  end)
   tb.plot {
     file = o.file,
     title = o.title,
@@ -187,11 +187,7 @@ function plots.indices(o)
         x_label = "Share of the variance",
         y_range = { 0.4, #list + 0.6 },
         y_names = names_upwards(list, function(entry) return entry.name end),
-        series = {
-          { name = "alone (first order)", x = first_x, y = first_y, color = low_color, width = 10 },
-          { name = "with others (total)", x = total_x, y = total_y, color = high_color, width = 10 },
-          { name = "two standard errors", x = error_x, y = error_y, color = "#000000", width = 1.5 },
-        },
+        series = series,
       },
     },
   }
