@@ -60,8 +60,8 @@ end
 
 -- ---- one model in the machine ---------------------------------------------------------------------------------------
 
--- An excitation of three sines that reverses at many amplitudes. The loop is closed: without it the slightest force adds
--- up to a drift.
+-- An excitation of three sines that reverses at many amplitudes. The loop is closed: without it the slightest force
+-- adds up to a drift. The fit finds no damping, so that of the machine's own elements is missed by every model.
 local excitation = {}
 for k = 1, math.floor(option.seconds / machine.Ts + 0.5) do
   local t = (k - 1) * machine.Ts

@@ -38,9 +38,11 @@ double student_within(double t, std::size_t degrees) {
 
 double student_quantile(double p, std::size_t degrees) {
     if (p < 0.5) return -student_quantile(1 - p, degrees);
-    if (degrees > 1000) { // the first terms of the expansion about the normal quantile; the next is below 1e-9
-        const double z = normal_quantile(p), n = static_cast<double>(degrees);
-        return z + (z * z * z + z) / (4 * n) + (5 * std::pow(z, 5) + 16 * z * z * z + 3 * z) / (96 * n * n);
+    if (degrees > 1000) { // the expansion about the normal quantile; good to 1e-10 for z up to 4
+        const double z = normal_quantile(p), square = z * z, n = static_cast<double>(degrees);
+        const double first = z * (square + 1) / 4, second = z * ((5 * square + 16) * square + 3) / 96;
+        const double third = z * (((3 * square + 19) * square + 17) * square - 15) / 384;
+        return z + (first + (second + third / n) / n) / n;
     }
     const double within = 2 * p - 1;
     double low = 0, high = 1;
