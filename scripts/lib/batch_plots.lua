@@ -2,7 +2,7 @@
 --
 --   plots.columns(merged)              parameters and numbers of a merged batch as columns for tb.write_csv
 --   plots.factors(merged, names)       the parameters as factors for tb.tornado and tb.regression_sensitivity
---   plots.histogram { file, title, x_label, series = { { name, values }, ... }, bins }
+--   plots.histogram { file, title, x_label, x_range, series = { { name, values }, ... }, bins }
 --   plots.scatter   { file, title, factors, y_label, values, most }
 --   plots.tornado   { file, title, x_label, bars, centre }
 --   plots.indices   { file, title, indices }
@@ -41,7 +41,7 @@ function plots.factors(merged, names)
   return factors
 end
 
--- Outlines of several distributions; each bin in per cent of the points.
+-- Outlines of several distributions as densities, so that bins of different widths compare.
 function plots.histogram(o)
   local series = {}
   for i, part in ipairs(o.series) do
@@ -49,7 +49,7 @@ function plots.histogram(o)
     local total, x, y = 0, {}, {}
     for _, count in ipairs(bins.counts) do total = total + count end
     for k, count in ipairs(bins.counts) do
-      local share = 100 * count / total
+      local share = 100 * count / total / (bins.edges[k + 1] - bins.edges[k])
       for _, edge in ipairs { bins.edges[k], bins.edges[k + 1] } do x[#x + 1], y[#y + 1] = edge, share end
     end
     if #x > 0 then
@@ -62,7 +62,7 @@ function plots.histogram(o)
   tb.plot {
     file = o.file,
     title = o.title,
-    panels = { { x_label = o.x_label, y_label = "Share of the points [%]", x_range = o.x_range, series = series } },
+    panels = { { x_label = o.x_label, y_label = "Points [% per unit]", x_range = o.x_range, series = series } },
   }
 end
 
