@@ -63,6 +63,18 @@ local function followed(a)
   return ratio(position, force, count + 1, count, 1)
 end
 
+-- The damping of the elements along samples: in stick only, with the velocity from the difference of two samples.
+local function add_damping(force, position, Ts)
+  for _, e in ipairs(elements) do
+    local z, limit = 0, e.F / e.K
+    for k = 2, (e.D or 0) > 0 and #position or 1 do
+      local step = position[k] - position[k - 1]
+      z = math.max(-limit, math.min(limit, z + step))
+      if math.abs(z) < limit then force[k] = force[k] + e.D * step / Ts end
+    end
+  end
+end
+
 -- The friction model at the sample time: elements, and viscous friction from the difference of two samples.
 local function sampled(a, f)
   local Ts = machine.Ts
@@ -71,6 +83,7 @@ local function sampled(a, f)
   local position = {}
   for k = 0, settle + count - 1 do position[k + 1] = a * math.sin(two_pi * f * k * Ts) end
   local force = tb.friction_force { elements = elements, position = position }
+  add_damping(force, position, Ts)
   for k = #position, 2, -1 do force[k] = force[k] + viscous * (position[k] - position[k - 1]) / Ts end
   return ratio(position, force, settle + 1, count, f)
 end
