@@ -1,5 +1,6 @@
 #include "base/random.hpp"
 
+#include <bit>
 #include <cmath>
 #include <numbers>
 
@@ -11,7 +12,7 @@ static std::uint64_t mix(std::uint64_t z) {
     return z ^ (z >> 31);
 }
 
-static std::uint64_t random_bits(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {
+std::uint64_t random_bits(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {
     constexpr std::uint64_t golden = 0x9e3779b97f4a7c15ULL;
     return mix(mix(mix(seed + golden) + stream + golden) + index * golden + golden);
 }
@@ -24,6 +25,24 @@ std::uint64_t derived_seed(std::uint64_t seed, std::uint64_t index) {
 double uniform(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {
     // The upper 52 bits, in the middle of their cell: with one bit more the last middle would round to 1.
     return (static_cast<double>(random_bits(seed, stream, index) >> 12) + 0.5) * 0x1p-52;
+}
+
+std::uint64_t permuted(std::uint64_t index, std::uint64_t count, std::uint64_t key) {
+    // Eight rounds: with four, small domains show in the correlation of two permutations.
+    constexpr std::uint64_t rounds = 8;
+    if (count < 2) return 0;
+    const int half = (std::bit_width(count - 1) + 1) / 2;
+    const std::uint64_t mask = (std::uint64_t{1} << half) - 1;
+    do {
+        std::uint64_t left = index >> half, right = index & mask;
+        for (std::uint64_t round = 0; round < rounds; ++round) {
+            const std::uint64_t mixed = left ^ (random_bits(key, round, right) & mask);
+            left = right;
+            right = mixed;
+        }
+        index = left << half | right;
+    } while (index >= count);
+    return index;
 }
 
 double standard_normal(std::uint64_t seed, std::uint64_t stream, std::uint64_t index) {

@@ -26,8 +26,11 @@ using std::numbers::pi;
 class LoopSignals final : public Observer {
   public:
     LoopSignals(const MachineModel& machine, const SweepOptions& options)
-        : friction_model_(machine.elements, machine.viscous, machine.sample_time),
-          delay_model_(DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time)) {}
+        : LoopSignals(machine.sample_time, options, options.friction_model.value_or(FrictionModel::of(machine))) {}
+
+    LoopSignals(double sample_time, const SweepOptions& options, const FrictionModel& friction)
+        : friction_model_(friction.elements, friction.viscous, sample_time),
+          delay_model_(DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, sample_time)) {}
 
     void sampled(ClockId clock, long, const SystemState& state) override {
         if (clock != ServoSystem::controller) return;
@@ -62,12 +65,12 @@ std::complex<double> actuator_response(const MachineModel& machine, double frequ
     return response;
 }
 
-std::complex<double> improved_response(const MachineModel& machine, double frequency, std::complex<double> thrust,
-                                       std::vector<std::complex<double>> position) {
+std::complex<double> improved_response(const MachineModel& machine, const FrictionModel& model, double frequency,
+                                       std::complex<double> thrust, std::vector<std::complex<double>> position) {
     for (std::size_t n = 0; n < position.size(); ++n) {
         position[n] *= std::polar(1.0, 2 * pi * static_cast<double>(n + 1) * frequency * machine.output_delay);
     }
-    const auto friction = friction_phasor(position, frequency, machine.elements, machine.viscous);
+    const auto friction = friction_phasor(position, frequency, model.elements, model.viscous);
     return position.front() / (actuator_response(machine, frequency) * thrust - friction);
 }
 
@@ -136,7 +139,10 @@ class SinglePoint {
         }
         const std::vector<double> coherences = coherence(inputs, cut(signals_.position), ts_, frequency_);
         std::ranges::copy(coherences, point.coherence.begin());
-        if (options_.improved) point.improved = improved_response(machine_, frequency_, u.fundamental(), y.harmonics);
+        if (options_.improved) {
+            const FrictionModel model = options_.friction_model.value_or(FrictionModel::of(machine_));
+            point.improved = improved_response(machine_, model, frequency_, u.fundamental(), y.harmonics);
+        }
         if (options_.friction_feedback > 0) {
             point.add_on = y.fundamental() / basis.fit(cut(signals_.before_feedback)).fundamental();
         }
@@ -229,6 +235,7 @@ void SweepOptions::read(FieldReader& fields) {
     delay_order = static_cast<int>(fields.integer("delay_order", 1, 10, delay_order));
     improved = fields.boolean("improved", improved);
     friction_feedback = fields.number("friction_feedback", "", Allowed::non_negative, friction_feedback);
+    friction_model = FrictionModel::read(fields);
     seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, static_cast<long>(seed)));
     solver.read(fields);
 }

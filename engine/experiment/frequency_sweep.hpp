@@ -3,6 +3,7 @@
 #include "analysis/modal_model.hpp"
 #include "base/field_reader.hpp"
 #include "base/run_control.hpp"
+#include "experiment/friction_model.hpp"
 #include "experiment/servo_recorder.hpp"
 #include "machine/machine_model.hpp"
 #include "record/table.hpp"
@@ -56,13 +57,15 @@ struct SweepOptions {
     int delay_order = 4;            // of its Pade approximant, eq. (19)
     bool improved = false;          // make the analysis "Improved" too
     double friction_feedback = 0;   // p: share of the modelled friction that is added to u (ClosedLoop)
+    // fh of the analyses, not of the feedback; none: the machine's own
+    std::optional<FrictionModel> friction_model;
     // An encoder step is 1e-7 m; tighter tolerances do not show in the responses (docs/decisions/0005).
     SolverOptions solver{.relative_tolerance = 1e-6, .absolute_tolerance = 1e-10};
     std::uint64_t seed = 0; // of the noise; every frequency has noise of its own
 
     // Fields frequency_hz (list), amplitude_N, settle_periods, settle_time_s, settle_tolerance, settle_time_limit_s,
-    // measure_periods, measure_time_s, harmonics, delay_s, delay_order, improved, friction_feedback, seed and those of
-    // SolverOptions; absent ones stay as they are.
+    // measure_periods, measure_time_s, harmonics, delay_s, delay_order, improved, friction_feedback, friction_model,
+    // seed and those of SolverOptions; absent ones stay as they are.
     void read(FieldReader& fields);
 };
 
@@ -101,7 +104,7 @@ struct SweepResult {
 
 // Sine sweep in closed loop, section II-C: at each frequency the axis starts from rest, r = 0. The friction model and
 // the delay model run at the controller's sample time; the friction model has the machine's elements and viscous
-// friction. Frequencies are independent and shared among control.workers; the result does not depend on how many.
+// friction, where the options hold no other. Frequencies are independent and shared among control.workers; the result does not depend on how many.
 //
 // Where `checkpoint` is not empty, points that are done are kept there now and then and when the sweep is
 // interrupted; a later sweep of the same machine and options goes on from it. A sweep that is complete removes it.

@@ -44,7 +44,8 @@ struct Inputs {
 Inputs inputs_of(const MachineModel& machine, const Feedforward& feedforward, const PositioningOptions& options) {
     const auto count = static_cast<std::size_t>(std::round(options.duration / machine.sample_time)) + 1;
     auto delay = DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time);
-    SampledFriction model(machine.elements, machine.viscous, machine.sample_time);
+    const FrictionModel friction = options.friction_model.value_or(FrictionModel::of(machine));
+    SampledFriction model(friction.elements, friction.viscous, machine.sample_time);
     Inputs inputs;
     for (std::size_t k = 0; k < count; ++k) {
         const double reference = feedforward.reference[std::min(k, feedforward.reference.size() - 1)];
@@ -93,6 +94,7 @@ void PositioningOptions::read(FieldReader& fields) {
     delay = fields.number("delay_s", "s", Allowed::non_negative, delay);
     delay_order = static_cast<int>(fields.integer("delay_order", 1, 10, delay_order));
     friction_compensation = fields.boolean("friction_compensation", friction_compensation);
+    friction_model = FrictionModel::read(fields);
     band = fields.number("band_m", "m", Allowed::positive, band);
     rated_thrust = fields.number("rated_thrust_N", "N", Allowed::positive, rated_thrust);
     stroke = fields.number("stroke_m", "m", Allowed::positive, stroke);

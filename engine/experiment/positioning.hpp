@@ -3,6 +3,7 @@
 #include "base/field_reader.hpp"
 #include "base/run_control.hpp"
 #include "design/feedforward.hpp"
+#include "experiment/friction_model.hpp"
 #include "experiment/servo_recorder.hpp"
 #include "machine/machine_model.hpp"
 #include "record/table.hpp"
@@ -20,14 +21,15 @@ struct PositioningOptions {
     double delay = 1.38e-3; // L of C_dly on r*, before it meets y_dly [s]
     int delay_order = 4;    // of its Pade approximant
     bool friction_compensation = true;
-    double band = 5e-6;           // settled within +- this [m]
-    double rated_thrust = 150;    // [N]
-    double stroke = 0.78;         // [m]
-    double spectrum_max_hz = 200; // of the residual vibration
+    std::optional<FrictionModel> friction_model; // FM; none: the machine's own
+    double band = 5e-6;                          // settled within +- this [m]
+    double rated_thrust = 150;                   // [N]
+    double stroke = 0.78;                        // [m]
+    double spectrum_max_hz = 200;                // of the residual vibration
     SolverOptions solver;
     std::uint64_t seed = 0; // of the noise
 
-    // Fields duration_s, delay_s, delay_order, friction_compensation, band_m, rated_thrust_N, stroke_m,
+    // Fields duration_s, delay_s, delay_order, friction_compensation, friction_model, band_m, rated_thrust_N, stroke_m,
     // spectrum_max_hz, seed and those of SolverOptions; absent ones stay as they are.
     void read(FieldReader& fields);
 };
@@ -57,7 +59,7 @@ struct PositioningResult {
 //
 //     u = C(z) (C_dly r* - y_dly) + u_ff + FM(r*)
 //
-// with the machine's own PID as C(z), and the friction model FM with the machine's elements and viscous friction, driven
+// with the machine's own PID as C(z), and the friction model FM with the machine's elements and viscous friction, or those of the options, driven
 // by r* at the sample time. The run starts at rest at zero; the step of the reference is at t = 0. y is the detected
 // position y_dly. Throws InputError where the machine has no PID controller, the sample times differ or the run is
 // shorter than the task, EndedEarly when interrupted, Error where the run fails.

@@ -77,6 +77,13 @@ SweepPoint point_of(const Json& json) {
 SweepCheckpoint::SweepCheckpoint(std::filesystem::path path, const MachineModel& machine, const SweepOptions& o)
     : path_(std::move(path)),
       count_(o.frequency_hz.size()) {
+    Json friction_model; // null: the machine's own
+    if (o.friction_model) {
+        friction_model = Json::array({o.friction_model->viscous});
+        for (const auto& e : o.friction_model->elements) {
+            friction_model.push_back(Json::array({e.stiffness, e.level, e.damping}));
+        }
+    }
     const Json options = {o.frequency_hz,
                           o.amplitude,
                           o.settle_periods,
@@ -90,6 +97,7 @@ SweepCheckpoint::SweepCheckpoint(std::filesystem::path path, const MachineModel&
                           o.delay_order,
                           o.improved,
                           o.friction_feedback,
+                          friction_model,
                           name_of(o.solver.method),
                           o.solver.relative_tolerance,
                           o.solver.absolute_tolerance,

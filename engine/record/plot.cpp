@@ -118,9 +118,17 @@ std::string axis(const char* name, bool log, const Range& range) {
         }
         text += ")\n";
     } else {
-        text += fmt::format("set {0}tics auto\nset format {0} '{1}'\n", name, log ? "10^{%T}" : "%g");
+        text += fmt::format("set {0}tics auto enhanced\nset format {0} '{1}'\n", name, log ? "10^{%T}" : "%g");
     }
     return text;
+}
+
+std::string named_ticks(const std::vector<std::string>& names) {
+    std::string text = "set ytics (";
+    for (std::size_t i = 0; i < names.size(); ++i) {
+        text += fmt::format("{}{} {}", i > 0 ? ", " : "", quoted(names[i]), i + 1);
+    }
+    return text + ") noenhanced\n";
 }
 
 std::string legend(const std::string& place) {
@@ -153,9 +161,15 @@ std::string script_of(const Plot& plot, double height, const std::string& termin
     }
     text += "set grid xtics ytics mxtics mytics lt 1 lc rgb '#cccccc' lw 0.8, lt 1 lc rgb '#e8e8e8' lw 0.6\n"
             "set border lc rgb '#404040'\nset tics nomirror\n";
-    text += fmt::format("set multiplot layout {},1 title {} noenhanced font ',15' margins 0.095,0.975,{},{} "
+    // Room for the names at the axis: about 8 pixels for a letter.
+    std::size_t longest = 0;
+    for (const auto& panel : plot.panels) {
+        for (const auto& name : panel.y_names) longest = std::max(longest, name.size());
+    }
+    const double left = std::clamp((60 + 8 * static_cast<double>(longest)) / plot.width, 0.095, 0.5);
+    text += fmt::format("set multiplot layout {},1 title {} noenhanced font ',15' margins {},0.975,{},{} "
                         "spacing 0,{}\n",
-                        panels, quoted(plot.title), to_text(60 / height), to_text(1 - 90 / height),
+                        panels, quoted(plot.title), to_text(left), to_text(60 / height), to_text(1 - 90 / height),
                         to_text(panels > 1 ? 85 / height : 0));
     for (std::size_t p = 0; p < plot.panels.size(); ++p) {
         const auto& panel = plot.panels[p];
@@ -164,6 +178,7 @@ std::string script_of(const Plot& plot, double height, const std::string& termin
                             quoted(panel.y_label));
         text += axis("x", panel.x_log, shown_range(panel, true));
         text += axis("y", panel.y_log, shown_range(panel, false));
+        if (!panel.y_names.empty()) text += named_ticks(panel.y_names);
         text += legend(panel.legend);
         std::string curves;
         const auto colors = shown_colors(panel);
@@ -324,6 +339,8 @@ Plot plot_from_json(const Json& json, const std::string& where) {
         panel.y_log = entry.boolean("y_log", false);
         panel.x_range = range(entry, "x_range");
         panel.y_range = range(entry, "y_range");
+        panel.y_names = entry.texts("y_names", {});
+        if (panel.y_log && !panel.y_names.empty()) entry.fail("y_names", "do not go with a logarithmic axis");
         panel.legend = entry.choice("legend", Panel::legend_places(), panel.legend);
         entry.each("series", [&](FieldReader& curve_fields) {
             Series series;

@@ -27,6 +27,7 @@ struct Panel {
     std::string x_label, y_label; // with units, e.g. "Frequency [Hz]"
     bool x_log = false, y_log = false;
     std::optional<Range> x_range, y_range; // default: all points
+    std::vector<std::string> y_names;      // at y = 1, 2, ... in place of numbers; y_log must be false
     std::string legend = "above";          // see legend_places
     std::vector<Series> series;
 

@@ -4,6 +4,7 @@
 #include "base/text.hpp"
 #include "batch/merge.hpp"
 #include "batch/plan.hpp"
+#include "batch/sampling.hpp"
 #include "batch/workers.hpp"
 #include "record/output_file.hpp"
 #include "script/trampoline.hpp"
@@ -28,14 +29,16 @@ int keep(lua_State* lua, int index) {
     return luaL_ref(lua, LUA_REGISTRYINDEX);
 }
 
-// The points of a script: a list of tables, or a function of the index.
+// The points of a script: a list of tables, a function of the index, or a design.
 struct ScriptPoints {
     int reference = LUA_NOREF;
     bool function = false;
+    std::shared_ptr<const Design> design;
     std::size_t count = 0;
 
     // Pushes point `index`, a table. [-0, +1]
     void push_point(lua_State* lua, std::size_t index) const {
+        if (design) return push(lua, design->point(index - 1));
         lua_rawgeti(lua, LUA_REGISTRYINDEX, reference);
         if (function) {
             lua_pushinteger(lua, static_cast<lua_Integer>(index));
@@ -187,11 +190,18 @@ ScriptPoints points_field(lua_State* lua, const Json& count) {
         points.function = true;
         points.count = count.get<std::size_t>();
     } else if (type == LUA_TTABLE) {
-        points.count = lua_rawlen(lua, -1);
+        const bool is_design = lua_getfield(lua, -1, "design") == LUA_TSTRING;
+        lua_pop(lua, 1);
+        if (is_design) {
+            const Json description = to_json(lua, -1, "tb.batch: points");
+            points.design = std::make_shared<Design>(Design::from_description(description, "tb.batch: points"));
+        }
+        points.count = is_design ? points.design->count() : lua_rawlen(lua, -1);
         if (points.count == 0) throw InputError("tb.batch: points is an empty list, must have at least one point");
         if (!count.is_null()) throw InputError("tb.batch: count goes with points that are a function of the index");
     } else {
-        throw InputError("tb.batch: points must be a list of tables, or a function of the index with a count");
+        throw InputError("tb.batch: points must be a list of tables, a design such as tb.sobol gives, or a function "
+                         "of the index with a count");
     }
     points.reference = keep(lua, -1);
     lua_pop(lua, 1);

@@ -22,6 +22,7 @@
 #include "record/record_file.hpp"
 #include "record/report.hpp"
 #include "script/batch_script.hpp"
+#include "script/sampling_bindings.hpp"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -705,6 +706,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_stack_function("batch", [&run](lua_State* state) { return describe_batch(state, run); });
     lua.add_function("linspace", [](const Json& a) { return spaced(a, "tb.linspace", false); });
     lua.add_function("logspace", [](const Json& a) { return spaced(a, "tb.logspace", true); });
+    add_sampling_bindings(lua);
 }
 
 } // namespace tribode

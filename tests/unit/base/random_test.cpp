@@ -103,5 +103,34 @@ TEST(StandardNormal, SizesOfNeighboursAreUncorrelated) {
     EXPECT_LT(std::abs(correlation(x, y)), bound / std::sqrt(static_cast<double>(count)));
 }
 
+TEST(Permuted, IsAPermutation) {
+    for (const std::uint64_t n : {1U, 2U, 3U, 5U, 16U, 17U, 1000U}) {
+        std::vector<bool> hit(n);
+        for (std::uint64_t i = 0; i < n; ++i) {
+            const std::uint64_t to = permuted(i, n, 42);
+            ASSERT_LT(to, n);
+            EXPECT_FALSE(hit[to]);
+            hit[to] = true;
+        }
+    }
+    constexpr std::uint64_t many = (1ULL << 62) - 5;
+    EXPECT_LT(permuted(many - 1, many, 1), many);
+}
+
+// Over 60,000 keys each of the 6 orders of 3 is met 10,000 times, to five standard deviations.
+TEST(Permuted, AllOrdersAreAsLikely) {
+    std::array<int, 27> met{};
+    for (std::uint64_t key = 0; key < 60000; ++key) {
+        ++met[permuted(0, 3, key) * 9 + permuted(1, 3, key) * 3 + permuted(2, 3, key)];
+    }
+    int orders = 0;
+    for (const int times : met) {
+        if (times == 0) continue;
+        ++orders;
+        EXPECT_NEAR(times, 10000, bound * std::sqrt(60000.0 * 5 / 36));
+    }
+    EXPECT_EQ(orders, 6);
+}
+
 } // namespace
 } // namespace tribode

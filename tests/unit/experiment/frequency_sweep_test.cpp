@@ -365,5 +365,22 @@ TEST(FrequencySweep, the_signals_of_one_frequency_cover_the_periods_asked_for) {
     }
 }
 
+// With the friction taken out of the model, FRA-2 is FRA-1, and the model that is given does not move the machine.
+TEST(FrequencySweep, TheFrictionModelMayDifferFromTheMachine) {
+    const MachineModel machine = reference();
+    SweepOptions options = sweep({20, 60});
+    const SweepResult own = run_sweep(machine, options);
+    options.friction_model = FrictionModel{};
+    const SweepResult none = run_sweep(machine, options);
+    options.friction_model = FrictionModel::of(machine);
+    const SweepResult given = run_sweep(machine, options);
+    EXPECT_EQ(bytes(given), bytes(own));
+    for (std::size_t i = 0; i < 2; ++i) {
+        EXPECT_EQ(none.points[i].response[0], own.points[i].response[0]);
+        EXPECT_EQ(none.points[i].response[1], none.points[i].response[0]);
+        EXPECT_GT(std::abs(own.points[i].response[1] / none.points[i].response[1] - 1.0), 0.01);
+    }
+}
+
 } // namespace
 } // namespace tribode

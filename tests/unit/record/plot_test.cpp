@@ -36,6 +36,18 @@ TEST(Plot, DataWithNothingToSeeStillGiveAxes) {
     EXPECT_TRUE(std::filesystem::exists(folder / "x.png"));
 }
 
+TEST(Plot, NamesStandAtTheYAxis) {
+    const TemporaryFolder folder;
+    const Json figure = {{"panels", {{{"y_names", {"friction_level", "it's"}}, {"y_range", {0.5, 2.5}}}}}};
+    draw_plot(folder / "x", plot_from_json(figure, "tb.plot"));
+    const std::string svg = read_file(folder / "x.svg");
+    EXPECT_NE(svg.find("friction_level"), std::string::npos);
+    EXPECT_EQ(problem_of([] {
+                  plot_from_json({{"panels", {{{"y_names", {"a"}}, {"y_log", true}}}}}, "tb.plot");
+              }),
+              "input: tb.plot: panels[1].y_names do not go with a logarithmic axis");
+}
+
 TEST(Plot, RefusesWhatDoesNotFit) {
     Plot plot{.title = "p"};
     plot.panels.push_back({.series = {{.name = "s", .x = {1, 2}, .y = {1}}}});
