@@ -21,6 +21,7 @@
 #include "record/plot.hpp"
 #include "record/record_file.hpp"
 #include "record/report.hpp"
+#include "script/system_bindings.hpp"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -693,6 +694,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("report", [&run](const Json& a) { return report(run, a); });
     lua.add_function("linspace", [](const Json& a) { return spaced(a, "tb.linspace", false); });
     lua.add_function("logspace", [](const Json& a) { return spaced(a, "tb.logspace", true); });
+    add_system_bindings(lua, run);
 }
 
 } // namespace tribode
