@@ -315,7 +315,7 @@ class Reader {
         for (const auto& i : made_.inputs) scope_.add(i.name, i.symbol);
         for (const auto& s : made_.states) scope_.add(s.name, s.symbol);
         for (const auto& d : made_.discrete) scope_.add(d.name, d.symbol);
-        for (const auto& [name, placeholder] : part_outputs_) scope_.add(name, placeholder);
+        for (const auto& [name, stand_in] : part_outputs_) scope_.add(name, stand_in);
     }
 
     // ---- recording ---------------------------------------------------------------------------------------------
@@ -832,9 +832,9 @@ class Reader {
         }
         for (auto& output : part.outputs) {
             output.name = name + "." + output.name;
-            const Term placeholder = graph_.variable(output.name);
-            part_outputs_.emplace_back(output.name, placeholder);
-            definition_[placeholder] = output.value;
+            const Term stand_in = graph_.variable(output.name);
+            part_outputs_.emplace_back(output.name, stand_in);
+            definition_[stand_in] = output.value;
         }
         append(made_.states, part.states);
         append(made_.discrete, part.discrete);

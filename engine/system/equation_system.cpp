@@ -88,6 +88,14 @@ void EquationSystem::hold_relations() {
     for (const auto& relation : relations_) margins.push_back(relation.margin);
     margins = graph.substitute(margins, held);
     for (std::size_t i = 0; i < relations_.size(); ++i) relations_[i].margin = margins[i];
+    for (auto& relation : relations_) {
+        const Term opposite = graph.make(Op::negate, relation.margin);
+        for (std::size_t i = 0; i < relations_.size(); ++i) {
+            if (&relations_[i] == &relation) continue;
+            if (margins[i] == relation.margin) relation.twins.emplace_back(i, true);
+            if (margins[i] == opposite) relation.twins.emplace_back(i, false);
+        }
+    }
 }
 
 // The terms of an ascending list that depend on t or x.
@@ -287,6 +295,7 @@ SystemState EquationSystem::initial_state() const {
     values->values.resize(equations_.discrete.size() + relations_.size());
     values->conditions.resize(conditions_.size());
     values->taken.assign(relations_.size(), -1.0); // no instant of a run
+    values->taken_margin.resize(relations_.size());
     SystemState state(0.0, std::move(x), std::move(values));
     auto& memory = static_cast<Memory&>(*state.discrete);
     // A relation may stand in the operand of another; each pass sets one more of such a chain.
@@ -364,22 +373,33 @@ void EquationSystem::carry_out(const Update& update, SystemState& state) const {
     for (std::size_t i = 0; i < values.size(); ++i) write(update.targets[i], values[i], state);
 }
 
-// Takes anew what was changed or has come to matter since the margins `before`.
-void EquationSystem::refresh_relations(const std::vector<double>& before, SystemState& state) const {
+// Takes anew what was changed or has come to matter since the margins `before`. At the instant at which a relation has
+// crossed, its margin is zero but for rounding, and so is that of its twins: they follow it.
+void EquationSystem::refresh_relations(const std::vector<double>& before, SystemState& state,
+                                       std::optional<std::size_t> crossed) const {
     auto& memory = static_cast<Memory&>(*state.discrete);
     std::vector<double> now(before.size());
     margins_of(state, now);
-    const std::size_t count = relations_.size();
+    const std::size_t count = relations_.size(), first = equations_.discrete.size();
+    const auto take = [&](std::size_t i, bool holds) {
+        memory.values[first + i] = holds;
+        memory.taken[i] = state.t;
+        memory.taken_margin[i] = now[i];
+    };
     for (std::size_t i = 0; i < count; ++i) {
         const bool came = before[count + i] == 0 && now[count + i] != 0;
         if (now[i] == before[i] && !came) continue;
-        memory.values[equations_.discrete.size() + i] = relations_[i].strict ? now[i] > 0 : now[i] >= 0;
-        memory.taken[i] = state.t;
+        take(i, relations_[i].strict ? now[i] > 0 : now[i] >= 0);
+    }
+    if (!crossed) return;
+    for (const auto& [i, same_side] : relations_[*crossed].twins) {
+        const bool came = before[count + i] == 0 && now[count + i] != 0;
+        if (now[i] == before[i] && came) take(i, (memory.values[first + *crossed] != 0) == same_side);
     }
 }
 
 // Carries out what has become true, until nothing does. Returns the places of what was carried out.
-std::vector<int> EquationSystem::settle(SystemState& state) const {
+std::vector<int> EquationSystem::settle(SystemState& state, std::optional<std::size_t> crossed) const {
     auto& memory = static_cast<Memory&>(*state.discrete);
     std::vector<double> now(conditions_.size()), before(2 * relations_.size());
     std::vector<std::size_t> due;
@@ -397,7 +417,7 @@ std::vector<int> EquationSystem::settle(SystemState& state) const {
             carry_out(when_updates_[i], state);
             fired.push_back(static_cast<int>(i));
         }
-        refresh_relations(before, state);
+        refresh_relations(before, state, crossed);
     }
     memory.restless = true;
     return fired;
@@ -410,11 +430,12 @@ EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, Event
     margins_of(state, before);
     double& held = memory.values[equations_.discrete.size() + guard];
     // It fell together with another whose event has moved it since: what it is now was taken exactly.
-    if (memory.taken[guard] == state.t && (held != 0 ? before[guard] : -before[guard]) >= 0) return EventEffect::none;
+    const bool unmoved = memory.taken[guard] == state.t && memory.taken_margin[guard] == before[guard];
+    if (unmoved && (held != 0 ? before[guard] : -before[guard]) > 0) return EventEffect::none;
     held = held == 0;
     // It may open a branch with relations of its own.
-    refresh_relations(before, state);
-    for (const int when : settle(state)) log.push_back({state.t, when, 0});
+    refresh_relations(before, state, guard);
+    for (const int when : settle(state, guard)) log.push_back({state.t, when, 0});
     return EventEffect::restart;
 }
 

@@ -18,7 +18,8 @@ namespace tribode {
 //
 // An event. Then the conditions are looked at, and each `when` whose condition was false and is true now is carried
 // out, in declared order, on the values that those before it left. Where one changes the operands of a relation, or
-// makes it matter, the relation is taken anew, exactly. Again from the conditions, until none has become true; after
+// makes it matter, the relation is taken anew, exactly; one that compares what has just crossed, so that it agrees with
+// the crossing. Again from the conditions, until none has become true; after
 // most_rounds the run ends as chattering. What is true at the start is no event. A sample does the same after its
 // clock's values are set. The subject of an entry of the event log is the place of its `when`, from 0.
 //
@@ -71,9 +72,10 @@ class EquationSystem final : public HybridSystem {
     struct Memory final : DiscreteValues<Memory> {
         std::vector<double> values;     // the discrete variables, then what is held of each relation, 1 or 0
         std::vector<double> conditions; // of each `when`, as last seen
-        std::vector<double> taken;      // of each relation, when it was last taken anew [s]
-        std::vector<int> fired;         // by the last sample
-        bool restless = false;          // most_rounds were not enough
+        // Of each relation, when it was last taken anew [s], and with which margin.
+        std::vector<double> taken, taken_margin;
+        std::vector<int> fired; // by the last sample
+        bool restless = false;  // most_rounds were not enough
     };
     static const Memory& memory(const DiscreteState& d) { return static_cast<const Memory&>(d); }
 
@@ -82,6 +84,8 @@ class EquationSystem final : public HybridSystem {
         Term margin = 0;     // positive where the relation holds
         bool strict = false; // whether it fails at a margin of zero
         Term active = 0;     // where it matters
+        // Others that compare the same two terms, and whether they hold on the side on which this one does.
+        std::vector<std::pair<std::size_t, bool>> twins;
         std::string text;
     };
 
@@ -116,8 +120,9 @@ class EquationSystem final : public HybridSystem {
     static void write(std::size_t place, double value, SystemState& state);
     void carry_out(const Update& update, SystemState& state) const;
     void margins_of(const SystemState& state, std::vector<double>& margins) const;
-    void refresh_relations(const std::vector<double>& before, SystemState& state) const;
-    std::vector<int> settle(SystemState& state) const;
+    void refresh_relations(const std::vector<double>& before, SystemState& state,
+                           std::optional<std::size_t> crossed = std::nullopt) const;
+    std::vector<int> settle(SystemState& state, std::optional<std::size_t> crossed = std::nullopt) const;
     void affine_coefficient(const Sparse& matrix, const std::vector<Tape>& by_time, int n, double t0, double h,
                             std::span<const double> c, const DiscreteState& d, std::span<double> coefficient) const;
     std::set<Term> moving_terms(const std::vector<Term>& order) const;

@@ -140,6 +140,22 @@ TEST_P(EveryMethod, WhatIsTrueAtTheStartIsNoEvent) {
     EXPECT_TRUE(run.events().empty());
 }
 
+// x' = -1 until x falls below zero, x' = 1 until it rises above it: both conditions stand at the same zero, and which side
+// the located instant lies on is for rounding to say. It goes on where another switch leads away.
+TEST_P(EveryMethod, AModeThatBeginsWhereItsOwnConditionWouldEndItLasts) {
+    Writer w;
+    const Term x = w.state("x", 0.3), mode = w.discrete("mode", 0), zero = w.number(0);
+    const Term down = w.graph.make(Op::equal, mode, w.number(0)), up = w.graph.make(Op::equal, mode, w.number(1));
+    w.rate(0, w.where(down, w.number(-1), w.where(up, w.number(-1), w.number(1))));
+    w.when(w.graph.make(Op::all, down, w.less(x, zero)), {{mode, w.number(1)}});
+    w.when(w.graph.make(Op::all, up, w.less(zero, x)), {{mode, w.number(2)}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(1).ok());
+    EXPECT_EQ(system.discrete(run.state())[0], 1);
+    EXPECT_NEAR(run.state().x[0], -0.7, 1e-9);
+}
+
 // A thermostat: two modes, each with its own rate, that take turns.
 TEST_P(EveryMethod, ModesTakeTurns) {
     Writer w;
