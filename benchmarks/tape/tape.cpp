@@ -76,7 +76,8 @@ std::vector<std::unique_ptr<Pair>> pairs() {
         pair->by_hand(start.x.data(), hand.data());
         for (std::size_t i = 0; i < hand.size(); ++i) {
             if (std::abs(tape[i] - hand[i]) <= 1e-15) continue;
-            std::fprintf(stderr, "%s: der[%zu] is %.17g by the tape and %.17g by hand\n", pair->name, i, tape[i], hand[i]);
+            std::fprintf(stderr, "%s: der[%zu] is %.17g by the tape and %.17g by hand\n", pair->name, i, tape[i],
+                         hand[i]);
             std::exit(1);
         }
     }

@@ -1,11 +1,15 @@
 #include "script/system_bindings.hpp"
+#include "analysis/frequency_response.hpp"
+#include "analysis/loop_gain.hpp"
 #include "base/error.hpp"
 #include "base/field_reader.hpp"
 #include "base/text.hpp"
 #include "experiment/system_run.hpp"
 #include "script/system_reader.hpp"
 #include "script/value.hpp"
+#include "system/linearization.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
 #include <lua.hpp>
@@ -215,6 +219,102 @@ int run_in_script(lua_State* lua, ScriptRun& run, const Graph& symbols) {
     return 1;
 }
 
+// ---- linear systems ----------------------------------------------------------------------------------------------
+
+Json rows_of(const Eigen::MatrixXd& matrix) {
+    Json rows = Json::array();
+    for (Eigen::Index i = 0; i < matrix.rows(); ++i) {
+        Json row = Json::array();
+        for (Eigen::Index j = 0; j < matrix.cols(); ++j) row.push_back(matrix(i, j));
+        rows.push_back(std::move(row));
+    }
+    return rows;
+}
+
+// The place of a name; where there is but one, it needs not be named.
+std::size_t chosen(FieldReader& fields, const char* key, const std::vector<std::string>& names) {
+    if (names.empty()) fields.fail(key, fmt::format("cannot be chosen: the system has no {}", key));
+    if (names.size() == 1 && !fields.has(key)) return 0;
+    const std::string name = fields.choice(key, names, fields.has(key) ? names.front() : "");
+    return static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
+}
+
+// at = { x = number, mode = "name" }: start values where nothing is given.
+OperatingPoint point_of(const Json& options, const Equations& equations) {
+    OperatingPoint point;
+    const Json none = Json::object();
+    FieldReader values(options.contains("at") ? options["at"] : none, "tb.linearize: at");
+    point.t = values.number("t", "s", Allowed::finite, 0);
+    for (const auto& state : equations.states) {
+        point.states.push_back(values.number(state.name, state.unit, Allowed::finite, state.start));
+    }
+    for (const auto& discrete : equations.discrete) {
+        if (discrete.modes.empty()) {
+            point.discrete.push_back(values.number(discrete.name, discrete.unit, Allowed::finite, discrete.start));
+            continue;
+        }
+        const auto& names = discrete.modes;
+        const auto mode = values.choice(discrete.name, names, names[static_cast<std::size_t>(discrete.start)]);
+        point.discrete.push_back(static_cast<double>(std::find(names.begin(), names.end(), mode) - names.begin()));
+    }
+    values.finish();
+    return point;
+}
+
+Json margins_of(const Linearization& linear, std::size_t input, std::size_t output,
+                const std::vector<double>& frequency_hz) {
+    const auto [low, high] = std::minmax_element(frequency_hz.begin(), frequency_hz.end());
+    const auto margins = stability_margins([&](double f) { return linear.response(f, input, output); }, *low, *high);
+    const auto or_null = [](const std::optional<double>& value) { return value ? Json(*value) : Json(nullptr); };
+    return {{"gain_margin", or_null(margins.gain_margin)},
+            {"gain_reduction_margin", or_null(margins.gain_reduction_margin)},
+            {"phase_crossover_hz", or_null(margins.phase_crossover_hz)},
+            {"phase_margin_deg", or_null(margins.phase_margin_deg)},
+            {"gain_crossover_hz", or_null(margins.gain_crossover_hz)},
+            {"modulus_margin", margins.modulus_margin}};
+}
+
+int linearize_in_script(lua_State* lua, const Graph& symbols) {
+    Equations equations = system_of(lua, "tb.linearize");
+    const Json options = plain_options(lua, {"system"}, "tb.linearize: options");
+    FieldReader fields(options, "tb.linearize");
+    for (const char* key : {"parameters", "inputs", "at"}) fields.value(key);
+    read_values(options, "parameters", equations.parameters, &Equations::Parameter::value, "tb.linearize");
+    read_values(options, "inputs", equations.inputs, &Equations::Input::value, "tb.linearize");
+    const auto frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, {});
+    const OperatingPoint point = point_of(options, equations);
+    const RunningOn here(*symbols, lua);
+    const Linearization linear = linearize(equations, point);
+
+    Json json{{"A", rows_of(linear.a)},        {"B", rows_of(linear.b)},
+              {"C", rows_of(linear.c)},        {"D", rows_of(linear.d)},
+              {"states", linear.states},       {"inputs", linear.inputs},
+              {"outputs", linear.outputs},     {"sample_time_s", linear.sample_time},
+              {"stable", linear.is_stable()},  {"rate_left", linear.rate_left},
+              {"jump_left", linear.jump_left}, {"poles", Json::array()}};
+    for (const auto& pole : linear.poles()) json["poles"].push_back({{"real", pole.real()}, {"imag", pole.imag()}});
+    if (!frequency_hz.empty()) {
+        const std::size_t input = chosen(fields, "input", linear.inputs);
+        const std::size_t output = chosen(fields, "output", linear.outputs);
+        FrequencyResponse response{frequency_hz, {}};
+        for (const double f : frequency_hz) response.value.push_back(linear.response(f, input, output));
+        std::vector<double> real, imag;
+        for (const auto& value : response.value) {
+            real.push_back(value.real());
+            imag.push_back(value.imag());
+        }
+        json["response"] = {{"frequency_hz", frequency_hz},
+                            {"real", real},
+                            {"imag", imag},
+                            {"gain_db", response.gain_db()},
+                            {"phase_deg", response.phase_deg()}};
+        if (frequency_hz.size() > 1) json["margins"] = margins_of(linear, input, output, frequency_hz);
+    }
+    fields.finish();
+    push(lua, json);
+    return 1;
+}
+
 } // namespace
 
 void add_system_bindings(LuaState& lua, ScriptRun& run) {
@@ -224,6 +324,7 @@ void add_system_bindings(LuaState& lua, ScriptRun& run) {
         push_system(state, read_system(state, 1, symbols));
         return 1;
     });
+    lua.add_stack_function("linearize", [symbols](lua_State* state) { return linearize_in_script(state, symbols); });
     lua.add_stack_function("run", [&run, symbols](lua_State* state) { return run_in_script(state, run, symbols); });
 }
 

@@ -344,8 +344,12 @@ bool EquationSystem::jacobian(double t, std::span<const double> x, const Discret
 }
 
 void EquationSystem::guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const {
-    guard_.evaluate({std::span(&t, 1), x, memory(d).values}, g.first(relations_.size()));
-    g.back() = memory(d).restless ? -1 : 1;
+    const Memory& held = memory(d);
+    guard_.evaluate({std::span(&t, 1), x, held.values}, g.first(relations_.size()));
+    for (std::size_t i = 0; i < relations_.size(); ++i) {
+        if (g[i] < 0 && held.taken[i] == t && std::abs(held.taken_margin[i]) == -g[i]) g[i] = 0;
+    }
+    g.back() = held.restless ? -1 : 1;
 }
 
 void EquationSystem::margins_of(const SystemState& state, std::vector<double>& margins) const {
@@ -433,6 +437,8 @@ EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, Event
     const bool unmoved = memory.taken[guard] == state.t && memory.taken_margin[guard] == before[guard];
     if (unmoved && (held != 0 ? before[guard] : -before[guard]) > 0) return EventEffect::none;
     held = held == 0;
+    memory.taken[guard] = state.t;
+    memory.taken_margin[guard] = before[guard];
     // It may open a branch with relations of its own.
     refresh_relations(before, state, guard);
     for (const int when : settle(state, guard)) log.push_back({state.t, when, 0});

@@ -72,7 +72,8 @@ class EquationSystem final : public HybridSystem {
     struct Memory final : DiscreteValues<Memory> {
         std::vector<double> values;     // the discrete variables, then what is held of each relation, 1 or 0
         std::vector<double> conditions; // of each `when`, as last seen
-        // Of each relation, when it was last taken anew [s], and with which margin.
+        // Of each relation, when it last crossed or was taken anew [s], and its margin then. As long as nothing moves, it
+        // is right as it is, though the located instant may lie a rounding before the crossing.
         std::vector<double> taken, taken_margin;
         std::vector<int> fired; // by the last sample
         bool restless = false;  // most_rounds were not enough

@@ -19,8 +19,7 @@ using Eigen::MatrixXd;
 // Values and derivatives of terms at one point.
 class Local {
   public:
-    Local(const Equations& equations, const OperatingPoint& point)
-        : graph_(*equations.graph) {
+    Local(const Equations& equations, const OperatingPoint& point) : graph_(*equations.graph) {
         const auto add = [&](Term symbol, double value) {
             symbols_.push_back(symbol);
             values_.push_back(value);
@@ -201,8 +200,8 @@ Linearization linearize(const Equations& equations, const OperatingPoint& point)
         const auto read = local.values(clock.function->reads);
         std::vector<double> written(clock.function->writes.size());
         clock.function->call(0, read, written);
-        jump(clock.function->writes,
-             differences(*clock.function, read) * local.jacobian(clock.function->reads, all), written);
+        jump(clock.function->writes, differences(*clock.function, read) * local.jacobian(clock.function->reads, all),
+             written);
     }
     advance(made.sample_time);
     made.a = whole.topLeftCorner(n + m, n + m);

@@ -10,9 +10,9 @@ namespace tribode {
 
 // Where equations are linearized.
 struct OperatingPoint {
-    double t = 0;                      // [s]
-    std::vector<double> states;        // in the order of the equations
-    std::vector<double> discrete;      // the same; inputs and parameters have the values of the equations
+    double t = 0;                 // [s]
+    std::vector<double> states;   // in the order of the equations
+    std::vector<double> discrete; // the same; inputs and parameters have the values of the equations
 };
 
 // A linear system about a point. Without sample clocks

@@ -3,7 +3,7 @@
 --   der(h) = v, der(v) = -g                in flight
 --   when h < 0: h = 0, v = -e v            an impact; slower than v_min the ball stays on the floor
 --
--- The system and the numbers of the Reference FMUs' BouncingBall [Reference FMUs].
+-- The system and the numbers of BouncingBall in the Reference FMUs of the Modelica Association.
 local tb = require "tribode"
 
 return tb.system {

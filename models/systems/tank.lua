@@ -1,6 +1,6 @@
--- A tank that is filled by a pump and drains through a hole in its floor, with an overflow at its rim:
+-- A tank that is filled by a pump and drains through a hole in its floor, by Torricelli's law:
 --
---   A der(h) = q_in - a sqrt(2 g h)       while the water is below the rim [Torricelli]
+--   A der(h) = q_in - a sqrt(2 g h)
 --
 -- The pump runs until the level h_full, and again from h_low on.
 local tb = require "tribode"

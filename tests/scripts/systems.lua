@@ -171,3 +171,26 @@ refused("der(v) is not linear in x", function()
   local pendulum = tb.system { states = { x = 1, v = 0 }, der = function(s) return { x = s.v, v = -math.sin(s.x) } end }
   tb.run { system = pendulum, duration_s = 1, solver = "exact" }
 end)
+
+-- Linear systems: the oscillator's poles and response, and a sampled loop's poles in z.
+local linear = tb.linearize { system = oscillator, frequency_hz = { 0.1, 1 } }
+assert(linear.sample_time_s == 0 and #linear.poles == 2 and linear.rate_left == 4 and not linear.stable)
+near(linear.poles[1].imag, -2, 1e-14)
+local w2 = (2 * math.pi) ^ 2
+assert(linear.outputs[1] == "energy" and linear.A[2][1] == 1 or linear.A[1][2] == 1)
+near(tb.linearize { system = oscillator, at = { x = 0 } }.rate_left, 0, 0)
+local plain = tb.system {
+  inputs = { u = 0 },
+  states = { x = 0, v = 0 },
+  der = function(s) return { x = s.v, v = s.u - 4 * s.x } end,
+  outputs = function(s) return { y = s.x } end,
+}
+linear = tb.linearize { system = plain, frequency_hz = { 0.1, 1 } }
+near(linear.response.real[2], 1 / (4 - w2), 1e-15)
+assert(linear.margins.modulus_margin > 0)
+for _, kind in ipairs { "set", "call" } do
+  linear = tb.linearize { system = loop(kind), at = { x = 0 } }
+  near(linear.poles[2].real, a - 3 * b, 1e-9)
+  assert(linear.sample_time_s == 0.1 and linear.stable and linear.jump_left == 0)
+end
+refused("at: z is not a known field", function() tb.linearize { system = plain, at = { z = 1 } } end)

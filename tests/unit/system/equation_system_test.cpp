@@ -140,6 +140,23 @@ TEST_P(EveryMethod, WhatIsTrueAtTheStartIsNoEvent) {
     EXPECT_TRUE(run.events().empty());
 }
 
+// A condition that is a difference of large numbers is found a rounding early or late; it changes once all the same.
+TEST_P(EveryMethod, ACrossingThatIsLocatedARoundingEarlyCountsOnce) {
+    for (int i = 0; i < 50; ++i) {
+        Writer w;
+        const Term x = w.state("x", 0.01 * i), y = w.state("y", 0.3), n = w.discrete("n", 0);
+        w.rate(0, w.number(1)).rate(1, w.number(-0.7));
+        const Term sum = w.add(w.multiply(w.number(200), w.subtract(x, w.number(0.61))), w.multiply(w.number(0.02), y));
+        w.when(w.less(w.number(0), sum), {{n, w.add(n, w.number(1))}});
+        const EquationSystem system(w.equations);
+        Simulator run(system, by(GetParam()));
+        const RunOutcome outcome = run.advance_to(1);
+        ASSERT_TRUE(outcome.ok()) << outcome.message;
+        EXPECT_EQ(system.discrete(run.state())[0], 1);
+        EXPECT_EQ(run.events().size(), 1u);
+    }
+}
+
 // x' = -1 until x falls below zero, x' = 1 until it rises above it: both conditions stand at the same zero, and which side
 // the located instant lies on is for rounding to say. It goes on where another switch leads away.
 TEST_P(EveryMethod, AModeThatBeginsWhereItsOwnConditionWouldEndItLasts) {
