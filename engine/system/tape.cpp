@@ -59,34 +59,59 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
     }
     std::sort(merged.begin(), merged.end());
     const auto is_merged = [&](Term term) { return std::binary_search(merged.begin(), merged.end(), term); };
-    const auto first_result = static_cast<std::uint32_t>(input_count_ + constants_.size());
+    // Instructions by the terms that they need; those of one depth need none of that depth.
+    struct Instruction {
+        Term term;
+        std::uint32_t code;
+        std::size_t depth;
+        Term a, b, c;
+    };
+    std::vector<Instruction> code;
+    std::unordered_map<Term, std::size_t> depth;
+    std::unordered_map<Term, Term> same; // a term that is another's value
+    const auto value_of = [&](Term term) {
+        const auto other = same.find(term);
+        return other == same.end() ? term : other->second;
+    };
     for (const Term term : order) {
         const auto& node = graph[term];
         const int count = operand_count(node.op);
         if (count == 0 || is_merged(term)) continue;
         if (node.op == Op::no_event) {
-            place[term] = place[node.a];
+            same[term] = value_of(node.a);
             continue;
         }
-        Instruction made{static_cast<std::uint32_t>(node.op), 0, 0, 0};
+        Instruction made{term, static_cast<std::uint32_t>(node.op), 0, node.a, node.a, node.a};
         const bool sum = node.op == Op::add || node.op == Op::subtract;
         if (sum && is_merged(node.b)) {
             const auto& product = graph[node.b];
-            made = {node.op == Op::add ? multiply_add : subtract_product, place[product.a], place[product.b],
-                    place[node.a]};
+            made = {term, node.op == Op::add ? multiply_add : subtract_product, 0, product.a, product.b, node.a};
         } else if (sum && is_merged(node.a)) {
             const auto& product = graph[node.a];
-            made = {node.op == Op::add ? multiply_add : multiply_subtract, place[product.a], place[product.b],
-                    place[node.b]};
+            made = {term, node.op == Op::add ? multiply_add : multiply_subtract, 0, product.a, product.b, node.b};
         } else {
-            made.a = place[node.a];
-            if (count > 1) made.b = place[node.b];
-            if (count > 2) made.c = place[node.c];
+            if (count > 1) made.b = node.b;
+            if (count > 2) made.c = node.c;
         }
-        place[term] = first_result + static_cast<std::uint32_t>(code_.size());
-        code_.push_back(made);
+        for (Term* operand : {&made.a, &made.b, &made.c}) {
+            *operand = value_of(*operand);
+            made.depth = std::max(made.depth, depth[*operand]);
+        }
+        depth[term] = ++made.depth;
+        code.push_back(made);
     }
-    for (const Term output : outputs) outputs_.push_back(place[output]);
+    std::stable_sort(code.begin(), code.end(), [](const Instruction& a, const Instruction& b) {
+        return a.depth != b.depth ? a.depth < b.depth : a.code < b.code;
+    });
+    auto next = static_cast<std::uint32_t>(input_count_ + constants_.size());
+    for (const auto& made : code) {
+        // A run may go on into the next depth: within it, too, operands come first.
+        if (runs_.empty() || runs_.back().code != made.code) runs_.push_back({made.code, 0});
+        ++runs_.back().count;
+        operands_.push_back({place[made.a], place[made.b], place[made.c]});
+        place[made.term] = next++;
+    }
+    for (const Term output : outputs) outputs_.push_back(place[value_of(output)]);
 }
 
 void Tape::evaluate(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const {
@@ -94,7 +119,7 @@ void Tape::evaluate(std::initializer_list<std::span<const double>> inputs, std::
     constexpr std::size_t usual = 512;
     std::array<double, usual> small;
     double* registers = small.data();
-    const std::size_t needed = input_count_ + constants_.size() + code_.size();
+    const std::size_t needed = input_count_ + constants_.size() + operands_.size();
     if (needed > usual) {
         thread_local std::vector<double> large;
         if (large.size() < needed) large.resize(needed);
@@ -105,21 +130,33 @@ void Tape::evaluate(std::initializer_list<std::span<const double>> inputs, std::
     assert(next == registers + input_count_ && outputs.size() == outputs_.size());
     next = std::copy(constants_.begin(), constants_.end(), next);
 
-    for (const auto& [code, place_a, place_b, place_c] : code_) {
-        const double a = registers[place_a], b = registers[place_b];
-        switch (code) {
-        case static_cast<std::uint32_t>(Op::add): *next = a + b; break;
-        case static_cast<std::uint32_t>(Op::subtract): *next = a - b; break;
-        case static_cast<std::uint32_t>(Op::multiply): *next = a * b; break;
-        case static_cast<std::uint32_t>(Op::divide): *next = a / b; break;
-        case static_cast<std::uint32_t>(Op::negate): *next = -a; break;
-        case multiply_add: *next = a * b + registers[place_c]; break;
-        case multiply_subtract: *next = a * b - registers[place_c]; break;
-        case subtract_product: *next = registers[place_c] - a * b; break;
-        case static_cast<std::uint32_t>(Op::select): *next = a != 0 ? b : registers[place_c]; break;
-        default: *next = apply(static_cast<Op>(code), a, b, 0);
+    const Operands* operands = operands_.data();
+    const auto run = [&](std::uint32_t count, const auto& operation) {
+        for (const Operands* end = operands + count; operands != end; ++operands) {
+            *next++ = operation(registers[operands->a], registers[operands->b], registers[operands->c]);
         }
-        ++next;
+    };
+    for (const auto& [code, count] : runs_) {
+        switch (code) {
+        case static_cast<std::uint32_t>(Op::add): run(count, [](double a, double b, double) { return a + b; }); break;
+        case static_cast<std::uint32_t>(Op::subtract):
+            run(count, [](double a, double b, double) { return a - b; });
+            break;
+        case static_cast<std::uint32_t>(Op::multiply):
+            run(count, [](double a, double b, double) { return a * b; });
+            break;
+        case static_cast<std::uint32_t>(Op::divide):
+            run(count, [](double a, double b, double) { return a / b; });
+            break;
+        case static_cast<std::uint32_t>(Op::negate): run(count, [](double a, double, double) { return -a; }); break;
+        case multiply_add: run(count, [](double a, double b, double c) { return a * b + c; }); break;
+        case multiply_subtract: run(count, [](double a, double b, double c) { return a * b - c; }); break;
+        case subtract_product: run(count, [](double a, double b, double c) { return c - a * b; }); break;
+        case static_cast<std::uint32_t>(Op::select):
+            run(count, [](double a, double b, double c) { return a != 0 ? b : c; });
+            break;
+        default: run(count, [op = static_cast<Op>(code)](double a, double b, double c) { return apply(op, a, b, c); });
+        }
     }
     for (std::size_t i = 0; i < outputs_.size(); ++i) outputs[i] = registers[outputs_[i]];
 }

@@ -82,6 +82,8 @@ run = tb.run { system = robertson, duration_s = 40, output_step_s = 0.4, solver 
 near(run.values.y1[2], 0.98517211378050380, 1e-6) -- the multistep method leaves a hundredfold of its tolerance, 1e-8
 near(run.values.y2[2], 0.00003386395377576, 1e-10)
 near(run.values.y3[2], 0.01479402226572042, 1e-6)
+near(run.values.y1[11], 0.90551867854902079, 1e-6)
+near(run.values.y2[11], 0.00002240475687153664, 1e-10)
 near(run.values.y1[101], 0.7158, 1e-4)
 for i = 1, #run.t do near(run.values.sum[i], 1, 1e-12) end -- the equations keep it
 assert(#run.events == 1 and run.events[1].name == "y3 = 0.01")
