@@ -50,7 +50,7 @@ local summary = {}
 for _, name in ipairs(names) do
   if option.system == "all" or option.system == name then
     local case = runs[name]
-    local run = tb.run {
+    local run = tb.run_system {
       system = require("systems." .. name),
       duration_s = case.duration,
       output_step_s = case.duration / (tb.quick and 100 or 2000),

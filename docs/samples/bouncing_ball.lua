@@ -9,6 +9,6 @@ local ball = tb.system {
     { name = "impact", crossing = function(s) return s.h end, set = function(s) return { h = 0, v = -s.e * s.v } end },
   },
 }
-local run = tb.run { system = ball, duration_s = 2 }
+local run = tb.run_system { system = ball, duration_s = 2 }
 print(string.format("%d impacts, the first at %.6f s, by %s", #run.events, run.events[1].t, run.solver))
 tb.write_csv { file = "ball.csv", columns = run.columns }

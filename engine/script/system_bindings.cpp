@@ -196,21 +196,21 @@ class RunningOn {
 };
 
 int run_in_script(lua_State* lua, ScriptRun& run, const Graph& symbols) {
-    Equations equations = system_of(lua, "tb.run");
-    const Json options = plain_options(lua, {"system", "inputs"}, "tb.run: options");
-    FieldReader fields(options, "tb.run");
+    Equations equations = system_of(lua, "tb.run_system");
+    const Json options = plain_options(lua, {"system", "inputs"}, "tb.run_system: options");
+    FieldReader fields(options, "tb.run_system");
     SystemRunOptions run_with = run_options(fields);
     for (const char* key : {"parameters", "start"}) fields.value(key);
     fields.finish();
-    read_values(options, "parameters", equations.parameters, &Equations::Parameter::value, "tb.run");
-    read_values(options, "start", equations.states, &Equations::State::start, "tb.run");
-    read_inputs(lua, equations, symbols, "tb.run");
+    read_values(options, "parameters", equations.parameters, &Equations::Parameter::value, "tb.run_system");
+    read_values(options, "start", equations.states, &Equations::State::start, "tb.run_system");
+    read_inputs(lua, equations, symbols, "tb.run_system");
 
     const EquationSystem system(std::move(equations));
     const RunningOn here(*symbols, lua);
     const SystemRun result = run_system(system, run_with, run.control());
     if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
-    run.note_work({{"function", "run"},
+    run.note_work({{"function", "run_system"},
                    {"system", system.equations().name},
                    {"solver", name_of(result.method)},
                    {"outcome", result.outcome.message},
@@ -325,7 +325,8 @@ void add_system_bindings(LuaState& lua, ScriptRun& run) {
         return 1;
     });
     lua.add_stack_function("linearize", [symbols](lua_State* state) { return linearize_in_script(state, symbols); });
-    lua.add_stack_function("run", [&run, symbols](lua_State* state) { return run_in_script(state, run, symbols); });
+    lua.add_stack_function("run_system",
+                           [&run, symbols](lua_State* state) { return run_in_script(state, run, symbols); });
 }
 
 } // namespace tribode

@@ -4,7 +4,7 @@
 
 namespace tribode {
 
-// tb.system, tb.run and the functions that equations are written with; docs/systems.md describes them.
+// tb.system, tb.run_system and the functions that equations are written with; docs/systems.md describes them.
 void add_system_bindings(LuaState& lua, ScriptRun& run);
 
 } // namespace tribode

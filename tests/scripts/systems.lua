@@ -1,4 +1,4 @@
--- tb.system and tb.run: what is recorded, what is refused, and runs against closed forms.
+-- tb.system and tb.run_system: what is recorded, what is refused, and runs against closed forms.
 local tb = require "tribode"
 
 local function near(found, wanted, tolerance)
@@ -19,7 +19,7 @@ local oscillator = tb.system {
   der = function(s) return { x = s.v, v = s.u - s.w ^ 2 * s.x } end,
   outputs = function(s) return { energy = { (s.v ^ 2 + s.w ^ 2 * s.x ^ 2) / 2, unit = "J" } } end,
 }
-local run = tb.run { system = oscillator, duration_s = 3, output_step_s = 0.5 }
+local run = tb.run_system { system = oscillator, duration_s = 3, output_step_s = 0.5 }
 assert(run.ok and run.message == "" and run.solver == "exact" and #run.t == 7)
 for i, t in ipairs(run.t) do
   near(run.values.x[i], math.cos(2 * t), 1e-14)
@@ -27,18 +27,18 @@ for i, t in ipairs(run.t) do
 end
 assert(run.columns[1].name == "t" and run.columns[4].name == "energy" and run.columns[4].unit == "J")
 for _, solver in ipairs { "auto", "erk", "adams", "cvode" } do
-  run = tb.run { system = oscillator, duration_s = 3, solver = solver, inputs = { u = math.sin } }
+  run = tb.run_system { system = oscillator, duration_s = 3, solver = solver, inputs = { u = math.sin } }
   near(run.final.x, math.cos(6) + (2 * math.sin(3) - math.sin(6)) / 6, 1e-6)
   assert(run.solver == (solver == "auto" and "erk" or solver))
 end
 
 -- Parameters, start values and inputs of a run.
-run = tb.run { system = oscillator, duration_s = 1, parameters = { w = 3 }, start = { x = 2 } }
+run = tb.run_system { system = oscillator, duration_s = 1, parameters = { w = 3 }, start = { x = 2 } }
 near(run.final.x, 2 * math.cos(3), 1e-13)
-run = tb.run { system = oscillator, duration_s = 1, inputs = { u = 4 } }
+run = tb.run_system { system = oscillator, duration_s = 1, inputs = { u = 4 } }
 near(run.final.x, 1, 1e-14)
 -- Samples are held: 4 from the start, 0 from t = 0.5.
-run = tb.run { system = oscillator, duration_s = 1, inputs = { u = { sample_time_s = 0.5, values = { 4, 0 } } } }
+run = tb.run_system { system = oscillator, duration_s = 1, inputs = { u = { sample_time_s = 0.5, values = { 4, 0 } } } }
 near(run.final.x, math.cos(1), 1e-14)
 
 -- A branch becomes an event: the motion against a stop with a spring, known piece by piece.
@@ -46,7 +46,7 @@ local stop = tb.system {
   states = { x = 1, v = 0 },
   der = function(s) return { x = s.v, v = tb.where(tb.less(s.x, 0), -4 * s.x, -1) } end,
 }
-run = tb.run { system = stop, duration_s = 3.5 }
+run = tb.run_system { system = stop, duration_s = 3.5 }
 local t0 = math.sqrt(2) -- falls for so long, then half a period pi/2 of the spring, then rises
 local rising = 3.5 - t0 - math.pi / 2
 near(run.final.x, math.sqrt(2) * rising - rising ^ 2 / 2, 1e-13)
@@ -61,8 +61,8 @@ local function loop(kind)
     sample = { { period_s = 0.1, [kind] = function(s) return { u = -3 * s.x } end } },
   }
 end
-local recorded = tb.run { system = loop "set", duration_s = 1 }
-local called = tb.run { system = loop "call", duration_s = 1 }
+local recorded = tb.run_system { system = loop "set", duration_s = 1 }
+local called = tb.run_system { system = loop "call", duration_s = 1 }
 assert(recorded.final.x == called.final.x)
 local a, b = math.exp(0.1), math.exp(0.1) - 1 -- x[k+1] = a x[k] + b u[k]
 near(recorded.final.x, (a - 3 * b) ^ 10, 1e-14)
@@ -82,7 +82,7 @@ local chain = tb.system {
   connect = function(s) return { ["second.u"] = s.half.y, ["half.u"] = s.first.twice, ["first.u"] = s.u } end,
   outputs = function(s) return { sum = s.first.y + s.second.y } end,
 }
-run = tb.run { system = chain, duration_s = 1, inputs = { u = 1 } }
+run = tb.run_system { system = chain, duration_s = 1, inputs = { u = 1 } }
 local e = math.exp(-1)
 near(run.final["first.y"], 1 - e, 1e-14)
 near(run.final["second.y"], 1 - 2 * e, 1e-14)
@@ -103,13 +103,13 @@ local thermostat = tb.system {
   },
   start_mode = "heating",
 }
-run = tb.run { system = thermostat, duration_s = 6 }
+run = tb.run_system { system = thermostat, duration_s = 6 }
 assert(run.solver == "exact" and run.final.mode == "heating" and #run.events == 2)
 assert(run.events[1].name == "warm" and run.events[2].name == "cold")
 near(run.events[1].t, 10 * math.log(12 / 9), 1e-13)
 near(run.events[2].t, 10 * math.log(12 / 9) + 10 * math.log(11 / 9), 1e-13)
 
-run = tb.run {
+run = tb.run_system {
   system = tb.system { states = { x = 1 }, der = function(s) return { x = -1 / math.sqrt(s.x) } end },
   duration_s = 1,
 }
@@ -162,14 +162,14 @@ end)
 refused("\"running\" is not a mode", function()
   tb.system { states = {}, modes = { a = {}, b = {} }, start_mode = "running" }
 end)
-refused("duration_s is missing", function() tb.run { system = stop } end)
-refused("system is a table, must be a system", function() tb.run { system = {}, duration_s = 1 } end)
+refused("duration_s is missing", function() tb.run_system { system = stop } end)
+refused("system is a table, must be a system", function() tb.run_system { system = {}, duration_s = 1 } end)
 refused("inputs: v is not an input of the system", function()
-  tb.run { system = oscillator, duration_s = 1, inputs = { v = 1 } }
+  tb.run_system { system = oscillator, duration_s = 1, inputs = { v = 1 } }
 end)
 refused("der(v) is not linear in x", function()
   local pendulum = tb.system { states = { x = 1, v = 0 }, der = function(s) return { x = s.v, v = -math.sin(s.x) } end }
-  tb.run { system = pendulum, duration_s = 1, solver = "exact" }
+  tb.run_system { system = pendulum, duration_s = 1, solver = "exact" }
 end)
 
 -- Linear systems: the oscillator's poles and response, and a sampled loop's poles in z.
