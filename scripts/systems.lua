@@ -77,8 +77,8 @@ for _, name in ipairs(names) do
       steps = run.statistics.steps,
       derivative_evaluations = run.statistics.derivative_evaluations,
     }
-    print(string.format("%-18s %-6s %6g s  %5d steps  %3d events", name, run.solver, case.duration, run.statistics.steps,
-      #run.events))
+    print(string.format("%-18s %-6s %6g s  %5d steps  %3d events", name, run.solver, case.duration,
+      run.statistics.steps, #run.events))
   end
 end
 tb.write_json { file = "summary.json", value = summary }

@@ -92,9 +92,11 @@ SystemRun run_system(const EquationSystem& system, const SystemRunOptions& optio
 
     if (result.outcome.end == RunEnd::non_finite) {
         if (const auto culprit = system.not_finite()) {
+            const auto& state = system.equations().states[culprit->state];
+            const std::string line = state.where.empty() ? "" : " (" + state.where + ")";
             result.outcome.message = fmt::format(
-                "der({}) is not a finite number at t = {:.9g} s; the last good state is that of t = {:.9g} s",
-                system.equations().states[culprit->state].name, culprit->t, result.outcome.t);
+                "der({}){} is not a finite number at t = {:.9g} s; the last good state is that of t = {:.9g} s",
+                state.name, line, culprit->t, result.outcome.t);
         }
     }
     return result;

@@ -516,6 +516,8 @@ class Reader {
     std::map<std::size_t, Term> rates_at(int table, const std::string& what) {
         std::map<std::size_t, Term> rates;
         lua_getfield(lua_, table, "der");
+        std::string line = lua_isfunction(lua_, -1) ? line_of(lua_, lua_gettop(lua_)) : "";
+        if (line.ends_with(": ")) line.resize(line.size() - 2);
         for (const auto& entry : record(what, false)) {
             std::vector<std::string> known;
             std::optional<std::size_t> place;
@@ -528,6 +530,7 @@ class Reader {
                     fmt::format("{}: {} is not a state{}", what, entry.name, suggestion(entry.name, known)));
             }
             rates[*place] = entry.term;
+            made_.states[part_states_ + *place].where = line;
         }
         return rates;
     }
@@ -867,11 +870,31 @@ class Reader {
             if (input.name.find('.') == std::string::npos) continue;
             inputs.push_back(input.name);
             if (input.name != entry.name) continue;
+            const std::string unit = entry.unit.empty() ? unit_of(entry.term) : entry.unit;
+            if (!unit.empty() && !input.unit.empty() && unit != input.unit) {
+                throw InputError(fmt::format("tb.system: connect: {} is in {}, {} in {}, must be in the same unit",
+                                             entry.name, input.unit, graph_.text(entry.term), unit));
+            }
             definition_[input.symbol] = entry.term;
             return;
         }
         throw InputError(fmt::format("tb.system: connect: {} is not an input of a part{}", entry.name,
                                      suggestion(entry.name, inputs)));
+    }
+
+    // Of a term that is a variable by itself; empty where it is not, or has none.
+    std::string unit_of(Term term) const {
+        const auto among = [&](const auto& list) {
+            const auto found = std::find_if(list.begin(), list.end(), [&](const auto& v) { return v.symbol == term; });
+            return found == list.end() ? std::string() : found->unit;
+        };
+        for (const auto& [name, stand_in] : part_outputs_) {
+            if (stand_in != term) continue;
+            for (const auto& output : made_.outputs) {
+                if (output.name == name) return output.unit;
+            }
+        }
+        return among(made_.states) + among(made_.discrete) + among(made_.inputs) + among(made_.parameters);
     }
 
     void resolve(Term variable, Expressions::Replacement& known, std::vector<Term>& chain) {

@@ -25,6 +25,7 @@ struct Equations {
         double start = 0;
         double nominal = 1; // its absolute tolerance is this times the run's
         Term symbol = 0, rate = 0;
+        std::string where; // of its equation, "script.lua:7"; empty: not known
     };
     struct Discrete {
         std::string name, unit;

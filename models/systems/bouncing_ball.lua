@@ -15,10 +15,16 @@ return tb.system {
     flying = {
       der = function(s) return { h = s.v, v = -s.g } end,
       when = {
-        { name = "impact", crossing = function(s) return s.h end, set = function(s) return { h = 0, v = -s.e * s.v } end },
+        {
+          name = "impact",
+          crossing = function(s) return s.h end,
+          set = function(s) return { h = 0, v = -s.e * s.v } end,
+        },
         {
           name = "rest",
-          condition = function(s) return tb.all(tb.less_equal(s.h, 0), tb.less(s.v, s.v_min), tb.less_equal(0, s.v)) end,
+          condition = function(s)
+            return tb.all(tb.less_equal(s.h, 0), tb.less(s.v, s.v_min), tb.less_equal(0, s.v))
+          end,
           set = function() return { h = 0, v = 0 } end,
           mode = "resting",
         },

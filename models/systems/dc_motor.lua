@@ -23,7 +23,8 @@ return tb.system {
   -- The bridge is up while the sawtooth is below the duty.
   der = function(s)
     local bridge = tb.where(tb.less(s.saw, s.duty), s.U, -s.U)
-    return { i = (bridge - s.R * s.i - s.K * s.w) / s.L, w = (s.K * s.i - s.d * s.w - s.load) / s.J, saw = 1 / s.period }
+    local di = (bridge - s.R * s.i - s.K * s.w) / s.L
+    return { i = di, w = (s.K * s.i - s.d * s.w - s.load) / s.J, saw = 1 / s.period }
   end,
   sample = {
     {

@@ -1,5 +1,5 @@
--- Robertson's chemical reaction: stiff, over eleven decades of time. The equations and the two roots of SUNDIALS' example
--- cvRoberts_dns [Hindmarsh 2005]:
+-- Robertson's chemical reaction: stiff, over eleven decades of time. The equations and the two roots of SUNDIALS'
+-- example cvRoberts_dns [Hindmarsh 2005]:
 --
 --   der(y1) = -0.04 y1 + 1e4 y2 y3
 --   der(y2) = 0.04 y1 - 1e4 y2 y3 - 3e7 y2^2

@@ -26,7 +26,9 @@ return tb.system {
   modes = {
     filling = {
       der = function(s) return { h = (s.pump - outflow(s)) / s.area } end,
-      when = { { name = "full", crossing = function(s) return s.h - s.h_full end, direction = "rising", mode = "draining" } },
+      when = {
+        { name = "full", crossing = function(s) return s.h - s.h_full end, direction = "rising", mode = "draining" },
+      },
     },
     draining = {
       der = function(s) return { h = -outflow(s) / s.area } end,

@@ -19,7 +19,9 @@ return tb.system {
   modes = {
     heating = {
       der = rate(function(s) return s.P end),
-      when = { { name = "off", crossing = function(s) return s.T - s.warm end, direction = "rising", mode = "waiting" } },
+      when = {
+        { name = "off", crossing = function(s) return s.T - s.warm end, direction = "rising", mode = "waiting" },
+      },
     },
     waiting = {
       der = rate(function() return 0 end),

@@ -1,5 +1,5 @@
--- An axis on two guides, driven by a ball screw out of its middle: the carriage yaws. One guide, twice a part, each with
--- viscous friction and a bristle that yields (a Dahl element); the screw is a spring.
+-- An axis on two guides, driven by a ball screw out of its middle: the carriage yaws. One guide, twice a part, each
+-- with viscous friction and a bristle that yields (a Dahl element); the screw is a spring.
 --
 --   m der(v) = F_screw - F_1 - F_2,   J der(w) = a F_screw - b (F_1 - F_2) - k_yaw phi - d_yaw w
 local tb = require "tribode"
