@@ -23,6 +23,7 @@
 #include "record/report.hpp"
 #include "script/batch_script.hpp"
 #include "script/sampling_bindings.hpp"
+#include "script/system_bindings.hpp"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -707,6 +708,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("linspace", [](const Json& a) { return spaced(a, "tb.linspace", false); });
     lua.add_function("logspace", [](const Json& a) { return spaced(a, "tb.logspace", true); });
     add_sampling_bindings(lua);
+    add_system_bindings(lua, run);
 }
 
 } // namespace tribode

@@ -89,6 +89,8 @@ void LuaState::add_value(const std::string& name, const Json& value) {
     });
 }
 
+void LuaState::set_up(const StackFunction& body) { protected_call(lua_.get(), body); }
+
 Json LuaState::run(const std::string& name, const Json& argument, const std::function<void(lua_State*)>& load) {
     Json result;
     protected_call(lua_.get(), [&](lua_State* lua) {

@@ -56,6 +56,9 @@ class LuaState {
     void add_stack_function(const std::string& name, StackFunction function);
     void add_value(const std::string& name, const Json& value);
 
+    // Runs `body` on the state, for what is no field of the module: metatables, functions of Lua's own libraries.
+    void set_up(const StackFunction& body);
+
     // Runs the program with one argument (`...`; none where null) and returns its first result, null without
     // one. Throws InputError for errors of syntax, of the script and of its limits, EndedEarly on a stop
     // request, and what the engine's functions throw; the text begins with the script's name and line.

@@ -39,7 +39,11 @@ int guarded(lua_State* lua, const LuaState::StackFunction& body) {
     } catch (const std::exception& problem) {
         failure = {Failure::Kind::other, problem.what()};
     }
-    failure.text.insert(0, where(lua));
+    // What is said of a line of the script, such as that of a function in a table, begins with that line already.
+    const std::string place = where(lua), file = place.substr(0, place.find(':') + 1);
+    const bool has_line = !file.empty() && failure.text.starts_with(file) && failure.text.size() > file.size() &&
+                          failure.text[file.size()] >= '0' && failure.text[file.size()] <= '9';
+    if (!has_line) failure.text.insert(0, place);
     return raise(lua, failure);
 }
 

@@ -99,6 +99,12 @@ Integrator::Progress SundialsIntegrator::step(double t_stop) {
     double t = t_before;
     met_non_finite_ = false;
     Native result = native_step(t_stop, t);
+    // The size that was good before an event may be far too long after it: then the method's own estimate.
+    if (result == Native::failed && first_step_ && kept_step_ > 0 && !met_non_finite_) {
+        kept_step_ = 0;
+        restart(*state_);
+        result = native_step(t_stop, t);
+    }
     // ERKStep gives up at the first derivative that is not finite, where a shorter step may do.
     for (double h = (t_stop - t_before) / 10;
          result == Native::failed && met_non_finite_ && h > time_resolution(t_before); h /= 10) {

@@ -1,0 +1,332 @@
+#include "script/system_bindings.hpp"
+#include "analysis/frequency_response.hpp"
+#include "analysis/loop_gain.hpp"
+#include "base/error.hpp"
+#include "base/field_reader.hpp"
+#include "base/text.hpp"
+#include "experiment/system_run.hpp"
+#include "script/system_reader.hpp"
+#include "script/value.hpp"
+#include "system/linearization.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <lua.hpp>
+
+namespace tribode {
+
+namespace {
+
+using Graph = std::shared_ptr<Symbols>;
+
+// The system of an options table at index 1. [-0, +0]
+Equations system_of(lua_State* lua, const char* function) {
+    if (!lua_istable(lua, 1)) {
+        throw InputError(fmt::format("{}: found a {}, must be a table of options", function, luaL_typename(lua, 1)));
+    }
+    lua_getfield(lua, 1, "system");
+    const Equations* system = system_at(lua, -1);
+    if (!system) {
+        throw InputError(fmt::format("{}: system is {}, must be a system (see tb.system)", function,
+                                     lua_isnil(lua, -1) ? "missing" : fmt::format("a {}", luaL_typename(lua, -1))));
+    }
+    Equations copy = *system;
+    lua_pop(lua, 1);
+    return copy;
+}
+
+// All other options as plain data, without those of `special`. [-0, +0]
+Json plain_options(lua_State* lua, std::initializer_list<std::string_view> special, const char* function) {
+    lua_newtable(lua);
+    lua_pushnil(lua);
+    while (lua_next(lua, 1)) {
+        const bool skipped = lua_type(lua, -2) == LUA_TSTRING &&
+                             std::find(special.begin(), special.end(), lua_tostring(lua, -2)) != special.end();
+        if (skipped) {
+            lua_pop(lua, 1);
+            continue;
+        }
+        lua_pushvalue(lua, -2);
+        lua_insert(lua, -2);
+        lua_rawset(lua, -4);
+    }
+    Json json = to_json(lua, -1, function);
+    lua_pop(lua, 1);
+    return json.is_null() ? Json::object() : json;
+}
+
+// { name = number } into the variables of a list. [-0, +0]
+template <class Variables, class Member>
+void read_values(const Json& options, const char* key, Variables& variables, Member member, const char* function) {
+    if (!options.contains(key)) return;
+    FieldReader values(options[key], fmt::format("{}: {}", function, key));
+    for (auto& variable : variables) {
+        variable.*member = values.number(variable.name, variable.unit, Allowed::finite, variable.*member);
+    }
+    values.finish();
+}
+
+// A list of samples holds its first value from the start; its clock comes before all others.
+void add_samples(Equations& equations, Equations::Input& input, double period, std::vector<double> values) {
+    Equations::Clock clock;
+    clock.name = "input " + input.name;
+    clock.period = period;
+    Equations::Function function;
+    function.writes = {equations.graph->variable(input.name)};
+    const Term held = function.writes[0];
+    const double first = values.front();
+    function.call = [values = std::move(values)](long k, std::span<const double>, std::span<double> written) {
+        written[0] = values[std::min(static_cast<std::size_t>(k), values.size() - 1)];
+    };
+    clock.function = std::move(function);
+    equations.clocks.insert(equations.clocks.begin(), std::move(clock));
+    equations.discrete.push_back({input.name, input.unit, first, held, {}});
+    equations.replace({{input.symbol, held}});
+}
+
+// inputs = { u = 3, v = function(t) return … end, w = { sample_time_s =, values = {…} } } [-0, +0]
+void read_inputs(lua_State* lua, Equations& equations, const Graph& symbols, const char* function) {
+    if (lua_getfield(lua, 1, "inputs") == LUA_TNIL) return lua_pop(lua, 1);
+    if (!lua_istable(lua, -1)) throw InputError(fmt::format("{}: inputs must be a table of named inputs", function));
+    std::vector<std::string> known;
+    for (const auto& input : equations.inputs) known.push_back(input.name);
+    lua_pushnil(lua);
+    while (lua_next(lua, -2)) {
+        const std::string name = lua_type(lua, -2) == LUA_TSTRING ? lua_tostring(lua, -2) : luaL_typename(lua, -2);
+        const auto input = std::find_if(equations.inputs.begin(), equations.inputs.end(),
+                                        [&](const auto& i) { return i.name == name; });
+        const std::string what = fmt::format("{}: inputs.{}", function, name);
+        if (input == equations.inputs.end()) {
+            throw InputError(
+                fmt::format("{}: inputs: {} is not an input of the system{}", function, name, suggestion(name, known)));
+        }
+        if (lua_isfunction(lua, -1)) {
+            equations.replace({{input->symbol, record_input(lua, -1, symbols, what)}});
+            equations.inputs.erase(input);
+        } else if (lua_istable(lua, -1)) {
+            const Json samples = to_json(lua, -1, what);
+            FieldReader fields(samples, what);
+            const double period = fields.number("sample_time_s", "s", Allowed::positive);
+            auto values = fields.numbers("values", input->unit, Allowed::finite, {});
+            fields.finish();
+            if (values.empty()) throw InputError(fmt::format("{}.values is empty, must have a value", what));
+            add_samples(equations, *input, period, std::move(values));
+            equations.inputs.erase(input);
+        } else {
+            const Json number = to_json(lua, -1, what);
+            if (!number.is_number() || !std::isfinite(number.get<double>())) {
+                throw InputError(fmt::format("{} must be a finite number, a function of the time, or "
+                                             "{{sample_time_s =, values =}}",
+                                             what));
+            }
+            input->value = number.get<double>();
+        }
+        lua_pop(lua, 1);
+    }
+    lua_pop(lua, 1);
+}
+
+SystemRunOptions run_options(FieldReader& fields) {
+    SystemRunOptions options;
+    options.duration = fields.number("duration_s", "s", Allowed::positive);
+    options.output_step = fields.number("output_step_s", "s", Allowed::non_negative, 0);
+    auto& solver = options.solver;
+    solver.method = method_named(fields.choice("solver", SolverOptions::method_names(), name_of(solver.method)));
+    solver.relative_tolerance = fields.number("relative_tolerance", "", Allowed::positive, solver.relative_tolerance);
+    solver.absolute_tolerance = fields.number("absolute_tolerance", "", Allowed::positive, solver.absolute_tolerance);
+    solver.fixed_step = fields.number("fixed_step_s", "s", Allowed::positive, solver.fixed_step);
+    return options;
+}
+
+Json statistics_of(const RunStatistics& s) {
+    return {{"steps", s.steps},
+            {"rejected_steps", s.rejected_steps},
+            {"derivative_evaluations", s.derivative_evaluations},
+            {"jacobian_evaluations", s.jacobian_evaluations},
+            {"guard_evaluations", s.guard_evaluations},
+            {"events", s.events},
+            {"samples", s.samples},
+            {"restarts", s.restarts}};
+}
+
+Json to_json(const SystemRun& run, const Equations& equations) {
+    Json json{{"t", run.table["t"].values}, {"values", Json::object()}, {"columns", Json::array()}};
+    for (const auto& column : run.table.columns) {
+        if (column.name != "t") json["values"][column.name] = column.values;
+        json["columns"].push_back({{"name", column.name}, {"unit", column.unit}, {"values", column.values}});
+    }
+    json["final"] = Json::object();
+    for (std::size_t i = 0; i < equations.states.size(); ++i) {
+        json["final"][equations.states[i].name] = run.final_states[i];
+    }
+    for (std::size_t i = 0; i < equations.discrete.size(); ++i) {
+        const auto& discrete = equations.discrete[i];
+        const double value = run.final_discrete[i];
+        if (discrete.modes.empty()) {
+            json["final"][discrete.name] = value;
+        } else {
+            json["final"][discrete.name] = discrete.modes[static_cast<std::size_t>(value)];
+        }
+    }
+    json["events"] = Json::array();
+    for (const auto& event : run.events) {
+        json["events"].push_back(
+            {{"t", event.t}, {"name", equations.whens[static_cast<std::size_t>(event.subject)].name}});
+    }
+    json["solver"] = name_of(run.method);
+    json["ok"] = run.outcome.ok();
+    json["message"] = run.outcome.message;
+    json["t_end"] = run.outcome.t;
+    json["statistics"] = statistics_of(run.statistics);
+    return json;
+}
+
+// Where the functions of a system are called while it runs.
+class RunningOn {
+  public:
+    RunningOn(Symbols& symbols, lua_State* lua) : symbols_(symbols), before_(symbols.running) { symbols.running = lua; }
+    ~RunningOn() { symbols_.running = before_; }
+    RunningOn(const RunningOn&) = delete;
+    RunningOn& operator=(const RunningOn&) = delete;
+
+  private:
+    Symbols& symbols_;
+    lua_State* before_;
+};
+
+int run_in_script(lua_State* lua, ScriptRun& run, const Graph& symbols) {
+    Equations equations = system_of(lua, "tb.run_system");
+    const Json options = plain_options(lua, {"system", "inputs"}, "tb.run_system: options");
+    FieldReader fields(options, "tb.run_system");
+    SystemRunOptions run_with = run_options(fields);
+    for (const char* key : {"parameters", "start"}) fields.value(key);
+    fields.finish();
+    read_values(options, "parameters", equations.parameters, &Equations::Parameter::value, "tb.run_system");
+    read_values(options, "start", equations.states, &Equations::State::start, "tb.run_system");
+    read_inputs(lua, equations, symbols, "tb.run_system");
+
+    const EquationSystem system(std::move(equations));
+    const RunningOn here(*symbols, lua);
+    const SystemRun result = run_system(system, run_with, run.control());
+    if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
+    run.note_work({{"function", "run_system"},
+                   {"system", system.equations().name},
+                   {"solver", name_of(result.method)},
+                   {"outcome", result.outcome.message},
+                   {"statistics", statistics_of(result.statistics)}});
+    push(lua, to_json(result, system.equations()));
+    return 1;
+}
+
+// ---- linear systems ----------------------------------------------------------------------------------------------
+
+Json rows_of(const Eigen::MatrixXd& matrix) {
+    Json rows = Json::array();
+    for (Eigen::Index i = 0; i < matrix.rows(); ++i) {
+        Json row = Json::array();
+        for (Eigen::Index j = 0; j < matrix.cols(); ++j) row.push_back(matrix(i, j));
+        rows.push_back(std::move(row));
+    }
+    return rows;
+}
+
+// The place of a name; where there is but one, it needs not be named.
+std::size_t chosen(FieldReader& fields, const char* key, const std::vector<std::string>& names) {
+    if (names.empty()) fields.fail(key, fmt::format("cannot be chosen: the system has no {}", key));
+    if (names.size() == 1 && !fields.has(key)) return 0;
+    const std::string name = fields.choice(key, names, fields.has(key) ? names.front() : "");
+    return static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
+}
+
+// at = { x = number, mode = "name" }: start values where nothing is given.
+OperatingPoint point_of(const Json& options, const Equations& equations) {
+    OperatingPoint point;
+    const Json none = Json::object();
+    FieldReader values(options.contains("at") ? options["at"] : none, "tb.linearize: at");
+    point.t = values.number("t", "s", Allowed::finite, 0);
+    for (const auto& state : equations.states) {
+        point.states.push_back(values.number(state.name, state.unit, Allowed::finite, state.start));
+    }
+    for (const auto& discrete : equations.discrete) {
+        if (discrete.modes.empty()) {
+            point.discrete.push_back(values.number(discrete.name, discrete.unit, Allowed::finite, discrete.start));
+            continue;
+        }
+        const auto& names = discrete.modes;
+        const auto mode = values.choice(discrete.name, names, names[static_cast<std::size_t>(discrete.start)]);
+        point.discrete.push_back(static_cast<double>(std::find(names.begin(), names.end(), mode) - names.begin()));
+    }
+    values.finish();
+    return point;
+}
+
+Json margins_of(const Linearization& linear, std::size_t input, std::size_t output,
+                const std::vector<double>& frequency_hz) {
+    const auto [low, high] = std::minmax_element(frequency_hz.begin(), frequency_hz.end());
+    const auto margins = stability_margins([&](double f) { return linear.response(f, input, output); }, *low, *high);
+    const auto or_null = [](const std::optional<double>& value) { return value ? Json(*value) : Json(nullptr); };
+    return {{"gain_margin", or_null(margins.gain_margin)},
+            {"gain_reduction_margin", or_null(margins.gain_reduction_margin)},
+            {"phase_crossover_hz", or_null(margins.phase_crossover_hz)},
+            {"phase_margin_deg", or_null(margins.phase_margin_deg)},
+            {"gain_crossover_hz", or_null(margins.gain_crossover_hz)},
+            {"modulus_margin", margins.modulus_margin}};
+}
+
+int linearize_in_script(lua_State* lua, const Graph& symbols) {
+    Equations equations = system_of(lua, "tb.linearize");
+    const Json options = plain_options(lua, {"system"}, "tb.linearize: options");
+    FieldReader fields(options, "tb.linearize");
+    for (const char* key : {"parameters", "inputs", "at"}) fields.value(key);
+    read_values(options, "parameters", equations.parameters, &Equations::Parameter::value, "tb.linearize");
+    read_values(options, "inputs", equations.inputs, &Equations::Input::value, "tb.linearize");
+    const auto frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, {});
+    const OperatingPoint point = point_of(options, equations);
+    const RunningOn here(*symbols, lua);
+    const Linearization linear = linearize(equations, point);
+
+    Json json{{"A", rows_of(linear.a)},        {"B", rows_of(linear.b)},
+              {"C", rows_of(linear.c)},        {"D", rows_of(linear.d)},
+              {"states", linear.states},       {"inputs", linear.inputs},
+              {"outputs", linear.outputs},     {"sample_time_s", linear.sample_time},
+              {"stable", linear.is_stable()},  {"rate_left", linear.rate_left},
+              {"jump_left", linear.jump_left}, {"poles", Json::array()}};
+    for (const auto& pole : linear.poles()) json["poles"].push_back({{"real", pole.real()}, {"imag", pole.imag()}});
+    if (!frequency_hz.empty()) {
+        const std::size_t input = chosen(fields, "input", linear.inputs);
+        const std::size_t output = chosen(fields, "output", linear.outputs);
+        FrequencyResponse response{frequency_hz, {}};
+        for (const double f : frequency_hz) response.value.push_back(linear.response(f, input, output));
+        std::vector<double> real, imag;
+        for (const auto& value : response.value) {
+            real.push_back(value.real());
+            imag.push_back(value.imag());
+        }
+        json["response"] = {{"frequency_hz", frequency_hz},
+                            {"real", real},
+                            {"imag", imag},
+                            {"gain_db", response.gain_db()},
+                            {"phase_deg", response.phase_deg()}};
+        if (frequency_hz.size() > 1) json["margins"] = margins_of(linear, input, output, frequency_hz);
+    }
+    fields.finish();
+    push(lua, json);
+    return 1;
+}
+
+} // namespace
+
+void add_system_bindings(LuaState& lua, ScriptRun& run) {
+    const auto symbols = std::make_shared<Symbols>();
+    add_symbols(lua, symbols);
+    lua.add_stack_function("system", [symbols](lua_State* state) {
+        push_system(state, read_system(state, 1, symbols));
+        return 1;
+    });
+    lua.add_stack_function("linearize", [symbols](lua_State* state) { return linearize_in_script(state, symbols); });
+    lua.add_stack_function("run_system",
+                           [&run, symbols](lua_State* state) { return run_in_script(state, run, symbols); });
+}
+
+} // namespace tribode

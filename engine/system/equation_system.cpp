@@ -1,0 +1,523 @@
+#include "system/equation_system.hpp"
+#include "base/error.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <limits>
+
+namespace tribode {
+
+namespace {
+
+constexpr std::size_t all_finite = std::numeric_limits<std::size_t>::max();
+
+// The end of a chain, for messages: long expressions are cut.
+std::string shortened(std::string text) {
+    constexpr std::size_t longest = 60;
+    return text.size() <= longest ? text : text.substr(0, longest - 3) + "...";
+}
+
+} // namespace
+
+EquationSystem::EquationSystem(Equations equations) : equations_(std::move(equations)), not_finite_state_(all_finite) {
+    std::set<std::string> names;
+    const auto once = [&](const std::string& name) {
+        if (names.insert(name).second) return;
+        throw InputError(fmt::format("{}: the name {} stands twice, each must stand once", equations_.name, name));
+    };
+    for (const auto& state : equations_.states) once(state.name);
+    for (const auto& discrete : equations_.discrete) once(discrete.name);
+    for (const auto& parameter : equations_.parameters) once(parameter.name);
+    for (const auto& input : equations_.inputs) once(input.name);
+    for (const auto& output : equations_.outputs) once(output.name);
+    for (const auto& clock : equations_.clocks) {
+        if (!(clock.period > 0) || !(clock.offset >= 0) || !std::isfinite(clock.period + clock.offset)) {
+            throw InputError(
+                fmt::format("{}: the clock {} has the period {} s and the offset {} s, must be positive and "
+                            "not negative",
+                            equations_.name, clock.name, clock.period, clock.offset));
+        }
+        clocks_.push_back({clock.name, clock.period, clock.offset});
+    }
+    put_in_parameters();
+    hold_relations();
+    mark_active();
+    make_tapes();
+    recognize_affine();
+}
+
+// From here on the equations hold no parameters and no inputs.
+void EquationSystem::put_in_parameters() {
+    auto& graph = *equations_.graph;
+    Expressions::Replacement numbers;
+    for (const auto& parameter : equations_.parameters) numbers[parameter.symbol] = graph.constant(parameter.value);
+    for (const auto& input : equations_.inputs) numbers[input.symbol] = graph.constant(input.value);
+    equations_.replace(numbers);
+}
+
+// Finds the relations that are events and puts a held value in the place of each.
+void EquationSystem::hold_relations() {
+    auto& graph = *equations_.graph;
+    std::vector<Term> roots;
+    for (const auto& state : equations_.states) roots.push_back(state.rate);
+    for (const auto& when : equations_.whens) roots.push_back(when.condition);
+
+    const auto order = graph.reachable(roots, false);
+    const auto moving = moving_terms(order);
+    // The same relation may stand below no_event and elsewhere; there it stays as it is.
+    Expressions::Replacement held;
+    for (const Term term : order) {
+        const auto node = graph[term];
+        if (node.op == Op::no_event) held[term] = term;
+        const bool relation = node.op == Op::less || node.op == Op::less_equal;
+        if (!relation || !moving.contains(term)) continue;
+        Relation made;
+        made.text = shortened(graph.text(term));
+        made.held = graph.variable("(" + made.text + ")");
+        made.margin = graph.make(Op::subtract, node.b, node.a);
+        made.strict = node.op == Op::less;
+        held[term] = made.held;
+        relations_.push_back(std::move(made));
+    }
+    roots = graph.substitute(roots, held);
+    rates_.assign(roots.begin(), roots.begin() + static_cast<std::ptrdiff_t>(equations_.states.size()));
+    conditions_.assign(roots.begin() + static_cast<std::ptrdiff_t>(equations_.states.size()), roots.end());
+    // An operand may itself have a branch.
+    std::vector<Term> margins;
+    for (const auto& relation : relations_) margins.push_back(relation.margin);
+    margins = graph.substitute(margins, held);
+    for (std::size_t i = 0; i < relations_.size(); ++i) relations_[i].margin = margins[i];
+    for (auto& relation : relations_) {
+        const Term opposite = graph.make(Op::negate, relation.margin);
+        for (std::size_t i = 0; i < relations_.size(); ++i) {
+            if (&relations_[i] == &relation) continue;
+            if (margins[i] == relation.margin) relation.twins.emplace_back(i, true);
+            if (margins[i] == opposite) relation.twins.emplace_back(i, false);
+        }
+    }
+}
+
+// The terms of an ascending list that depend on t or x.
+std::set<Term> EquationSystem::moving_terms(const std::vector<Term>& order) const {
+    std::set<Term> moving{equations_.time};
+    for (const auto& state : equations_.states) moving.insert(state.symbol);
+    for (const Term term : order) {
+        const auto& node = (*equations_.graph)[term];
+        const int count = operand_count(node.op);
+        if ((count > 0 && moving.contains(node.a)) || (count > 1 && moving.contains(node.b)) ||
+            (count > 2 && moving.contains(node.c))) {
+            moving.insert(term);
+        }
+    }
+    return moving;
+}
+
+// Where each relation matters, as a condition in the discrete state: from the roots down, through those branches that
+// are open.
+void EquationSystem::mark_active() {
+    auto& graph = *equations_.graph;
+    const Term always = graph.constant(1);
+    std::vector<Term> roots = rates_;
+    roots.insert(roots.end(), conditions_.begin(), conditions_.end());
+    for (const auto& relation : relations_) roots.push_back(relation.margin);
+
+    const auto order = graph.reachable(roots);
+    const auto moving = moving_terms(order);
+    std::unordered_map<Term, Term> active; // absent: nowhere
+    const auto open = [&](Term term, Term where) {
+        const auto [known, is_new] = active.try_emplace(term, where);
+        if (!is_new) known->second = graph.make(Op::any, known->second, where);
+    };
+    for (const Term root : rates_) open(root, always);
+    for (const Term root : conditions_) open(root, always);
+    // A relation in the operand of another always matters.
+    for (const auto& relation : relations_) open(relation.margin, always);
+    // Parents stand behind their operands.
+    for (auto place = order.rbegin(); place != order.rend(); ++place) {
+        const Term term = *place;
+        const auto known = active.find(term);
+        if (known == active.end()) continue;
+        const Term here = known->second;
+        const auto node = graph[term];
+        const int count = operand_count(node.op);
+        if (node.op == Op::select && !moving.contains(node.a)) {
+            open(node.a, here);
+            open(node.b, graph.make(Op::all, here, node.a));
+            open(node.c, graph.make(Op::all, here, graph.make(Op::no, node.a)));
+            continue;
+        }
+        if (node.op == Op::all) {
+            // Either half closes the other; a relation may not close itself for good, so only what is no relation does.
+            const auto closes = [&](Term half) { return !moving.contains(half) && graph[half].op == Op::equal; };
+            open(node.a, closes(node.b) ? graph.make(Op::all, here, node.b) : here);
+            open(node.b, closes(node.a) ? graph.make(Op::all, here, node.a) : here);
+            continue;
+        }
+        if (count > 0) open(node.a, here);
+        if (count > 1) open(node.b, here);
+        if (count > 2) open(node.c, here);
+    }
+    for (auto& relation : relations_) {
+        const auto known = active.find(relation.held);
+        relation.active = known == active.end() ? always : known->second;
+    }
+}
+
+EquationSystem::Sparse EquationSystem::sparse_jacobian(const std::vector<Term>& rows, std::vector<Term>& terms) {
+    auto& graph = *equations_.graph;
+    Sparse sparse;
+    terms.clear();
+    for (std::size_t column = 0; column < equations_.states.size(); ++column) {
+        const auto derivatives = graph.derivatives(rows, equations_.states[column].symbol);
+        for (std::size_t row = 0; row < rows.size(); ++row) {
+            if (graph.is_constant(derivatives[row], 0)) continue;
+            sparse.entries.push_back({row, column});
+            terms.push_back(derivatives[row]);
+        }
+    }
+    sparse.tape = Tape(graph, inputs_, terms);
+    return sparse;
+}
+
+EquationSystem::Update EquationSystem::update_of(const Equations::Assignments& set) const {
+    Update update;
+    std::vector<Term> values;
+    for (const auto& [target, value] : set) {
+        update.targets.push_back(place_of(target));
+        values.push_back(value);
+    }
+    update.tape = Tape(*equations_.graph, inputs_, values);
+    return update;
+}
+
+void EquationSystem::make_tapes() {
+    auto& graph = *equations_.graph;
+    inputs_.push_back(equations_.time);
+    for (const auto& state : equations_.states) {
+        inputs_.push_back(state.symbol);
+        StateVariable variable{state.name, state.unit, std::nullopt, state.nominal};
+        // Where a rate is a state itself, as a velocity is.
+        for (std::size_t i = 0; i < equations_.states.size(); ++i) {
+            if (equations_.states[i].symbol == state.rate) variable.rate = i;
+        }
+        variables_.push_back(std::move(variable));
+    }
+    for (const auto& discrete : equations_.discrete) inputs_.push_back(discrete.symbol);
+    for (const auto& relation : relations_) inputs_.push_back(relation.held);
+
+    rate_ = Tape(graph, inputs_, rates_);
+    std::vector<Term> terms;
+    for (const auto& output : equations_.outputs) terms.push_back(output.value);
+    output_ = Tape(graph, inputs_, terms);
+    condition_ = Tape(graph, inputs_, conditions_);
+
+    const Term one = graph.constant(1);
+    terms.clear();
+    for (const auto& relation : relations_) {
+        terms.push_back(relation.margin);
+        const Term side =
+            graph.make(Op::select, relation.held, relation.margin, graph.make(Op::negate, relation.margin));
+        guard_terms_.push_back(graph.make(Op::select, relation.active, side, one));
+    }
+    for (const auto& relation : relations_) terms.push_back(relation.active);
+    margin_ = Tape(graph, inputs_, terms);
+    guard_ = Tape(graph, inputs_, guard_terms_);
+    for (const auto& when : equations_.whens) when_updates_.push_back(update_of(when.set));
+    for (const auto& clock : equations_.clocks) {
+        clock_updates_.push_back(update_of(clock.set));
+        auto& call = calls_.emplace_back();
+        if (!clock.function) continue;
+        call.emplace();
+        for (const Term target : clock.function->writes) call->targets.push_back(place_of(target));
+        call->reads = Tape(graph, inputs_, clock.function->reads);
+    }
+}
+
+void EquationSystem::recognize_affine() {
+    auto& graph = *equations_.graph;
+    std::vector<Term> matrix, guard_matrix;
+    jacobian_ = sparse_jacobian(rates_, matrix);
+    guard_jacobian_ = sparse_jacobian(guard_terms_, guard_matrix);
+
+    std::set<Term> moving{equations_.time};
+    for (const auto& state : equations_.states) moving.insert(state.symbol);
+    const auto moves = [&](Term term) {
+        const auto found = graph.variables_of(std::span(&term, 1));
+        return std::any_of(found.begin(), found.end(), [&](Term variable) { return moving.contains(variable); });
+    };
+    const auto check = [&](const Sparse& sparse, const std::vector<Term>& terms, const auto& name) {
+        for (std::size_t i = 0; i < terms.size() && !why_not_affine_; ++i) {
+            if (!moves(terms[i])) continue;
+            why_not_affine_ =
+                fmt::format("{} is not linear in {}: its derivative by it is {}", name(sparse.entries[i].row),
+                            equations_.states[sparse.entries[i].column].name, shortened(graph.text(terms[i])));
+        }
+    };
+    const auto rate_name = [&](std::size_t row) { return "der(" + equations_.states[row].name + ")"; };
+    const auto relation_name = [&](std::size_t row) { return "the relation " + relations_[row].text; };
+    check(jacobian_, matrix, rate_name);
+    check(guard_jacobian_, guard_matrix, relation_name);
+
+    // What is left of them without x: polynomials in t, or not.
+    const auto in_time = [&](std::vector<Term> rows, std::vector<Tape>& tapes, const auto& name) {
+        for (int n = 1; n <= most_degree + 1 && !why_not_affine_; ++n) {
+            rows = graph.derivatives(rows, equations_.time);
+            for (std::size_t row = 0; row < rows.size() && !why_not_affine_; ++row) {
+                if (graph.is_constant(rows[row], 0)) continue;
+                if (n == 1) varies_ = true;
+                if (n > most_degree) {
+                    why_not_affine_ = fmt::format("{} is no polynomial of degree {} in t", name(row), most_degree);
+                }
+            }
+            if (n <= most_degree) tapes.emplace_back(graph, inputs_, rows);
+        }
+    };
+    if (!why_not_affine_) in_time(rates_, rate_by_time_, rate_name);
+    if (!why_not_affine_) in_time(guard_terms_, guard_by_time_, relation_name);
+    if (why_not_affine_) return;
+
+    matrix.insert(matrix.end(), guard_matrix.begin(), guard_matrix.end());
+    const std::size_t first_value = 1 + equations_.states.size();
+    const auto used = graph.variables_of(matrix);
+    for (std::size_t i = first_value; i < inputs_.size(); ++i) {
+        if (!std::binary_search(used.begin(), used.end(), inputs_[i])) continue;
+        const std::size_t place = i - first_value;
+        (place < equations_.discrete.size() ? pattern_values_ : pattern_bits_).push_back(place);
+    }
+}
+
+SystemState EquationSystem::initial_state() const {
+    auto values = std::make_unique<Memory>();
+    std::vector<double> x;
+    for (const auto& state : equations_.states) x.push_back(state.start);
+    for (const auto& discrete : equations_.discrete) values->values.push_back(discrete.start);
+    values->values.resize(equations_.discrete.size() + relations_.size());
+    values->conditions.resize(conditions_.size());
+    values->taken.assign(relations_.size(), -1.0); // no instant of a run
+    values->taken_margin.resize(relations_.size());
+    SystemState state(0.0, std::move(x), std::move(values));
+    auto& memory = static_cast<Memory&>(*state.discrete);
+    // A relation may stand in the operand of another; each pass sets one more of such a chain.
+    std::vector<double> margins(2 * relations_.size());
+    for (std::size_t pass = 0; pass <= relations_.size(); ++pass) {
+        bool changed = false;
+        margins_of(state, margins);
+        for (std::size_t i = 0; i < relations_.size(); ++i) {
+            double& held = memory.values[equations_.discrete.size() + i];
+            const double now = relations_[i].strict ? margins[i] > 0 : margins[i] >= 0;
+            changed = changed || now != held;
+            held = now;
+        }
+        if (!changed) break;
+    }
+    condition_.evaluate({std::span(&state.t, 1), state.x, memory.values}, memory.conditions);
+    return state;
+}
+
+void EquationSystem::derivative(double t, std::span<const double> x, const DiscreteState& d,
+                                std::span<double> dxdt) const {
+    rate_.evaluate({std::span(&t, 1), x, memory(d).values}, dxdt);
+    for (std::size_t i = 0; i < dxdt.size(); ++i) {
+        if (std::isfinite(dxdt[i])) continue;
+        not_finite_state_.store(i, std::memory_order_relaxed);
+        not_finite_time_.store(t, std::memory_order_relaxed);
+        break;
+    }
+}
+
+std::optional<EquationSystem::NotFinite> EquationSystem::not_finite() const {
+    const std::size_t state = not_finite_state_.load(std::memory_order_relaxed);
+    if (state == all_finite) return std::nullopt;
+    return NotFinite{state, not_finite_time_.load(std::memory_order_relaxed)};
+}
+
+bool EquationSystem::jacobian(double t, std::span<const double> x, const DiscreteState& d,
+                              std::span<double> matrix) const {
+    thread_local std::vector<double> values;
+    values.resize(jacobian_.entries.size());
+    jacobian_.tape.evaluate({std::span(&t, 1), x, memory(d).values}, values);
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        matrix[jacobian_.entries[i].column * variables_.size() + jacobian_.entries[i].row] = values[i];
+    }
+    return true;
+}
+
+void EquationSystem::guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const {
+    const Memory& held = memory(d);
+    guard_.evaluate({std::span(&t, 1), x, held.values}, g.first(relations_.size()));
+    for (std::size_t i = 0; i < relations_.size(); ++i) {
+        if (g[i] < 0 && held.taken[i] == t && std::abs(held.taken_margin[i]) == -g[i]) g[i] = 0;
+    }
+    g.back() = held.restless ? -1 : 1;
+}
+
+void EquationSystem::margins_of(const SystemState& state, std::vector<double>& margins) const {
+    margin_.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, margins);
+}
+
+std::size_t EquationSystem::place_of(Term target) const {
+    const auto found = std::find(inputs_.begin() + 1, inputs_.end(), target);
+    if (found != inputs_.end()) return static_cast<std::size_t>(found - inputs_.begin());
+    throw InputError(fmt::format("{}: {} is set, but is neither a state nor a discrete variable", equations_.name,
+                                 equations_.graph->text(target)));
+}
+
+void EquationSystem::write(std::size_t place, double value, SystemState& state) {
+    if (place <= state.x.size()) {
+        state.x[place - 1] = value;
+    } else {
+        static_cast<Memory&>(*state.discrete).values[place - 1 - state.x.size()] = value;
+    }
+}
+
+void EquationSystem::carry_out(const Update& update, SystemState& state) const {
+    std::vector<double> values(update.targets.size());
+    update.tape.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, values);
+    for (std::size_t i = 0; i < values.size(); ++i) write(update.targets[i], values[i], state);
+}
+
+// Takes anew what was changed or has come to matter since the margins `before`. At the instant at which a relation has
+// crossed, its margin is zero but for rounding, and so is that of its twins: they follow it.
+void EquationSystem::refresh_relations(const std::vector<double>& before, SystemState& state,
+                                       std::optional<std::size_t> crossed) const {
+    auto& memory = static_cast<Memory&>(*state.discrete);
+    std::vector<double> now(before.size());
+    margins_of(state, now);
+    const std::size_t count = relations_.size(), first = equations_.discrete.size();
+    const auto take = [&](std::size_t i, bool holds) {
+        memory.values[first + i] = holds;
+        memory.taken[i] = state.t;
+        memory.taken_margin[i] = now[i];
+    };
+    for (std::size_t i = 0; i < count; ++i) {
+        const bool came = before[count + i] == 0 && now[count + i] != 0;
+        if (now[i] == before[i] && !came) continue;
+        take(i, relations_[i].strict ? now[i] > 0 : now[i] >= 0);
+    }
+    if (!crossed) return;
+    for (const auto& [i, same_side] : relations_[*crossed].twins) {
+        const bool came = before[count + i] == 0 && now[count + i] != 0;
+        if (now[i] == before[i] && came) take(i, (memory.values[first + *crossed] != 0) == same_side);
+    }
+}
+
+// Carries out what has become true, until nothing does. Returns the places of what was carried out.
+std::vector<int> EquationSystem::settle(SystemState& state, std::optional<std::size_t> crossed) const {
+    auto& memory = static_cast<Memory&>(*state.discrete);
+    std::vector<double> now(conditions_.size()), before(2 * relations_.size());
+    std::vector<std::size_t> due;
+    std::vector<int> fired;
+    for (int round = 0; round < most_rounds; ++round) {
+        condition_.evaluate({std::span(&state.t, 1), state.x, memory.values}, now);
+        due.clear();
+        for (std::size_t i = 0; i < now.size(); ++i) {
+            if (now[i] != 0 && memory.conditions[i] == 0) due.push_back(i);
+        }
+        memory.conditions = now;
+        if (due.empty()) return fired;
+        margins_of(state, before);
+        for (const std::size_t i : due) {
+            carry_out(when_updates_[i], state);
+            fired.push_back(static_cast<int>(i));
+        }
+        refresh_relations(before, state, crossed);
+    }
+    memory.restless = true;
+    return fired;
+}
+
+EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, EventLog& log) const {
+    if (guard == relations_.size()) return EventEffect::none; // restless: the run ends
+    auto& memory = static_cast<Memory&>(*state.discrete);
+    std::vector<double> before(2 * relations_.size());
+    margins_of(state, before);
+    double& held = memory.values[equations_.discrete.size() + guard];
+    // It fell together with another whose event has moved it since: what it is now was taken exactly.
+    const bool unmoved = memory.taken[guard] == state.t && memory.taken_margin[guard] == before[guard];
+    if (unmoved && (held != 0 ? before[guard] : -before[guard]) > 0) return EventEffect::none;
+    held = held == 0;
+    memory.taken[guard] = state.t;
+    memory.taken_margin[guard] = before[guard];
+    // It may open a branch with relations of its own.
+    refresh_relations(before, state, guard);
+    for (const int when : settle(state, guard)) log.push_back({state.t, when, 0});
+    return EventEffect::restart;
+}
+
+EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state) const {
+    auto& memory = static_cast<Memory&>(*state.discrete);
+    std::vector<double> before(2 * relations_.size());
+    margins_of(state, before);
+    carry_out(clock_updates_[clock], state);
+    if (const auto& call = calls_[clock]) {
+        std::vector<double> read(call->reads.output_count()), written(call->targets.size());
+        call->reads.evaluate({std::span(&state.t, 1), state.x, memory.values}, read);
+        equations_.clocks[clock].function->call(k, read, written);
+        for (std::size_t i = 0; i < written.size(); ++i) write(call->targets[i], written[i], state);
+    }
+    refresh_relations(before, state);
+    memory.fired = settle(state);
+    return EventEffect::restart;
+}
+
+void EquationSystem::affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                                       std::span<double> coefficient) const {
+    if (n == 0) return derivative(t0, c, d, coefficient);
+    affine_coefficient(jacobian_, rate_by_time_, n, t0, h, c, d, coefficient);
+}
+
+void EquationSystem::affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                                   std::span<double> coefficient) const {
+    if (n == 0) return guards(t0, c, d, coefficient);
+    coefficient.back() = 0;
+    affine_coefficient(guard_jacobian_, guard_by_time_, n, t0, h, c, d, coefficient.first(relations_.size()));
+}
+
+// A c + b^(n)(t0) h^n/n!.
+void EquationSystem::affine_coefficient(const Sparse& matrix, const std::vector<Tape>& by_time, int n, double t0,
+                                        double h, std::span<const double> c, const DiscreteState& d,
+                                        std::span<double> coefficient) const {
+    thread_local std::vector<double> values;
+    std::fill(coefficient.begin(), coefficient.end(), 0.0);
+    if (varies_ && n <= most_degree) {
+        by_time[static_cast<std::size_t>(n) - 1].evaluate({std::span(&t0, 1), c, memory(d).values}, coefficient);
+        double factor = 1;
+        for (int i = 1; i <= n; ++i) factor *= h / i;
+        for (double& value : coefficient) value *= factor;
+    }
+    values.resize(matrix.entries.size());
+    matrix.tape.evaluate({std::span(&t0, 1), c, memory(d).values}, values);
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        coefficient[matrix.entries[i].row] += values[i] * c[matrix.entries[i].column];
+    }
+}
+
+std::optional<AffinePattern> EquationSystem::affine_pattern(const DiscreteState& d) const {
+    // Bits fill two numbers exactly; a value has the third.
+    constexpr std::size_t bits_of_a_number = 52;
+    if (varies_ || pattern_bits_.size() > 2 * bits_of_a_number || pattern_values_.size() > 1) return std::nullopt;
+    AffinePattern pattern{0, 0, 0};
+    const auto& values = memory(d).values;
+    for (std::size_t i = 0; i < pattern_bits_.size(); ++i) {
+        double& part = pattern[i / bits_of_a_number];
+        part = 2 * part + values[pattern_bits_[i]];
+    }
+    if (!pattern_values_.empty()) pattern[2] = values[pattern_values_[0]];
+    return pattern;
+}
+
+std::string EquationSystem::guard_name(GuardId guard, const SystemState&) const {
+    if (guard < relations_.size()) return "the relation " + relations_[guard].text;
+    return "the list of `when` conditions";
+}
+
+void EquationSystem::outputs(const SystemState& state, std::span<double> y) const {
+    output_.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, y);
+}
+
+std::span<const double> EquationSystem::discrete(const SystemState& state) const {
+    return std::span(memory(*state.discrete).values).first(equations_.discrete.size());
+}
+
+} // namespace tribode

@@ -1,0 +1,152 @@
+#pragma once
+#include "hybrid/hybrid_system.hpp"
+#include "system/equations.hpp"
+#include "system/tape.hpp"
+
+#include <atomic>
+#include <set>
+
+namespace tribode {
+
+// Equations as a hybrid system: parameters are put in as numbers, everything is differentiated and made into tapes.
+//
+// Relations. Each a < b and a <= b that depends on t or x, stands in a rate or in the condition of a `when`, and not
+// below no_event, is an event: its value is held between events, and a guard is positive while it is right. Where the
+// guard falls, the value changes. So a branch (select) changes at a located instant and never within a step, and
+// outputs take relations as they are. A guard is watched only where its relation matters: not in the branch of a select
+// that the discrete state closes, not behind the false half of an `all`.
+//
+// An event. Then the conditions are looked at, and each `when` whose condition was false and is true now is carried
+// out, in declared order, on the values that those before it left. Where one changes the operands of a relation, or
+// makes it matter, the relation is taken anew, exactly; one that compares what has just crossed, so that it agrees with
+// the crossing. Again from the conditions, until none has become true; after
+// most_rounds the run ends as chattering. What is true at the start is no event. A sample does the same after its
+// clock's values are set. The subject of an entry of the event log is the place of its `when`, from 0.
+//
+// The system is affine where all rates and guards are affine in x, with coefficients that do not depend on t, plus a
+// polynomial in t of degree 3 at most, whatever d is. Then the exact integrator runs it.
+class EquationSystem final : public HybridSystem {
+  public:
+    static constexpr int most_rounds = 100;
+
+    // Throws InputError where a name stands twice, a clock has no period, a term depends on a foreign variable.
+    explicit EquationSystem(Equations equations);
+
+    const std::vector<StateVariable>& states() const override { return variables_; }
+    const std::vector<SampleClock>& clocks() const override { return clocks_; }
+    std::size_t guard_count() const override { return relations_.size() + 1; }
+    SystemState initial_state() const override;
+    void derivative(double t, std::span<const double> x, const DiscreteState& d, std::span<double> dxdt) const override;
+    bool jacobian(double t, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const override;
+    void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const override;
+    EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const override;
+    EventEffect on_sample(ClockId clock, long k, SystemState& state) const override;
+    std::optional<std::string> why_not_affine() const override { return why_not_affine_; }
+    void affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                           std::span<double> coefficient) const override;
+    void affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                       std::span<double> coefficient) const override;
+    std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const override;
+    std::string guard_name(GuardId guard, const SystemState& state) const override;
+
+    // One value per output of the equations.
+    void outputs(const SystemState& state, std::span<double> y) const;
+
+    // The places of the `when`s that the last sample made true: on_sample has no log.
+    std::span<const int> fired_by_sample(const SystemState& state) const { return memory(*state.discrete).fired; }
+
+    // The discrete variables, in the order of the equations.
+    std::span<const double> discrete(const SystemState& state) const;
+
+    const Equations& equations() const { return equations_; }
+    std::size_t instruction_count() const { return rate_.instruction_count(); } // of the right side
+
+    // The first rate that was not finite when it was last evaluated so, and the time; nothing where all were.
+    struct NotFinite {
+        std::size_t state;
+        double t; // [s]
+    };
+    std::optional<NotFinite> not_finite() const;
+
+  private:
+    struct Memory final : DiscreteValues<Memory> {
+        std::vector<double> values;     // the discrete variables, then what is held of each relation, 1 or 0
+        std::vector<double> conditions; // of each `when`, as last seen
+        // Of each relation, when it last crossed or was taken anew [s], and its margin then. As long as nothing moves, it
+        // is right as it is, though the located instant may lie a rounding before the crossing.
+        std::vector<double> taken, taken_margin;
+        std::vector<int> fired; // by the last sample
+        bool restless = false;  // most_rounds were not enough
+    };
+    static const Memory& memory(const DiscreteState& d) { return static_cast<const Memory&>(d); }
+
+    struct Relation {
+        Term held = 0;       // a variable
+        Term margin = 0;     // positive where the relation holds
+        bool strict = false; // whether it fails at a margin of zero
+        Term active = 0;     // where it matters
+        // Others that compare the same two terms, and whether they hold on the side on which this one does.
+        std::vector<std::pair<std::size_t, bool>> twins;
+        std::string text;
+    };
+
+    // A matrix of terms without its zeros.
+    struct Sparse {
+        struct Entry {
+            std::size_t row, column;
+        };
+        std::vector<Entry> entries;
+        Tape tape;
+    };
+
+    // New values for places in (t, x, values of the memory).
+    struct Update {
+        std::vector<std::size_t> targets;
+        Tape tape;
+    };
+
+    struct Call {
+        std::vector<std::size_t> targets;
+        Tape reads;
+    };
+
+    void put_in_parameters();
+    void hold_relations();
+    void mark_active();
+    void make_tapes();
+    void recognize_affine();
+    Sparse sparse_jacobian(const std::vector<Term>& rows, std::vector<Term>& terms);
+    Update update_of(const Equations::Assignments& set) const;
+    std::size_t place_of(Term target) const;
+    static void write(std::size_t place, double value, SystemState& state);
+    void carry_out(const Update& update, SystemState& state) const;
+    void margins_of(const SystemState& state, std::vector<double>& margins) const;
+    void refresh_relations(const std::vector<double>& before, SystemState& state,
+                           std::optional<std::size_t> crossed = std::nullopt) const;
+    std::vector<int> settle(SystemState& state, std::optional<std::size_t> crossed = std::nullopt) const;
+    void affine_coefficient(const Sparse& matrix, const std::vector<Tape>& by_time, int n, double t0, double h,
+                            std::span<const double> c, const DiscreteState& d, std::span<double> coefficient) const;
+    std::set<Term> moving_terms(const std::vector<Term>& order) const;
+
+    Equations equations_;
+    std::vector<StateVariable> variables_;
+    std::vector<SampleClock> clocks_;
+    std::vector<Relation> relations_;
+    std::vector<Term> rates_, conditions_, guard_terms_;
+    std::vector<Term> inputs_;                        // of every tape: t, x, values of the memory
+    Tape rate_, output_, guard_, condition_, margin_; // margin_: margins, then whether active
+    Sparse jacobian_, guard_jacobian_;
+    std::vector<Update> when_updates_, clock_updates_;
+    std::vector<std::optional<Call>> calls_; // of the clocks
+
+    std::optional<std::string> why_not_affine_;
+    static constexpr int most_degree = 3;
+    std::vector<Tape> rate_by_time_, guard_by_time_;         // n-th derivatives by t, n = 1 .. most_degree
+    bool varies_ = false;                                    // b or h depend on t
+    std::vector<std::size_t> pattern_bits_, pattern_values_; // places in values that A and G depend on
+
+    mutable std::atomic<std::size_t> not_finite_state_;
+    mutable std::atomic<double> not_finite_time_{0};
+};
+
+} // namespace tribode

@@ -1,0 +1,88 @@
+#pragma once
+#include "system/expressions.hpp"
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tribode {
+
+// The equations of a system as data, in the terms of one graph:
+//
+//     dx/dt = f(t, x, d, u, p)     states x, discrete variables d, inputs u, parameters p
+//     y = h(t, x, d, u, p)         outputs
+//     when c(t, x, d, u, p)        the instant at which c becomes true: some of x and d get new values
+//     at offset + k period         sample clocks: some of x and d get new values
+//
+// A mode of operation is a discrete variable that counts from 0 and has names.
+struct Equations {
+    struct State {
+        std::string name, unit;
+        double start = 0;
+        double nominal = 1; // its absolute tolerance is this times the run's
+        Term symbol = 0, rate = 0;
+        std::string where; // of its equation, "script.lua:7"; empty: not known
+    };
+    struct Discrete {
+        std::string name, unit;
+        double start = 0;
+        Term symbol = 0;
+        std::vector<std::string> modes; // names of its values, where it is a mode
+    };
+    struct Parameter {
+        std::string name, unit;
+        double value = 0;
+        Term symbol = 0;
+    };
+    struct Input {
+        std::string name, unit;
+        double value = 0; // where nothing else is connected
+        Term symbol = 0;
+    };
+    struct Output {
+        std::string name, unit;
+        Term value = 0;
+    };
+
+    // New values of states and discrete variables, all at once: the right sides are those before it.
+    using Assignments = std::vector<std::pair<Term, Term>>;
+
+    struct When {
+        std::string name;
+        Term condition = 0; // true at the start: not yet an event
+        Assignments set;
+    };
+
+    // A function from outside: gets the index of the sample and the values of `reads`, gives those of `writes`.
+    struct Function {
+        std::vector<Term> reads, writes;
+        std::function<void(long k, std::span<const double> read, std::span<double> written)> call;
+    };
+
+    struct Clock {
+        std::string name;
+        double period = 0, offset = 0; // [s]
+        Assignments set;
+        std::optional<Function> function; // after `set`
+    };
+
+    std::string name;
+    std::shared_ptr<Expressions> graph;
+    Term time = 0;
+    std::vector<State> states;
+    std::vector<Discrete> discrete;
+    std::vector<Parameter> parameters;
+    std::vector<Input> inputs;
+    std::vector<Output> outputs;
+    std::vector<When> whens;
+    std::vector<Clock> clocks;
+
+    // Puts terms in the place of variables, everywhere but in the lists of symbols themselves.
+    void replace(const Expressions::Replacement& replacement);
+};
+
+} // namespace tribode

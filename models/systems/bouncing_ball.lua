@@ -1,0 +1,36 @@
+-- A ball under gravity that bounces on the floor and at last lies still:
+--
+--   der(h) = v, der(v) = -g                in flight
+--   when h < 0: h = 0, v = -e v            an impact; slower than v_min the ball stays on the floor
+--
+-- The system and the numbers of BouncingBall in the Reference FMUs of the Modelica Association.
+local tb = require "tribode"
+
+return tb.system {
+  name = "bouncing ball",
+  parameters = { g = { value = 9.81, unit = "m/s2" }, e = 0.7, v_min = { value = 0.1, unit = "m/s" } },
+  states = { h = { start = 1, unit = "m" }, v = { start = 0, unit = "m/s" } },
+  der = function() return { h = 0, v = 0 } end,
+  modes = {
+    flying = {
+      der = function(s) return { h = s.v, v = -s.g } end,
+      when = {
+        {
+          name = "impact",
+          crossing = function(s) return s.h end,
+          set = function(s) return { h = 0, v = -s.e * s.v } end,
+        },
+        {
+          name = "rest",
+          condition = function(s)
+            return tb.all(tb.less_equal(s.h, 0), tb.less(s.v, s.v_min), tb.less_equal(0, s.v))
+          end,
+          set = function() return { h = 0, v = 0 } end,
+          mode = "resting",
+        },
+      },
+    },
+    resting = {},
+  },
+  start_mode = "flying",
+}

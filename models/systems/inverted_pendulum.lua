@@ -1,0 +1,35 @@
+-- A pendulum that stands on a cart, held upright by state feedback at a sample time:
+--
+--   (M + m) der(v) + m l cos(phi) der(w) - m l w^2 sin(phi) = u
+--   l der(w) + cos(phi) der(v) - g sin(phi) = 0               phi from upright
+local tb = require "tribode"
+
+return tb.system {
+  name = "inverted pendulum",
+  parameters = {
+    M = { value = 1, unit = "kg" },
+    m = { value = 0.1, unit = "kg" },
+    l = { value = 0.5, unit = "m" },
+    g = { value = 9.81, unit = "m/s2" },
+    k1 = { value = -2, unit = "N/m" },
+    k2 = { value = -4, unit = "N s/m" },
+    k3 = { value = -40, unit = "N" },
+    k4 = { value = -9, unit = "N s" },
+  },
+  states = {
+    x = { unit = "m" }, v = { unit = "m/s" }, phi = { start = 0.2, unit = "rad" }, w = { unit = "rad/s" },
+  },
+  discrete = { u = { unit = "N" } },
+  der = function(s)
+    local sin, cos = math.sin(s.phi), math.cos(s.phi)
+    local dv = (s.u + s.m * s.l * s.w ^ 2 * sin - s.m * s.g * sin * cos) / (s.M + s.m * sin ^ 2)
+    return { x = s.v, v = dv, phi = s.w, w = (s.g * sin - cos * dv) / s.l }
+  end,
+  sample = {
+    {
+      name = "state feedback",
+      period_s = 0.02,
+      set = function(s) return { u = -(s.k1 * s.x + s.k2 * s.v + s.k3 * s.phi + s.k4 * s.w) } end,
+    },
+  },
+}

@@ -1,0 +1,40 @@
+-- A tank that is filled by a pump and drains through a hole in its floor, by Torricelli's law:
+--
+--   A der(h) = q_in - a sqrt(2 g h)
+--
+-- The pump runs until the level h_full, and again from h_low on.
+local tb = require "tribode"
+
+-- The outflow stops with the water: sqrt has no slope at zero, so the last tenth of a millimetre drains linearly.
+local function outflow(s)
+  local thin = 1e-4
+  local smooth = math.sqrt(2 * s.g * thin) * s.h / thin
+  return s.hole * tb.where(tb.less(s.h, thin), smooth, math.sqrt(2 * s.g * math.max(s.h, thin)))
+end
+
+return tb.system {
+  name = "tank",
+  parameters = {
+    area = { value = 0.5, unit = "m2" },
+    hole = { value = 1e-3, unit = "m2" },
+    g = { value = 9.81, unit = "m/s2" },
+    h_low = { value = 0.5, unit = "m" },
+    h_full = { value = 1.5, unit = "m" },
+  },
+  inputs = { pump = { value = 8e-3, unit = "m3/s" } },
+  states = { h = { start = 0, unit = "m" } },
+  modes = {
+    filling = {
+      der = function(s) return { h = (s.pump - outflow(s)) / s.area } end,
+      when = {
+        { name = "full", crossing = function(s) return s.h - s.h_full end, direction = "rising", mode = "draining" },
+      },
+    },
+    draining = {
+      der = function(s) return { h = -outflow(s) / s.area } end,
+      when = { { name = "low", crossing = function(s) return s.h - s.h_low end, mode = "filling" } },
+    },
+  },
+  start_mode = "filling",
+  outputs = function(s) return { out = { outflow(s), unit = "m3/s" } } end,
+}

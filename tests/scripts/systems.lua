@@ -1,0 +1,207 @@
+-- tb.system and tb.run_system: what is recorded, what is refused, and runs against closed forms.
+local tb = require "tribode"
+
+local function near(found, wanted, tolerance)
+  assert(math.abs(found - wanted) <= tolerance, string.format("%.17g instead of %.17g", found, wanted))
+end
+
+local function refused(message, make)
+  local ok, text = pcall(make)
+  assert(not ok and text:find(message, 1, true), tostring(text))
+end
+
+-- An oscillator with an input, by every solver: x = cos 2t + (2 sin t - sin 2t)/6 under sin t.
+local oscillator = tb.system {
+  name = "oscillator",
+  parameters = { w = { value = 2, unit = "rad/s" } },
+  inputs = { u = { unit = "N" } },
+  states = { x = { start = 1, unit = "m" }, v = { unit = "m/s" } },
+  der = function(s) return { x = s.v, v = s.u - s.w ^ 2 * s.x } end,
+  outputs = function(s) return { energy = { (s.v ^ 2 + s.w ^ 2 * s.x ^ 2) / 2, unit = "J" } } end,
+}
+local run = tb.run_system { system = oscillator, duration_s = 3, output_step_s = 0.5 }
+assert(run.ok and run.message == "" and run.solver == "exact" and #run.t == 7)
+for i, t in ipairs(run.t) do
+  near(run.values.x[i], math.cos(2 * t), 1e-14)
+  near(run.values.energy[i], 2, 1e-14)
+end
+assert(run.columns[1].name == "t" and run.columns[4].name == "energy" and run.columns[4].unit == "J")
+for _, solver in ipairs { "auto", "erk", "adams", "cvode" } do
+  run = tb.run_system { system = oscillator, duration_s = 3, solver = solver, inputs = { u = math.sin } }
+  near(run.final.x, math.cos(6) + (2 * math.sin(3) - math.sin(6)) / 6, 1e-6)
+  assert(run.solver == (solver == "auto" and "erk" or solver))
+end
+
+-- Parameters, start values and inputs of a run.
+run = tb.run_system { system = oscillator, duration_s = 1, parameters = { w = 3 }, start = { x = 2 } }
+near(run.final.x, 2 * math.cos(3), 1e-13)
+run = tb.run_system { system = oscillator, duration_s = 1, inputs = { u = 4 } }
+near(run.final.x, 1, 1e-14)
+-- Samples are held: 4 from the start, 0 from t = 0.5.
+run = tb.run_system { system = oscillator, duration_s = 1, inputs = { u = { sample_time_s = 0.5, values = { 4, 0 } } } }
+near(run.final.x, math.cos(1), 1e-14)
+
+-- A branch becomes an event: the motion against a stop with a spring, known piece by piece.
+local stop = tb.system {
+  states = { x = 1, v = 0 },
+  der = function(s) return { x = s.v, v = tb.where(tb.less(s.x, 0), -4 * s.x, -1) } end,
+}
+run = tb.run_system { system = stop, duration_s = 3.5 }
+local t0 = math.sqrt(2) -- falls for so long, then half a period pi/2 of the spring, then rises
+local rising = 3.5 - t0 - math.pi / 2
+near(run.final.x, math.sqrt(2) * rising - rising ^ 2 / 2, 1e-13)
+assert(run.solver == "exact")
+
+-- Sampled state feedback, recorded and called, gives the same numbers.
+local function loop(kind)
+  return tb.system {
+    states = { x = 1 },
+    discrete = { u = 0 },
+    der = function(s) return { x = s.x + s.u } end,
+    sample = { { period_s = 0.1, [kind] = function(s) return { u = -3 * s.x } end } },
+  }
+end
+local recorded = tb.run_system { system = loop "set", duration_s = 1 }
+local called = tb.run_system { system = loop "call", duration_s = 1 }
+assert(recorded.final.x == called.final.x)
+local a, b = math.exp(0.1), math.exp(0.1) - 1 -- x[k+1] = a x[k] + b u[k]
+near(recorded.final.x, (a - 3 * b) ^ 10, 1e-14)
+
+-- Parts: a motor twice, the second driven by the first.
+local lag = tb.system {
+  parameters = { T = 1 },
+  inputs = { u = 0 },
+  states = { y = 0 },
+  der = function(s) return { y = (s.u - s.y) / s.T } end,
+  outputs = function(s) return { twice = 2 * s.y } end,
+}
+local gain = tb.system { inputs = { u = 0 }, outputs = function(s) return { y = s.u / 2 } end }
+local chain = tb.system {
+  parts = { first = lag, second = lag, half = gain },
+  inputs = { u = 0 },
+  connect = function(s) return { ["second.u"] = s.half.y, ["half.u"] = s.first.twice, ["first.u"] = s.u } end,
+  outputs = function(s) return { sum = s.first.y + s.second.y } end,
+}
+run = tb.run_system { system = chain, duration_s = 1, inputs = { u = 1 } }
+local e = math.exp(-1)
+near(run.final["first.y"], 1 - e, 1e-14)
+near(run.final["second.y"], 1 - 2 * e, 1e-14)
+near(run.values.sum[#run.t], 2 - 3 * e, 1e-14)
+
+-- Modes, and what a run says at its end.
+local thermostat = tb.system {
+  states = { T = 18 },
+  modes = {
+    heating = {
+      der = function(s) return { T = 2 - 0.1 * (s.T - 10) } end,
+      when = { { name = "warm", crossing = function(s) return s.T - 21 end, direction = "rising", mode = "cooling" } },
+    },
+    cooling = {
+      der = function(s) return { T = -0.1 * (s.T - 10) } end,
+      when = { { name = "cold", condition = function(s) return tb.less(s.T, 19) end, mode = "heating" } },
+    },
+  },
+  start_mode = "heating",
+}
+run = tb.run_system { system = thermostat, duration_s = 6 }
+assert(run.solver == "exact" and run.final.mode == "heating" and #run.events == 2)
+assert(run.events[1].name == "warm" and run.events[2].name == "cold")
+near(run.events[1].t, 10 * math.log(12 / 9), 1e-13)
+near(run.events[2].t, 10 * math.log(12 / 9) + 10 * math.log(11 / 9), 1e-13)
+
+run = tb.run_system {
+  system = tb.system { states = { x = 1 }, der = function(s) return { x = -1 / math.sqrt(s.x) } end },
+  duration_s = 1,
+}
+assert(not run.ok)
+assert(run.message:find "der%(x%) %(.*systems.lua:%d+%) is not a finite number at t = 0.66666", run.message)
+assert(run.t_end < 2 / 3 + 1e-6)
+
+-- Branches that cannot be recorded are refused, at their line.
+local function system_of(der) return function() tb.system { states = { x = 1, y = 0 }, der = der } end end
+refused("cannot be compared while equations are recorded", system_of(function(s)
+  if s.x < 0 then return { x = 1, y = 0 } end
+  return { x = 2, y = 0 }
+end))
+refused("systems.lua:" .. (debug.traceback():match "systems.lua:(%d+)" + 2) .. ": ", system_of(function(s)
+  local slope = 2
+  if s.x == 3 then slope = 1 end
+  return { x = slope, y = 0 }
+end))
+refused("takes a branch on the value", system_of(function(s)
+  return { x = tb.less(s.x, 0.5) and 1 or 2, y = 0 }
+end))
+refused("takes a branch on the value", system_of(function(s)
+  return { x = not tb.less(s.x, 0.5) and 1 or 2, y = 0 }
+end))
+refused("== while equations are recorded", system_of(function(s)
+  return { x = s.x == s.y and 1 or 2, y = 0 }
+end))
+refused("must be a value; tb.where makes one of it", system_of(function(s)
+  return { x = tb.less(s.x, 0) * 2, y = 0 }
+end))
+refused("count in a discrete variable", system_of(function(s) return { x = s.x % 2, y = 0 } end))
+
+-- So are wrong equations.
+refused("z is not a variable of the system", system_of(function(s) return { x = s.z, y = 0 } end))
+refused("no equation for the state y; 2 states need 2 equations", system_of(function() return { x = 0 } end))
+refused("z is not a state", system_of(function() return { x = 0, y = 0, z = 0 } end))
+refused("variables of a system cannot be set here", system_of(function(s) s.x = 2 end))
+refused("returns a number, must return a table", system_of(function() return 3 end))
+refused("a.u needs b.y needs b.u needs a.y needs a.u", function()
+  tb.system {
+    parts = { a = gain, b = gain },
+    connect = function(s) return { ["a.u"] = s.b.y, ["b.u"] = s.a.y } end,
+  }
+end)
+refused("a.v is not an input of a part (did you mean \"a.u\"?)", function()
+  tb.system { parts = { a = gain }, connect = function() return { ["a.v"] = 1 } end }
+end)
+refused("second.u is in V, first.F in N, must be in the same unit", function()
+  local force = tb.system { outputs = function() return { F = { 2, unit = "N" } } end }
+  local amplifier = tb.system { inputs = { u = { unit = "V" } } }
+  tb.system {
+    parts = { first = force, second = amplifier },
+    connect = function(s) return { ["second.u"] = s.first.F } end,
+  }
+end)
+refused("states is a number", function() tb.system { states = 3 } end)
+refused("state is not a known field (did you mean \"states\"?)", function() tb.system { state = {} } end)
+refused("when[1]: must have either a condition or a crossing", function()
+  tb.system { states = { x = 0 }, der = function() return { x = 1 } end, when = { { set = function() return {} end } } }
+end)
+refused("\"running\" is not a mode", function()
+  tb.system { states = {}, modes = { a = {}, b = {} }, start_mode = "running" }
+end)
+refused("duration_s is missing", function() tb.run_system { system = stop } end)
+refused("system is a table, must be a system", function() tb.run_system { system = {}, duration_s = 1 } end)
+refused("inputs: v is not an input of the system", function()
+  tb.run_system { system = oscillator, duration_s = 1, inputs = { v = 1 } }
+end)
+refused("der(v) is not linear in x", function()
+  local pendulum = tb.system { states = { x = 1, v = 0 }, der = function(s) return { x = s.v, v = -math.sin(s.x) } end }
+  tb.run_system { system = pendulum, duration_s = 1, solver = "exact" }
+end)
+
+-- Linear systems: the oscillator's poles and response, and a sampled loop's poles in z.
+local linear = tb.linearize { system = oscillator, frequency_hz = { 0.1, 1 } }
+assert(linear.sample_time_s == 0 and #linear.poles == 2 and linear.rate_left == 4 and not linear.stable)
+near(linear.poles[1].imag, -2, 1e-14)
+local w2 = (2 * math.pi) ^ 2
+assert(linear.outputs[1] == "energy" and linear.A[2][1] == 1 or linear.A[1][2] == 1)
+near(tb.linearize { system = oscillator, at = { x = 0 } }.rate_left, 0, 0)
+local plain = tb.system {
+  inputs = { u = 0 },
+  states = { x = 0, v = 0 },
+  der = function(s) return { x = s.v, v = s.u - 4 * s.x } end,
+  outputs = function(s) return { y = s.x } end,
+}
+linear = tb.linearize { system = plain, frequency_hz = { 0.1, 1 } }
+near(linear.response.real[2], 1 / (4 - w2), 1e-15)
+assert(linear.margins.modulus_margin > 0)
+for _, kind in ipairs { "set", "call" } do
+  linear = tb.linearize { system = loop(kind), at = { x = 0 } }
+  near(linear.poles[2].real, a - 3 * b, 1e-9)
+  assert(linear.sample_time_s == 0.1 and linear.stable and linear.jump_left == 0)
+end
+refused("at: z is not a known field", function() tb.linearize { system = plain, at = { z = 1 } } end)

@@ -1,0 +1,302 @@
+#include "base/error.hpp"
+#include "solver/simulator.hpp"
+#include "system/equation_system.hpp"
+#include "unit/system/small_systems.hpp"
+
+#include <cmath>
+#include <gtest/gtest.h>
+
+namespace tribode {
+namespace {
+
+SolverOptions by(Method method) { return {.method = method, .relative_tolerance = 1e-10, .absolute_tolerance = 1e-12}; }
+
+class EveryMethod : public testing::TestWithParam<Method> {};
+INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::Values(Method::exact, Method::erk, Method::adams, Method::bdf),
+                         [](const auto& test) { return name_of(test.param); });
+
+Writer bouncing_ball(double restitution) {
+    Writer w;
+    const Term h = w.state("h", 1), v = w.state("v", 0);
+    w.rate(0, v).rate(1, w.number(-9.81));
+    w.when(w.less(h, w.number(0)), {{h, w.number(0)}, {v, w.multiply(w.number(-restitution), v)}});
+    return w;
+}
+
+TEST_P(EveryMethod, ABallBouncesAtTheInstantsOfItsSeries) {
+    const EquationSystem system(bouncing_ball(0.7).equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(2).ok());
+    ASSERT_EQ(run.events().size(), 4u);
+    const double first = std::sqrt(2 / 9.81);
+    double wanted = first, flight = 2 * first;
+    for (const auto& event : run.events()) {
+        // The default of the multistep methods leaves some nanoseconds; the exact solver rounding.
+        EXPECT_NEAR(event.t, wanted, GetParam() == Method::exact ? 1e-14 : 1e-7);
+        wanted += flight *= 0.7;
+    }
+}
+
+// Zeno: the bounces come to an end at t = first (1 + 2 e/(1 - e)), and so does the run.
+TEST_P(EveryMethod, ABallThatBouncesForEverEndsAsChattering) {
+    const EquationSystem system(bouncing_ball(0.7).equations);
+    Simulator run(system, by(GetParam()));
+    const RunOutcome outcome = run.advance_to(4);
+    EXPECT_EQ(outcome.end, RunEnd::chattering);
+    EXPECT_NEAR(outcome.t, std::sqrt(2 / 9.81) * (1 + 1.4 / 0.3), 1.1e-3) << "the window of chattering";
+}
+
+// x' = 1 below zero and -1 above: it slides along zero, which this engine does not follow.
+TEST_P(EveryMethod, SlidingAtASwitchingSurfaceEndsAsChattering) {
+    Writer w;
+    const Term x = w.state("x", 0.3);
+    w.rate(0, w.where(w.less(x, w.number(0)), w.number(1), w.number(-1)));
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    const RunOutcome outcome = run.advance_to(1);
+    EXPECT_EQ(outcome.end, RunEnd::chattering);
+    EXPECT_NEAR(outcome.t, 0.3, 1.1e-3);
+    EXPECT_NE(outcome.message.find("the relation x < 0"), std::string::npos) << outcome.message;
+}
+
+TEST_P(EveryMethod, TwoEventsAtOneInstantAreHandledInDeclaredOrder) {
+    Writer w;
+    const Term x = w.state("x", 1), y = w.state("y", 1), n = w.discrete("n", 0);
+    w.rate(0, w.number(-1)).rate(1, w.number(-1));
+    w.when(w.less(x, w.number(0)), {{n, w.add(w.multiply(w.number(10), n), w.number(1))}});
+    w.when(w.less(y, w.number(0)), {{n, w.add(w.multiply(w.number(10), n), w.number(2))}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(2).ok());
+    EXPECT_EQ(system.discrete(run.state())[0], 12);
+    EXPECT_EQ(run.events().size(), 2u);
+}
+
+// The first resets what the second would have seen: it does not fire.
+TEST_P(EveryMethod, AnEventThatWasTakenAwayByAnotherAtTheSameInstantDoesNotHappen) {
+    Writer w;
+    const Term x = w.state("x", 1), y = w.state("y", 1), n = w.discrete("n", 0);
+    w.rate(0, w.number(-1)).rate(1, w.number(-1));
+    w.when(w.less(x, w.number(0)), {{y, w.number(5)}});
+    w.when(w.less(y, w.number(0)), {{n, w.number(1)}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(2).ok());
+    EXPECT_EQ(system.discrete(run.state())[0], 0);
+    EXPECT_NEAR(run.state().x[1], 4, 1e-9);
+}
+
+TEST_P(EveryMethod, AResetMayFireAnotherEventAtTheSameInstant) {
+    Writer w;
+    const Term x = w.state("x", 1), y = w.state("y", 3), n = w.discrete("n", 0);
+    w.rate(0, w.number(-1));
+    w.when(w.less(x, w.number(0)), {{y, w.number(-1)}, {x, w.number(10)}});
+    w.when(w.less(y, w.number(0)), {{n, w.add(n, w.number(1))}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(2).ok());
+    EXPECT_EQ(system.discrete(run.state())[0], 1);
+    ASSERT_EQ(run.events().size(), 2u);
+    EXPECT_EQ(run.events()[0].t, run.events()[1].t);
+}
+
+// Each makes the other true again, without time passing.
+TEST_P(EveryMethod, EventsThatFireOneAnotherForEverEndTheRun) {
+    Writer w;
+    const Term x = w.state("x", 1), n = w.discrete("n", 0);
+    const Term one = w.number(1), half = w.number(0.5);
+    w.rate(0, w.number(-1));
+    w.when(w.less(x, w.number(0)), {{n, one}});
+    w.when(w.graph.make(Op::all, w.less(x, w.number(0)), w.less(half, n)), {{n, w.number(0)}});
+    w.when(w.graph.make(Op::all, w.less(x, w.number(0)), w.less(n, half)), {{n, one}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    const RunOutcome outcome = run.advance_to(2);
+    EXPECT_EQ(outcome.end, RunEnd::chattering);
+    EXPECT_NEAR(outcome.t, 1, 1e-9);
+}
+
+TEST_P(EveryMethod, AnEventAtTheVeryStartFires) {
+    Writer w;
+    const Term x = w.state("x", 0), n = w.discrete("n", 0);
+    w.rate(0, w.number(-1));
+    w.when(w.less(x, w.number(0)), {{n, w.add(n, w.number(1))}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(1).ok());
+    EXPECT_EQ(system.discrete(run.state())[0], 1);
+    EXPECT_NEAR(run.events().at(0).t, 0, 1e-9);
+}
+
+TEST_P(EveryMethod, WhatIsTrueAtTheStartIsNoEvent) {
+    Writer w;
+    const Term x = w.state("x", -1), n = w.discrete("n", 0);
+    w.rate(0, w.number(-1));
+    w.when(w.less(x, w.number(0)), {{n, w.number(1)}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(1).ok());
+    EXPECT_EQ(system.discrete(run.state())[0], 0);
+    EXPECT_TRUE(run.events().empty());
+}
+
+// A condition that is a difference of large numbers is found a rounding early or late; it changes once all the same.
+TEST_P(EveryMethod, ACrossingThatIsLocatedARoundingEarlyCountsOnce) {
+    for (int i = 0; i < 50; ++i) {
+        Writer w;
+        const Term x = w.state("x", 0.01 * i), y = w.state("y", 0.3), n = w.discrete("n", 0);
+        w.rate(0, w.number(1)).rate(1, w.number(-0.7));
+        const Term sum = w.add(w.multiply(w.number(200), w.subtract(x, w.number(0.61))), w.multiply(w.number(0.02), y));
+        w.when(w.less(w.number(0), sum), {{n, w.add(n, w.number(1))}});
+        const EquationSystem system(w.equations);
+        Simulator run(system, by(GetParam()));
+        const RunOutcome outcome = run.advance_to(1);
+        ASSERT_TRUE(outcome.ok()) << outcome.message;
+        EXPECT_EQ(system.discrete(run.state())[0], 1);
+        EXPECT_EQ(run.events().size(), 1u);
+    }
+}
+
+// x' = -1 until x falls below zero, x' = 1 until it rises above it: both conditions stand at the same zero, and which side
+// the located instant lies on is for rounding to say. It goes on where another switch leads away.
+TEST_P(EveryMethod, AModeThatBeginsWhereItsOwnConditionWouldEndItLasts) {
+    Writer w;
+    const Term x = w.state("x", 0.3), mode = w.discrete("mode", 0), zero = w.number(0);
+    const Term down = w.graph.make(Op::equal, mode, w.number(0)), up = w.graph.make(Op::equal, mode, w.number(1));
+    w.rate(0, w.where(down, w.number(-1), w.where(up, w.number(-1), w.number(1))));
+    w.when(w.graph.make(Op::all, down, w.less(x, zero)), {{mode, w.number(1)}});
+    w.when(w.graph.make(Op::all, up, w.less(zero, x)), {{mode, w.number(2)}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(1).ok());
+    EXPECT_EQ(system.discrete(run.state())[0], 1);
+    EXPECT_NEAR(run.state().x[0], -0.7, 1e-9);
+}
+
+// A thermostat: two modes, each with its own rate, that take turns.
+TEST_P(EveryMethod, ModesTakeTurns) {
+    Writer w;
+    const Term temperature = w.state("T", 18), mode = w.discrete("mode", 0);
+    const Term on = w.graph.make(Op::equal, mode, w.number(0)), off = w.graph.make(Op::equal, mode, w.number(1));
+    const Term loss = w.multiply(w.number(-0.1), w.subtract(temperature, w.number(10)));
+    w.rate(0, w.where(on, w.add(loss, w.number(2)), loss));
+    w.when(w.graph.make(Op::all, on, w.less(w.number(21), temperature)), {{mode, w.number(1)}});
+    w.when(w.graph.make(Op::all, off, w.less(temperature, w.number(19))), {{mode, w.number(0)}});
+    const EquationSystem system(w.equations);
+    EXPECT_FALSE(system.why_not_affine());
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(20).ok());
+    // Heating from T to 30 - (30 - T) e^{-t/10}, cooling from T to 10 + (T - 10) e^{-t/10}.
+    const double first = 10 * std::log(12.0 / 9), cooling = 10 * std::log(11.0 / 9), heating = 10 * std::log(11.0 / 9);
+    ASSERT_GE(run.events().size(), 3u);
+    // The multistep methods leave hundreds of their tolerance, 1e-10 of 20 degrees, over a rate of one degree a second.
+    const double tolerance = GetParam() == Method::exact ? 1e-13 : 1e-6;
+    EXPECT_NEAR(run.events()[0].t, first, tolerance);
+    EXPECT_NEAR(run.events()[1].t, first + cooling, tolerance);
+    EXPECT_NEAR(run.events()[2].t, first + cooling + heating, tolerance);
+}
+
+TEST_P(EveryMethod, ASampleMayFireAnEvent) {
+    Writer w;
+    const Term n = w.discrete("n", 0), fired = w.discrete("fired", 0);
+    w.state("x", 0);
+    w.equations.clocks.push_back({"clock", 0.1, 0, {{n, w.add(n, w.number(1))}}, std::nullopt});
+    w.when(w.graph.make(Op::less_equal, w.number(5), n), {{n, w.number(0)}, {fired, w.add(fired, w.number(1))}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(0.95).ok());
+    EXPECT_EQ(system.discrete(run.state())[0], 0);
+    EXPECT_EQ(system.discrete(run.state())[1], 2);
+}
+
+TEST_P(EveryMethod, AStiffModeIsRunByAnyMethodThatMayTakeTheTime) {
+    Writer w;
+    const Term x = w.state("x", 1), mode = w.discrete("mode", 0);
+    const Term stiff = w.graph.make(Op::equal, mode, w.number(1));
+    w.rate(0, w.where(stiff, w.multiply(w.number(-1e4), w.subtract(x, w.number(0.2))), w.number(-1)));
+    w.when(w.less(x, w.number(0.5)), {{mode, w.number(1)}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(1).ok());
+    EXPECT_NEAR(run.state().x[0], 0.2, 1e-7);
+}
+
+TEST(EquationSystem, AffineIsWhatItIs) {
+    const auto reason = [](Writer& w) { return EquationSystem(w.equations).why_not_affine().value_or(""); };
+    Writer linear;
+    const Term x = linear.state("x", 1), d = linear.discrete("d", 2);
+    linear.rate(0, linear.add(linear.multiply(d, x), linear.multiply(linear.equations.time, linear.equations.time)));
+    EXPECT_EQ(reason(linear), "");
+    linear.rate(0, linear.multiply(x, x));
+    EXPECT_EQ(reason(linear), "der(x) is not linear in x: its derivative by it is x + x");
+    linear.rate(0, linear.graph.make(Op::sin, linear.equations.time));
+    EXPECT_EQ(reason(linear), "der(x) is no polynomial of degree 3 in t");
+    linear.rate(0, linear.number(1)).when(linear.less(linear.multiply(x, x), linear.number(4)), {});
+    EXPECT_NE(reason(linear).find("the relation x*x < 4 is not linear in x"), std::string::npos);
+}
+
+// x' = -x + t^3: the exact solver with a polynomial, against the closed form.
+TEST(EquationSystem, APolynomialInTimeIsSolvedToRounding) {
+    Writer w;
+    const Term x = w.state("x", 1), t = w.equations.time;
+    w.rate(0, w.subtract(w.multiply(t, w.multiply(t, t)), x));
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(Method::exact));
+    ASSERT_TRUE(run.advance_to(2).ok());
+    EXPECT_NEAR(run.state().x[0], 7 * std::exp(-2.0) + 8 - 12 + 12 - 6, 1e-14);
+}
+
+TEST(EquationSystem, TheJacobianStandsColumnByColumn) {
+    Writer w;
+    const Term x = w.state("x", 2), y = w.state("y", 3);
+    w.rate(0, w.multiply(x, y)).rate(1, w.graph.make(Op::sin, x));
+    const EquationSystem system(w.equations);
+    const SystemState start = system.initial_state();
+    std::vector<double> matrix(4);
+    ASSERT_TRUE(system.jacobian(0, start.x, *start.discrete, matrix));
+    EXPECT_EQ(matrix, (std::vector<double>{3, std::cos(2.0), 2, 0}));
+}
+
+TEST(EquationSystem, BelowNoEventARelationIsTakenAsItIs) {
+    Writer w;
+    const Term x = w.state("x", 1);
+    const Term branch = w.where(w.less(x, w.number(0.5)), w.number(-2), w.number(-1));
+    w.rate(0, w.graph.make(Op::no_event, branch));
+    const EquationSystem quiet(w.equations);
+    EXPECT_EQ(quiet.guard_count(), 1u) << "only the guard of endless events";
+    w.rate(0, branch);
+    EXPECT_EQ(EquationSystem(w.equations).guard_count(), 2u);
+}
+
+TEST(EquationSystem, ASnapshotGoesOnAsTheRunDoes) {
+    const EquationSystem system(bouncing_ball(0.7).equations);
+    Simulator run(system, by(Method::erk));
+    ASSERT_TRUE(run.advance_to(1).ok());
+    Simulator other(system, by(Method::erk), run.state());
+    ASSERT_TRUE(run.advance_to(2).ok());
+    ASSERT_TRUE(other.advance_to(2).ok());
+    EXPECT_NEAR(other.state().x[0], run.state().x[0], 1e-9); // steps differ, tolerances do not
+}
+
+TEST(EquationSystem, ARateThatIsNotFiniteIsNamed) {
+    Writer w;
+    const Term x = w.state("x", 1);
+    w.state("y", 0);
+    w.rate(0, w.number(-1)).rate(1, w.graph.make(Op::log, x));
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(Method::erk));
+    EXPECT_FALSE(run.advance_to(3).ok());
+    ASSERT_TRUE(system.not_finite());
+    EXPECT_EQ(system.not_finite()->state, 1u);
+    EXPECT_NEAR(system.not_finite()->t, 1, 1e-3);
+}
+
+TEST(EquationSystem, NamesStandOnce) {
+    Writer w;
+    w.state("x", 1);
+    w.discrete("x", 1);
+    EXPECT_THROW(EquationSystem{w.equations}, InputError);
+}
+
+} // namespace
+} // namespace tribode
