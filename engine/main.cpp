@@ -5,6 +5,7 @@
 #include "batch/slurm.hpp"
 #include "batch/status.hpp"
 #include "batch/workers.hpp"
+#include "diagnosis/diagnosis_files.hpp"
 #include "experiment/comparison.hpp"
 #include "experiment/simulation.hpp"
 #include "machine/machine_model.hpp"
@@ -212,6 +213,51 @@ struct CompareCommand {
                                {"machine", model.hash()},
                                {"input", {{"file", what.input}, {"sha256", sha256(read_file(what.input))}}},
                                {"seed", options.seed}});
+        return done;
+    }
+};
+
+struct DiagnoseCommand {
+    std::string machine, columns, scale, validate, output = "results/diagnose";
+    std::vector<std::string> data;
+    DiagnosisOptions options;
+
+    void add_to(CLI::App& app, Common& common) {
+        app.add_option("--machine", machine, "machine description, .lua or .json")->required();
+        app.add_option("--data", data, "measured record: t,r,u,y (closed loop) or t,u,y; may be given again")
+            ->required()
+            ->take_all()
+            ->allow_extra_args(false);
+        app.add_option("--validate", validate,
+                       "record for the proof, kept out of the fit (default: the last third of the first record)");
+        app.add_option("-o,--out", output, "folder of verdict, machine, report (default results/diagnose)");
+        app.add_option("--max-effects", options.max_effects, "how many effects may be missing together (default 3)")
+            ->check(CLI::Range(1u, 6u));
+        app.add_option("--columns", columns, "names in the records, e.g. t=t_s,u=u_V");
+        app.add_option("--scale", scale, "factors that bring columns to SI, e.g. u=35.15");
+        app.add_option("-j,--workers", common.workers, "threads (default: all cores); the results do not depend on it")
+            ->check(CLI::Range(1u, 4096u));
+        app.add_flag("--quiet", common.quiet, "no progress display");
+    }
+
+    int run(const Common& common) {
+        const auto start = std::chrono::steady_clock::now();
+        const MachineModel model = MachineModel::from_description(read_description(machine), machine);
+        std::vector<std::string> hashes;
+        const auto measurement = [&](const std::string& file) {
+            hashes.push_back(sha256(read_file(file)));
+            return read_measurement(file, model, RecordOptions::parse(columns, scale));
+        };
+        std::vector<Measurement> records;
+        for (const auto& file : data) records.push_back(measurement(file));
+        std::optional<Measurement> proof;
+        if (!validate.empty()) proof = measurement(validate);
+        RunFolder folder(output);
+        const Diagnosis diagnosis = diagnose(model, std::move(records), std::move(proof), options, common.control());
+        const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+        const Json summary = diagnosis_json(diagnosis, hashes, model.hash(), seconds);
+        write_diagnosis(diagnosis, summary, folder, common.control());
+        fmt::print("{}", diagnosis_text(summary));
         return done;
     }
 };
@@ -456,17 +502,20 @@ int main(int argc, char** argv) {
     Common common;
     SimulateCommand simulate_command;
     CompareCommand compare_command;
+    DiagnoseCommand diagnose_command;
     RunCommand run_command;
     BatchCommand batch_command;
     auto* simulate_app = app.add_subcommand("simulate", "one machine under a recorded input");
     auto* compare_app = app.add_subcommand("compare", "one machine and one input through every method");
+    auto* diagnose_app = app.add_subcommand("diagnose", "the effect that a machine lacks, from measured records");
     auto* run_app = app.add_subcommand("run", "an experiment script in Lua");
     auto* batch_app = app.add_subcommand("batch", "many independent points, that survive what may happen");
     simulate_command.add_to(*simulate_app, common);
     compare_command.add_to(*compare_app, common);
+    diagnose_command.add_to(*diagnose_app, common);
     run_command.add_to(*run_app, common);
     batch_command.add_to(*batch_app, common);
-    for (auto* command : {simulate_app, compare_app, run_app, batch_app}) {
+    for (auto* command : {simulate_app, compare_app, diagnose_app, run_app, batch_app}) {
         command->set_version_flag("--version", "tribode " + version());
     }
     try {
@@ -479,6 +528,7 @@ int main(int argc, char** argv) {
     try {
         if (simulate_app->parsed()) return simulate_command.run(common);
         if (compare_app->parsed()) return compare_command.run(common);
+        if (diagnose_app->parsed()) return diagnose_command.run(common);
         if (batch_app->parsed()) return batch_command.run(common);
         return run_command.run(common);
     } catch (const InputError& problem) {

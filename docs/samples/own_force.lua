@@ -17,4 +17,8 @@ machine.effects = {
 local reference = {}
 for k = 1, 401 do reference[k] = 0.005 * math.sin(2 * math.pi * 5 * (k - 1) * machine.Ts) end
 local run = tb.simulate { machine = machine, r = reference }
+tb.write_csv {
+  file = "own_force.csv",
+  columns = { { name = "t", unit = "s", values = run.t }, { name = "y", unit = "m", values = run.y } },
+}
 print(string.format("%d samples, at the end %.6f m", #run.y, run.y[#run.y]))

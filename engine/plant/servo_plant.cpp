@@ -63,8 +63,8 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
         corner_ = two_pi * p_.current_loop_hz;
     }
     assert(total_gain_ > 0);
-    release_margin_ = 1e-12 * (1 + p_.dry.static_level + std::max(p_.forward.level, p_.backward.level) +
-                               p_.rolling.coulomb_level());
+    release_margin_ =
+        1e-12 * (1 + p_.dry.static_level + std::max(p_.forward.level, p_.backward.level) + p_.rolling.coulomb_level());
 }
 
 ServoPlant::State ServoPlant::start(double y, double v, std::span<double> x) const {
@@ -438,8 +438,8 @@ void ServoPlant::forcing_columns(const State& s, std::span<double> b, std::span<
         c[release_backward] = 1;
         if (forcing_count() < 2) return;
         const std::span<double> level = c.subspan(guard_count());
-        level[release_forward] = p_.dry.static_level + p_.forward.level;
-        level[release_backward] = p_.dry.static_level + p_.backward.level;
+        level[release_forward] = p_.dry.static_level + p_.forward.level + release_margin_;
+        level[release_backward] = p_.dry.static_level + p_.backward.level + release_margin_;
         return;
     }
     b[1] = total_gain_;

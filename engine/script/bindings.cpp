@@ -7,6 +7,7 @@
 #include "base/text.hpp"
 #include "control/discrete_transfer_function.hpp"
 #include "design/feedforward.hpp"
+#include "diagnosis/diagnosis_files.hpp"
 #include "effect/effect.hpp"
 #include "experiment/comparison.hpp"
 #include "experiment/frequency_sweep.hpp"
@@ -18,6 +19,7 @@
 #include "record/hdf5.hpp"
 #include "record/json_file.hpp"
 #include "record/mat.hpp"
+#include "record/output_file.hpp"
 #include "record/plot.hpp"
 #include "record/record_file.hpp"
 #include "record/report.hpp"
@@ -25,6 +27,7 @@
 #include "script/sampling_bindings.hpp"
 #include "script/system_bindings.hpp"
 
+#include <chrono>
 #include <cmath>
 #include <fmt/format.h>
 
@@ -586,6 +589,39 @@ Json read_record_file(ScriptRun& run, const ScriptAccess& access, const Json& ar
     return json;
 }
 
+Json diagnose_machine(ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
+    const auto start = std::chrono::steady_clock::now();
+    FieldReader fields(arguments, "tb.diagnose");
+    const MachineModel machine = machine_of(fields);
+    const RecordOptions names = RecordOptions::read(fields);
+    std::vector<std::string> hashes;
+    const auto measurement = [&](const std::string& file) {
+        const auto path = run.find_file(file);
+        access.check_read(path);
+        run.note_read(path);
+        hashes.push_back(sha256(read_file(path)));
+        return read_measurement(path, machine, names);
+    };
+    std::vector<Measurement> records;
+    for (const auto& file : fields.texts("data", {})) records.push_back(measurement(file));
+    if (records.empty()) fields.fail("data", "is empty: a list of files of measured records is needed");
+    std::optional<Measurement> proof;
+    if (fields.has("validate")) proof = measurement(fields.text("validate"));
+    DiagnosisOptions options;
+    options.max_effects = static_cast<std::size_t>(fields.integer("max_effects", 1, 6, 3));
+    const std::string where = fields.text("folder", "diagnosis");
+    fields.finish();
+    const Diagnosis diagnosis = diagnose(machine, std::move(records), std::move(proof), options, run.control());
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    Json summary = diagnosis_json(diagnosis, hashes, machine.hash(), seconds);
+    RunFolder folder(run.folder().path(where));
+    write_diagnosis(diagnosis, summary, folder, run.control());
+    for (const auto& [name, hash] : folder.files()) run.folder().add(where + "/" + name);
+    run.note_work({{"function", "diagnose"}, {"machine", machine.hash()}, {"verdict", diagnosis.verdict}});
+    summary["machine"] = diagnosis.after.description;
+    return summary;
+}
+
 Json write_csv_file(ScriptRun& run, const Json& arguments) {
     FieldReader fields(arguments, "tb.write_csv");
     const std::string file = fields.text("file");
@@ -697,6 +733,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("run", [&run](const Json& a) { return run_script(run, a); });
     lua.add_function("read_json", [&run, &lua](const Json& a) { return read_json_file(run, lua.access(), a); });
     lua.add_function("read_record", [&run, &lua](const Json& a) { return read_record_file(run, lua.access(), a); });
+    lua.add_function("diagnose", [&run, &lua](const Json& a) { return diagnose_machine(run, lua.access(), a); });
     lua.add_function("read_batch", [&lua](const Json& a) { return read_batch(lua.access(), a); });
     lua.add_function("write_csv", [&run](const Json& a) { return write_csv_file(run, a); });
     lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });

@@ -12,8 +12,8 @@
 namespace tribode {
 
 const std::vector<std::string>& SolverOptions::method_names() {
-    static const std::vector<std::string> names = {
-        "auto", "exact", "collocation", "erk", "adams", "cvode", "fixed", "euler", "semi_implicit_euler", "zoh"};
+    static const std::vector<std::string> names = {"auto",  "exact", "collocation",         "erk", "adams", "cvode",
+                                                   "fixed", "euler", "semi_implicit_euler", "zoh"};
     return names;
 }
 

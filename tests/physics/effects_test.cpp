@@ -98,7 +98,8 @@ TEST(Effects, changed_fields_are_the_machine_with_these_fields) {
          [](Json& m) {
              m["modes"].push_back({{"gain", 0.01}, {"freq_hz", 60}, {"zeta", 0.02}});
          }},
-        {effect("presliding_hysteresis", {{"elements", Json::array({{{"K", 1e5}, {"F", 2.0}}})}, {"replace_coulomb", true}}),
+        {effect("presliding_hysteresis",
+                {{"elements", Json::array({{{"K", 1e5}, {"F", 2.0}}})}, {"replace_coulomb", true}}),
          [](Json& m) {
              m["friction"]["coulomb"] = 0;
              m["friction"]["elements"].push_back({{"K", 1e5}, {"F", 2.0}});

@@ -60,7 +60,8 @@ assert(worst[1].row == 3 and worst[1].value == 5 and worst[2].row == 1)
 -- Sensitivity of y = x1 + 2 x2, whose indices are 1/5 and 4/5; within four of the stated standard errors.
 local two = { { name = "x1", low = 0, high = 1 }, { name = "x2", low = 0, high = 1 } }
 local y = {}
-for i, p in ipairs(tb.points { design = tb.saltelli { factors = two, base_count = 1024 } }) do y[i] = p.x1 + 2 * p.x2 end
+local saltelli = tb.saltelli { factors = two, base_count = 1024 }
+for i, p in ipairs(tb.points { design = saltelli }) do y[i] = p.x1 + 2 * p.x2 end
 local indices = tb.sobol_indices { values = y, factors = { "x1", "x2" } }
 assert(math.abs(indices.first[1] - 0.2) < 4 * indices.first_error[1])
 assert(math.abs(indices.total[2] - 0.8) < 4 * indices.total_error[2])

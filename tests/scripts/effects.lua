@@ -1,4 +1,4 @@
--- Effects in scripts: the list of kinds, a machine with one, and a force written in Lua beside the ready one it repeats.
+-- Effects in scripts: the list of kinds, a machine with one, and a force written in Lua beside the ready one.
 local tb = require "tribode"
 
 local kinds, ripple = tb.effects {}, nil

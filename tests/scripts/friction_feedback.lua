@@ -21,7 +21,9 @@ assert(tb.loop_margins { machine = machine }.stable == nil)
 local stuck = tb.loop_margins { machine = machine, friction_feedback = 1, amplitude_m = 0 }
 assert(stuck.stable and stuck.critical_feedback > 1 and stuck.critical_feedback < 1.01)
 assert(not tb.loop_margins { machine = machine, friction_feedback = 1.2, amplitude_m = 1e-5 }.stable)
-local loop = tb.loop_gain { machine = machine, friction_feedback = 0.5, frequency_hz = { 5, 10 }, amplitude_m = { 1e-5 } }
+local loop = tb.loop_gain {
+  machine = machine, friction_feedback = 0.5, frequency_hz = { 5, 10 }, amplitude_m = { 1e-5 },
+}
 assert(#loop.real == 2)
 
 local function refused(text, call, options)

@@ -1,0 +1,393 @@
+#include "diagnosis/diagnosis_files.hpp"
+#include "analysis/spectrum.hpp"
+#include "base/text.hpp"
+#include "diagnosis/disagreement.hpp"
+#include "effect/effect.hpp"
+#include "record/csv.hpp"
+#include "record/json_file.hpp"
+#include "record/report.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <limits>
+
+namespace tribode {
+
+namespace {
+
+const char* const gray = "#888888";
+const char* const red = "#c0392b";
+const char* const blue = "#1f5f9e";
+
+Json gap_json(const std::optional<Gap>& gap) {
+    if (!gap) return nullptr;
+    return {{"before", gap->before}, {"after", gap->after}, {"floor", gap->floor}};
+}
+
+std::string sentence(const Diagnosis& d) {
+    std::vector<std::string> names;
+    for (const auto& effect : d.effects) names.push_back(effect.name);
+    const Gap& gap = *d.kept_out_gap;
+    const std::string shrink =
+        fmt::format("on the record kept out of the fit the gap falls from {:.3g} to {:.3g} um rms, where noise and "
+                    "rounding leave {:.3g} um",
+                    1e6 * gap.before, 1e6 * gap.after, 1e6 * gap.floor);
+    if (d.verdict == "nothing_missing") {
+        return fmt::format("Nothing is missing that these records can show: measured and simulated position differ by "
+                           "{:.3g} um rms, noise and rounding leave {:.3g} um.",
+                           1e6 * gap.before, 1e6 * gap.floor);
+    }
+    if (d.verdict == "unknown_effect") {
+        return fmt::format("Something is missing that is none of the known effects; the nearest, {}, explains {:.0f} % "
+                           "of the gap.",
+                           d.nearest->name, 100 * d.nearest->share);
+    }
+    if (d.verdict == "undecided") {
+        std::vector<std::string> rivals;
+        for (const auto& effect : d.effects) {
+            for (const auto& rival : effect.rivals) rivals.push_back(rival.name);
+        }
+        return fmt::format("What is missing is {} or {}, which these records cannot tell apart; {}.",
+                           fmt::join(names, " and "), fmt::join(rivals, " or "), shrink);
+    }
+    return fmt::format("What is missing is {}; {}.", fmt::join(names, " and "), shrink);
+}
+
+// A name and a value for every number in a table of parameters: "harmonics[1].F".
+void flatten(const Json& value, const std::string& path, std::vector<std::pair<std::string, double>>& list) {
+    if (value.is_number()) {
+        list.push_back({path, value.get<double>()});
+    } else if (value.is_object()) {
+        for (const auto& [key, entry] : value.items()) flatten(entry, path.empty() ? key : path + "." + key, list);
+    } else if (value.is_array()) {
+        for (std::size_t i = 0; i < value.size(); ++i) flatten(value[i], fmt::format("{}[{}]", path, i + 1), list);
+    }
+}
+
+std::string unit_of(const std::string& effect, const std::string& path) {
+    const std::string name = path.substr(path.rfind('.') == std::string::npos ? 0 : path.rfind('.') + 1);
+    for (const auto& parameter : effect_kind(effect).parameters) {
+        if (parameter.name == name) return parameter.unit;
+        for (const auto& field : parameter.fields) {
+            if (field.name == name) return field.unit;
+        }
+    }
+    return "";
+}
+
+std::vector<double> times(const Compared& c) {
+    std::vector<double> t = c.measurement.drive.t;
+    const double start = t.front();
+    for (double& value : t) value -= start;
+    return t;
+}
+
+std::vector<double> difference(const std::vector<double>& a, const std::vector<double>& b, double scale) {
+    std::vector<double> d(a.size());
+    for (std::size_t k = 0; k < a.size(); ++k) d[k] = scale * (a[k] - b[k]);
+    return d;
+}
+
+std::vector<double> scaled(std::vector<double> values, double scale) {
+    for (double& value : values) value *= scale;
+    return values;
+}
+
+Plot response_plot(const Compared& c) {
+    const auto t = times(c);
+    Plot plot;
+    Panel response, gap;
+    response.x_label = gap.x_label = "Time [s]";
+    response.y_label = "Position [mm]";
+    response.series = {{"measured", t, scaled(c.measurement.position(), 1e3), SeriesStyle::line, gray, 2.6},
+                       {"before", t, scaled(c.y_before, 1e3), SeriesStyle::line, red, 1.0},
+                       {"after", t, scaled(c.y_after, 1e3), SeriesStyle::dashed, blue, 1.2}};
+    gap.y_label = "Measured - simulated [um]";
+    gap.series = {{"before", t, difference(c.measurement.position(), c.y_before, 1e6), SeriesStyle::line, red, 1.0},
+                  {"after", t, difference(c.measurement.position(), c.y_after, 1e6), SeriesStyle::line, blue, 1.0}};
+    plot.panels = {response, gap};
+    return plot;
+}
+
+Plot loop_plot(const Compared& c) {
+    Plot plot;
+    Panel loop;
+    loop.x_label = "Position [mm]";
+    loop.y_label = "Thrust reference [N]";
+    loop.series = {
+        {"measured", scaled(c.measurement.position(), 1e3), c.measurement.thrust, SeriesStyle::line, gray, 2.2},
+        {"before", scaled(c.y_before, 1e3), c.u_before, SeriesStyle::line, red, 0.9},
+        {"after", scaled(c.y_after, 1e3), c.u_after, SeriesStyle::line, blue, 0.9}};
+    plot.panels = {loop};
+    return plot;
+}
+
+Plot spectrum_plot(const Compared& c, double sample_time) {
+    std::vector<double> frequency;
+    for (int i = 0; i < 300; ++i) frequency.push_back(0.5 * std::pow(0.45 / sample_time / 0.5, i / 299.0));
+    const auto& y = c.measurement.position();
+    Plot plot;
+    Panel panel;
+    panel.x_label = "Frequency [Hz]";
+    panel.y_label = "Amplitude of measured - simulated [um]";
+    panel.x_log = panel.y_log = true;
+    panel.series = {{"before", frequency, amplitude_spectrum(difference(y, c.y_before, 1e6), sample_time, frequency),
+                     SeriesStyle::line, red},
+                    {"after", frequency, amplitude_spectrum(difference(y, c.y_after, 1e6), sample_time, frequency),
+                     SeriesStyle::line, blue}};
+    plot.panels = {panel};
+    return plot;
+}
+
+Plot force_plot(const Diagnosis& d, const Compared& c) {
+    const ResidualForce before = residual_force(d.before, c.measurement, {c.y_before, c.u_before});
+    const ResidualForce after = residual_force(d.after, c.measurement, {c.y_after, c.u_after});
+    Plot plot;
+    plot.title = fmt::format("Force that the model lacks, below {:g} Hz", before.bandwidth);
+    struct Axis {
+        Coordinate coordinate;
+        const char* label;
+        double scale;
+    };
+    for (const auto& [coordinate, label, scale] :
+         {Axis{Coordinate::position, "Position [mm]", 1e3},
+          {Coordinate::velocity, "Velocity [mm/s]", 1e3},
+          {Coordinate::since_reversal, "Distance since the last reversal [mm]", 1e3},
+          {Coordinate::time, "Time [s]", 1}}) {
+        Panel panel;
+        panel.x_label = label;
+        panel.y_label = "Force [N]";
+        const ForceCurve was = force_curve(before, coordinate, 80), is = force_curve(after, coordinate, 80);
+        panel.series = {{"before, forward", scaled(was.at, scale), was.forward, SeriesStyle::line, red},
+                        {"before, backward", scaled(was.at, scale), was.backward, SeriesStyle::dashed, red},
+                        {"after, forward", scaled(is.at, scale), is.forward, SeriesStyle::line, blue},
+                        {"after, backward", scaled(is.at, scale), is.backward, SeriesStyle::dashed, blue}};
+        plot.panels.push_back(std::move(panel));
+    }
+    plot.height = 1700;
+    return plot;
+}
+
+ReportTable gap_table(const Diagnosis& d) {
+    ReportTable table;
+    table.caption = "rms of measured less simulated position";
+    table.columns = {{"record"},         {"before", "um"}, {"after", "um"}, {"noise and rounding", "um"},
+                     {"before / floor"}, {"after / floor"}};
+    const auto row = [&](const std::string& name, const Gap& gap) {
+        table.rows.push_back(
+            {name, 1e6 * gap.before, 1e6 * gap.after, 1e6 * gap.floor, gap.before / gap.floor, gap.after / gap.floor});
+    };
+    row("fitted", *d.fitted_gap);
+    row("kept out of the fit", *d.kept_out_gap);
+    return table;
+}
+
+ReportTable share_table(const Compared& c) {
+    ReportTable table;
+    table.caption = "Shares of the squared error before, beside the shares of the time";
+    table.columns = {{"coordinate"}, {"part"}, {"error", "%", 1}, {"time", "%", 1}, {"error / time", "", 2}};
+    for (const auto& part : gap_shares(c)) {
+        table.rows.push_back({part.axis, part.part, 100 * part.error, 100 * part.time, part.lift()});
+    }
+    return table;
+}
+
+ReportTable ranking_table(const Diagnosis& d) {
+    ReportTable table;
+    table.caption = "What each hypothesis leaves, in units of the errors that noise alone would leave";
+    table.columns = {{"effects"}, {"free numbers", "", 0}, {"fitted records"}, {"kept out"}};
+    const auto row = [&](const std::string& name, const Scored& one) {
+        table.rows.push_back({name, static_cast<double>(one.hypothesis.parameter_count()), std::sqrt(one.fitted),
+                              std::sqrt(one.kept_out)});
+    };
+    row("none", d.search.baseline);
+    for (const auto& one : d.search.ranking) row(fmt::format("{}", fmt::join(one.names(), " + ")), one);
+    return table;
+}
+
+ReportTable parameter_table(const NamedEffect& effect) {
+    ReportTable table;
+    table.columns = {{"parameter"}, {"value"}, {"standard error"}, {"unit"}};
+    std::vector<std::pair<std::string, double>> values, errors;
+    flatten(effect.parameters, "", values);
+    flatten(effect.standard_errors, "", errors);
+    for (const auto& [path, value] : values) {
+        double error = std::numeric_limits<double>::quiet_NaN();
+        for (const auto& [name, number] : errors) {
+            if (name == path && number > 0) error = number;
+        }
+        table.rows.push_back({path, value, error, unit_of(effect.name, path)});
+    }
+    return table;
+}
+
+Report report_of(const Diagnosis& d, const Json& summary) {
+    const Compared& proof = d.kept_out.front();
+    const double Ts = d.before.sample_time;
+    Report report;
+    report.title = "Where model and measurement disagree";
+    report.summary = sentence(d);
+    report.sections.push_back(
+        {"The gap", {gap_table(d), Figure{"response", "The record kept out of the fit.", response_plot(proof)}}});
+    report.sections.push_back({"Where they disagree",
+                               {Paragraph{d.where}, share_table(proof),
+                                Figure{"residual_force",
+                                       "Delayed thrust less modelled friction and inertia, measured less "
+                                       "simulated: what pushes the machine and not the model.",
+                                       force_plot(d, proof)}}});
+    ReportSection names{"The name", {ranking_table(d)}};
+    for (const auto& effect : d.effects) {
+        names.blocks.push_back(Paragraph{fmt::format("{} with probability {:.2f}: {}.", effect.name, effect.probability,
+                                                     effect_kind(effect.name).equation)});
+        names.blocks.push_back(parameter_table(effect));
+        names.blocks.push_back(Paragraph{effect.evidence});
+        if (!effect.rivals.empty()) {
+            BulletList rivals;
+            for (const auto& rival : effect.rivals) {
+                rivals.items.push_back(fmt::format("{} with probability {:.2g}", rival.name, rival.probability));
+            }
+            names.blocks.push_back(Paragraph{"It could also be:"});
+            names.blocks.push_back(rivals);
+        }
+    }
+    if (d.next_experiment) names.blocks.push_back(Paragraph{"The experiment that would decide: " + *d.next_experiment});
+    report.sections.push_back(std::move(names));
+    report.sections.push_back({"Before and after",
+                               {Figure{"loop", "Thrust reference over position.", loop_plot(proof)},
+                                Figure{"spectrum", "What is left over frequency.", spectrum_plot(proof, Ts)}}});
+    ReportSection how{"How it was found", {}};
+    how.blocks.push_back(
+        Paragraph{fmt::format("Every effect was put into the machine, fitted to the records by simulation of the whole "
+                              "loop and judged on a record "
+                              "kept out. Something counts as missing where the whitened errors exceed {:.3f} times the "
+                              "variance that noise and rounding "
+                              "explain: five standard deviations, and 3 % for what two simulators may differ.",
+                              d.false_alarm_limit)});
+    if (!d.search.baseline.hypothesis.nominal.empty()) {
+        ReportTable moved;
+        moved.caption = "Fields within their tolerance, as fitted, in standard deviations";
+        moved.columns = {{"field"}, {"before", "", 2}, {"after", "", 2}};
+        const ModelFit fit(d.before, d.search.fitted);
+        const auto& best = d.search.ranking.empty() ? d.search.baseline : d.search.ranking.front();
+        for (std::size_t i = 0; i < fit.fields().size(); ++i) {
+            moved.rows.push_back(
+                {fit.fields()[i].name, d.search.baseline.hypothesis.nominal[i], best.hypothesis.nominal[i]});
+        }
+        how.blocks.push_back(moved);
+    }
+    if (!d.untested.empty()) {
+        how.blocks.push_back(Paragraph{fmt::format("These records could not show: {}.", fmt::join(d.untested, ", "))});
+    }
+    how.blocks.push_back(Paragraph{fmt::format("Program version {}, machine {}.", summary["version"].get<std::string>(),
+                                               summary["machine"].get<std::string>().substr(0, 16))});
+    report.sections.push_back(std::move(how));
+    return report;
+}
+
+// A value as Lua writes it.
+void append_lua(std::string& text, const Json& value, std::size_t depth) {
+    const std::string indent(2 * depth + 2, ' ');
+    if (value.is_object() || value.is_array()) {
+        text += "{\n";
+        for (const auto& [key, entry] : value.items()) {
+            if (entry.is_null()) continue;
+            text += indent;
+            if (value.is_object()) {
+                const bool plain = !key.empty() && std::all_of(key.begin(), key.end(), [](unsigned char c) {
+                    return std::isalnum(c) || c == '_';
+                }) && !std::isdigit(static_cast<unsigned char>(key[0]));
+                text += plain ? key + " = " : "[" + Json(key).dump() + "] = ";
+            }
+            append_lua(text, entry, depth + 1);
+            text += ",\n";
+        }
+        text += std::string(2 * depth, ' ') + "}";
+    } else if (value.is_number_float()) {
+        append_text(text, value.get<double>());
+    } else {
+        text += value.dump();
+    }
+}
+
+} // namespace
+
+Json diagnosis_json(const Diagnosis& d, const std::vector<std::string>& data, const std::string& machine_hash,
+                    double seconds) {
+    Json effects = Json::array();
+    for (const auto& effect : d.effects) {
+        Json rivals = Json::array();
+        for (const auto& rival : effect.rivals)
+            rivals.push_back({{"name", rival.name}, {"probability", rival.probability}});
+        effects.push_back({{"name", effect.name},
+                           {"parameters", effect.parameters},
+                           {"standard_errors", effect.standard_errors},
+                           {"probability", effect.probability},
+                           {"rivals", rivals},
+                           {"evidence", effect.evidence}});
+    }
+    Json nearest = nullptr, next = nullptr;
+    if (d.nearest) nearest = {{"name", d.nearest->name}, {"share", d.nearest->share}};
+    if (d.next_experiment) next = *d.next_experiment;
+    return {{"verdict", d.verdict},
+            {"effects", effects},
+            {"where", d.where},
+            {"gap", {{"ident", gap_json(d.fitted_gap)}, {"validate", gap_json(d.kept_out_gap)}}},
+            {"gap_unit", "m"},
+            {"nearest", nearest},
+            {"next_experiment", next},
+            {"untested", d.untested},
+            {"data", data},
+            {"machine", machine_hash},
+            {"version", version()},
+            {"seconds", seconds}};
+}
+
+std::string machine_lua(const Json& description) {
+    std::string text = "-- A machine description; see docs/machine-description.md.\nreturn ";
+    append_lua(text, description, 0);
+    return text + "\n";
+}
+
+void write_diagnosis(const Diagnosis& d, const Json& summary, RunFolder& folder, const RunControl& control) {
+    folder.write_json("machine.json", d.after.description);
+    folder.write("machine.lua", machine_lua(d.after.description));
+    const Compared& proof = d.kept_out.front();
+    Table table;
+    table.add("t", "s", proof.measurement.drive.t);
+    const bool closed = proof.measurement.drive.closed_loop();
+    table.add("r", "m",
+              closed ? proof.measurement.drive.reference : std::vector<double>(proof.measurement.size(), 0.0));
+    table.add("u_measured", "N", proof.measurement.thrust);
+    table.add("y_measured", "m", proof.measurement.position());
+    table.add("u_before", "N", proof.u_before);
+    table.add("y_before", "m", proof.y_before);
+    table.add("u_after", "N", proof.u_after);
+    table.add("y_after", "m", proof.y_after);
+    folder.write("validate.csv", to_csv(table));
+    for (const auto& image : write_report(folder.path("report.html"), report_of(d, summary), control))
+        folder.add(image);
+    folder.add("report.html");
+    folder.write_json("diagnosis.json", summary);
+}
+
+std::string diagnosis_text(const Json& summary) {
+    std::string text = fmt::format("{}\n", summary["verdict"].get<std::string>());
+    for (const auto& effect : summary["effects"]) {
+        text += fmt::format("  {} {}  probability {:.2f}\n", effect["name"].get<std::string>(),
+                            effect["parameters"].dump(), effect["probability"].get<double>());
+        for (const auto& rival : effect["rivals"]) {
+            text += fmt::format("    or {}  probability {:.2g}\n", rival["name"].get<std::string>(),
+                                rival["probability"].get<double>());
+        }
+    }
+    for (const char* record : {"ident", "validate"}) {
+        const Json& gap = summary["gap"][record];
+        text += fmt::format("  gap on {}: {:.3g} m before, {:.3g} m after, {:.3g} m floor\n", record,
+                            gap["before"].get<double>(), gap["after"].get<double>(), gap["floor"].get<double>());
+    }
+    return text;
+}
+
+} // namespace tribode

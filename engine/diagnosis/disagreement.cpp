@@ -1,0 +1,199 @@
+#include "diagnosis/disagreement.hpp"
+#include "analysis/spectrum.hpp"
+#include "diagnosis/diagnosis.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <limits>
+#include <numeric>
+
+namespace tribode {
+
+namespace {
+
+struct Error {
+    std::vector<double> gap;      // y_measured - y_before [m]
+    std::vector<double> velocity; // of the simulated machine: free of rounding [m/s]
+};
+
+Error error_of(const Compared& c, double sample_time) {
+    Error e;
+    const auto& y = c.measurement.position();
+    e.gap.resize(y.size());
+    e.velocity.resize(y.size());
+    for (std::size_t k = 0; k < y.size(); ++k) {
+        e.gap[k] = y[k] - c.y_before[k];
+        const std::size_t a = k > 0 ? k - 1 : 0, b = std::min(k + 1, y.size() - 1);
+        e.velocity[k] = (c.y_before[b] - c.y_before[a]) / (static_cast<double>(b - a) * sample_time);
+    }
+    return e;
+}
+
+double sample_time_of(const Compared& c) {
+    const auto& t = c.measurement.drive.t;
+    return t.size() > 1 ? (t.back() - t.front()) / static_cast<double>(t.size() - 1) : 1;
+}
+
+template <class Contains>
+GapShare share(const std::string& axis, const std::string& part, const Error& e, std::size_t first,
+               const Contains& contains) {
+    double inside = 0, all = 0;
+    std::size_t count = 0;
+    for (std::size_t k = first; k < e.gap.size(); ++k) {
+        const double square = e.gap[k] * e.gap[k];
+        all += square;
+        if (!contains(k)) continue;
+        inside += square;
+        ++count;
+    }
+    return {axis, part, all > 0 ? inside / all : 0,
+            static_cast<double>(count) / static_cast<double>(e.gap.size() - first)};
+}
+
+double quantile(std::vector<double> values, double q) {
+    if (values.empty()) return 0;
+    const auto at = static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
+    std::nth_element(values.begin(), values.begin() + at, values.end());
+    return values[static_cast<std::size_t>(at)];
+}
+
+} // namespace
+
+std::vector<GapShare> gap_shares(const Compared& c) {
+    const double Ts = sample_time_of(c);
+    const Error e = error_of(c, Ts);
+    const auto& y = c.measurement.position();
+    std::vector<double> speeds;
+    for (const double v : e.velocity) speeds.push_back(std::abs(v));
+    const double fastest = *std::max_element(speeds.begin(), speeds.end());
+    const double still = 1e-3 * fastest;
+    std::vector<GapShare> list;
+    const auto add = [&](const std::string& axis, const std::string& part, const auto& contains) {
+        list.push_back(share(axis, part, e, c.first, contains));
+    };
+    add("direction", "at rest", [&](std::size_t k) { return speeds[k] <= still; });
+    add("direction", "forward", [&](std::size_t k) { return e.velocity[k] > still; });
+    add("direction", "backward", [&](std::size_t k) { return e.velocity[k] < -still; });
+    std::vector<double> moving;
+    for (const double speed : speeds) {
+        if (speed > still) moving.push_back(speed);
+    }
+    const double slow = quantile(moving, 1.0 / 3), fast = quantile(moving, 2.0 / 3);
+    add("velocity", fmt::format("below {:.3g} m/s", slow),
+        [&](std::size_t k) { return speeds[k] > still && speeds[k] < slow; });
+    add("velocity", fmt::format("{:.3g} to {:.3g} m/s", slow, fast),
+        [&](std::size_t k) { return speeds[k] >= slow && speeds[k] < fast; });
+    add("velocity", fmt::format("above {:.3g} m/s", fast),
+        [&](std::size_t k) { return speeds[k] >= fast && speeds[k] > still; });
+    const auto [low, high] = std::minmax_element(y.begin(), y.end());
+    for (int i = 0; i < 4; ++i) {
+        const double from = *low + (*high - *low) * i / 4, to = *low + (*high - *low) * (i + 1) / 4;
+        add("position", fmt::format("{:.3g} to {:.3g} mm", 1e3 * from, 1e3 * to),
+            [&](std::size_t k) { return y[k] >= from && (y[k] < to || i == 3); });
+    }
+    const double duration = static_cast<double>(y.size()) * Ts;
+    for (int i = 0; i < 5; ++i) {
+        const double from = duration * i / 5, to = duration * (i + 1) / 5;
+        add("time", fmt::format("{:.3g} to {:.3g} s", from, to), [&](std::size_t k) {
+            const double t = static_cast<double>(k) * Ts;
+            return t >= from && t < to;
+        });
+    }
+    // Just after a reversal: within a hundredth of the stroke of it.
+    std::vector<bool> near(y.size());
+    double turned_at = c.y_before.front(), sign = 0;
+    for (std::size_t k = 0; k < y.size(); ++k) {
+        const double now = e.velocity[k] > still ? 1 : e.velocity[k] < -still ? -1 : sign;
+        if (now != sign) turned_at = c.y_before[k];
+        sign = now;
+        near[k] = std::abs(c.y_before[k] - turned_at) < 0.01 * (*high - *low);
+    }
+    add("since reversal", "within a hundredth of the stroke after a reversal", [&](std::size_t k) { return near[k]; });
+    return list;
+}
+
+ForceCurve force_curve(const ResidualForce& r, Coordinate coordinate, std::size_t bins) {
+    std::vector<double> x;
+    switch (coordinate) {
+    case Coordinate::position: x = r.position; break;
+    case Coordinate::velocity: x = r.velocity; break;
+    case Coordinate::time: x = r.time; break;
+    case Coordinate::thrust: x = r.thrust; break;
+    case Coordinate::since_reversal: {
+        double turn = r.position.empty() ? 0 : r.position.front(), sign = 0;
+        for (std::size_t k = 0; k < r.position.size(); ++k) {
+            const double now = r.velocity[k] > 0 ? 1 : -1;
+            if (now != sign) turn = r.position[k];
+            sign = now;
+            x.push_back(std::abs(r.position[k] - turn));
+        }
+    }
+    }
+    ForceCurve curve;
+    if (x.empty()) return curve;
+    const auto [low, high] = std::minmax_element(x.begin(), x.end());
+    const double width = (*high - *low) / static_cast<double>(bins);
+    if (!(width > 0)) return curve;
+    struct Bin {
+        double sum = 0;
+        std::size_t count = 0;
+        double mean() const {
+            return count ? sum / static_cast<double>(count) : std::numeric_limits<double>::quiet_NaN();
+        }
+    };
+    std::vector<Bin> forward(bins), backward(bins);
+    const double still =
+        1e-3 * std::abs(*std::max_element(r.velocity.begin(), r.velocity.end(),
+                                          [](double a, double b) { return std::abs(a) < std::abs(b); }));
+    for (std::size_t k = 0; k < x.size(); ++k) {
+        const auto bin = std::min(static_cast<std::size_t>((x[k] - *low) / width), bins - 1);
+        if (std::abs(r.velocity[k]) <= still) continue;
+        Bin& here = (r.velocity[k] > 0 ? forward : backward)[bin];
+        here.sum += r.force[k];
+        ++here.count;
+    }
+    for (std::size_t i = 0; i < bins; ++i) {
+        curve.at.push_back(*low + width * (static_cast<double>(i) + 0.5));
+        curve.forward.push_back(forward[i].mean());
+        curve.backward.push_back(backward[i].mean());
+    }
+    return curve;
+}
+
+std::string where_they_disagree(const Diagnosis& d) {
+    const Compared& c = d.kept_out.empty() ? d.fitted.front() : d.kept_out.front();
+    const double ratio = c.gap.before / c.gap.floor;
+    std::string text =
+        fmt::format("On {} measured and simulated position differ by {:.3g} um rms, {:.3g} times what noise "
+                    "and rounding leave",
+                    c.measurement.source, 1e6 * c.gap.before, ratio);
+    if (ratio < 1.3) return text + ": they agree everywhere.";
+    auto shares = gap_shares(c);
+    std::stable_sort(shares.begin(), shares.end(),
+                     [](const GapShare& a, const GapShare& b) { return a.lift() > b.lift(); });
+    text += ".";
+    std::vector<std::string> told;
+    for (const auto& part : shares) {
+        if (part.lift() < 1.3 || part.error < 0.1 || told.size() == 4) break;
+        if (std::find(told.begin(), told.end(), part.axis) != told.end()) continue;
+        text +=
+            fmt::format(" {:.0f} % of the squared error {} ({}) in {:.0f} % of the time.", 100 * part.error,
+                        part.axis == "time" ? fmt::format("lies between {}", part.part) : "lies where: " + part.part,
+                        part.axis, 100 * part.time);
+        told.push_back(part.axis);
+    }
+    if (told.empty()) text += " The error is spread evenly over times, positions, velocities and directions.";
+    // The strongest frequencies.
+    const double Ts = sample_time_of(c);
+    std::vector<double> gap(c.y_before.size());
+    for (std::size_t k = 0; k < gap.size(); ++k) gap[k] = c.measurement.position()[k] - c.y_before[k];
+    std::vector<double> frequency;
+    for (int i = 0; i < 120; ++i) frequency.push_back(0.5 * std::pow(400.0, i / 119.0));
+    const auto amplitude = amplitude_spectrum(gap, Ts, frequency);
+    const auto top = static_cast<std::size_t>(std::max_element(amplitude.begin(), amplitude.end()) - amplitude.begin());
+    text += fmt::format(" Its strongest frequency is {:.3g} Hz ({:.3g} um).", frequency[top], 1e6 * amplitude[top]);
+    return text;
+}
+
+} // namespace tribode

@@ -1,0 +1,305 @@
+#include "diagnosis/model_fit.hpp"
+#include "base/error.hpp"
+#include "diagnosis/response.hpp"
+
+#include <Eigen/Dense>
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <numeric>
+
+namespace tribode {
+
+namespace {
+
+double square_of(const std::vector<double>& x) {
+    double sum = 0;
+    for (const double value : x) sum += value * value;
+    return sum;
+}
+
+} // namespace
+
+std::vector<UncertainField> uncertain_fields(const MachineModel& machine) {
+    std::vector<UncertainField> fields;
+    const auto add = [&](const std::string& key, const std::string& name, auto scale, auto describe) {
+        const auto entry = machine.tolerance.find(key);
+        if (entry != machine.tolerance.end() && entry->second > 0) {
+            fields.push_back({name, entry->second, scale, describe});
+        }
+    };
+    const auto multiply = [](Json& number, double f) { number = number.get<double>() * f; };
+    const auto top = [multiply](const char* key) {
+        return [multiply, key](Json& d, double f) { multiply(d[key], f); };
+    };
+    add(
+        "rigid_gain_per_kg", "rigid_gain_per_kg", [](MachineModel& m, double f) { m.rigid_gain *= f; },
+        top("rigid_gain_per_kg"));
+    for (std::size_t j = 0; j < machine.modes.size(); ++j) {
+        const std::string mode = fmt::format("modes[{}].", j + 1);
+        const auto in_mode = [multiply, j](const char* key) {
+            return [multiply, j, key](Json& d, double f) { multiply(d["modes"][j][key], f); };
+        };
+        add(
+            "modes.gain", mode + "gain", [j](MachineModel& m, double f) { m.modes[j].gain *= f; }, in_mode("gain"));
+        add(
+            "modes.freq_hz", mode + "freq_hz", [j](MachineModel& m, double f) { m.modes[j].freq_hz *= f; },
+            in_mode("freq_hz"));
+        add(
+            "modes.zeta", mode + "zeta", [j](MachineModel& m, double f) { m.modes[j].zeta *= f; }, in_mode("zeta"));
+    }
+    if (machine.dry.present()) {
+        add(
+            "friction.coulomb", "friction.coulomb",
+            [](MachineModel& m, double f) {
+                m.dry.coulomb *= f;
+                m.dry.static_level *= f;
+            },
+            [multiply](Json& d, double f) {
+                if (d["friction"].contains("coulomb")) multiply(d["friction"]["coulomb"], f);
+                if (d["friction"].contains("stribeck") && !d["friction"]["stribeck"].is_null()) {
+                    multiply(d["friction"]["stribeck"]["static"], f);
+                }
+            });
+    }
+    if (machine.viscous > 0) {
+        add(
+            "friction.viscous", "friction.viscous", [](MachineModel& m, double f) { m.viscous *= f; },
+            [multiply](Json& d, double f) { multiply(d["friction"]["viscous"], f); });
+    }
+    if (!machine.elements.empty()) {
+        add(
+            "friction.elements", "friction.elements",
+            [](MachineModel& m, double f) {
+                for (auto& element : m.elements) {
+                    element.stiffness *= f;
+                    element.level *= f;
+                }
+            },
+            [multiply](Json& d, double f) {
+                for (auto& element : d["friction"]["elements"]) {
+                    multiply(element["K"], f);
+                    multiply(element["F"], f);
+                }
+            });
+    }
+    if (machine.input_delay > 0) {
+        add(
+            "input_delay_s", "input_delay_s", [](MachineModel& m, double f) { m.input_delay *= f; },
+            top("input_delay_s"));
+    }
+    if (machine.current_loop_hz > 0) {
+        add(
+            "current_loop_hz", "current_loop_hz", [](MachineModel& m, double f) { m.current_loop_hz *= f; },
+            top("current_loop_hz"));
+    }
+    return fields;
+}
+
+std::span<const double> Hypothesis::values_of(std::size_t effect) const {
+    std::size_t begin = 0;
+    for (std::size_t i = 0; i < effect; ++i) begin += effects[i]->parameters.size();
+    return std::span(values).subspan(begin, effects[effect]->parameters.size());
+}
+
+void Hypothesis::remove(std::size_t effect) {
+    const auto own = values_of(effect);
+    const auto begin = values.begin() + (own.data() - values.data());
+    values.erase(begin, begin + static_cast<std::ptrdiff_t>(own.size()));
+    effects.erase(effects.begin() + static_cast<std::ptrdiff_t>(effect));
+}
+
+ModelFit::ModelFit(const MachineModel& machine, const std::vector<Evidence>& evidence)
+    : machine_(machine),
+      evidence_(evidence),
+      fields_(uncertain_fields(machine)) {}
+
+std::size_t ModelFit::sample_count() const {
+    std::size_t count = 0;
+    for (const auto& record : evidence_) count += record.samples();
+    return count;
+}
+
+double ModelFit::factor(const Hypothesis& h, std::size_t field) const {
+    // Many deviations off a field is as good as any other there; below zero it would be none.
+    return std::max(1 + fields_[field].deviation * h.nominal[field], 0.01);
+}
+
+Json ModelFit::description(const Hypothesis& h) const {
+    Json description = machine_.description;
+    for (std::size_t i = 0; i < h.nominal.size(); ++i) fields_[i].describe(description, factor(h, i));
+    Json effects = Json::array();
+    for (const auto& effect : machine(h).effects) effects.push_back(effect.to_json());
+    description["effects"] = effects;
+    return description;
+}
+
+MachineModel ModelFit::machine(const Hypothesis& h) const {
+    MachineModel machine = machine_;
+    for (std::size_t i = 0; i < h.nominal.size(); ++i) fields_[i].scale(machine, factor(h, i));
+    std::vector<Effect> effects = machine.effects;
+    for (std::size_t i = 0; i < h.effects.size(); ++i) {
+        effects.push_back(h.effects[i]->at(h.values_of(i)));
+    }
+    return machine.with_effects(std::move(effects));
+}
+
+std::vector<double> ModelFit::errors(const Hypothesis& h) const {
+    std::optional<MachineModel> machine;
+    try {
+        machine = this->machine(h);
+    } catch (const InputError&) {
+        return {}; // effects that cannot be together, as a delay below zero
+    }
+    std::vector<double> all;
+    all.reserve(sample_count() + h.nominal.size());
+    for (const auto& record : evidence_) {
+        auto position = simulated_position(*machine, record.measurement);
+        if (!position) return {};
+        for (std::size_t k = 0; k < position->size(); ++k) {
+            (*position)[k] = record.measurement.position()[k] - (*position)[k];
+        }
+        const auto white = record.floor.whitened(*position);
+        all.insert(all.end(), white.begin() + static_cast<std::ptrdiff_t>(record.first), white.end());
+    }
+    all.insert(all.end(), h.nominal.begin(), h.nominal.end());
+    return all;
+}
+
+double ModelFit::chi_square(const Hypothesis& h) const {
+    const auto all = errors(h);
+    return all.empty() ? std::numeric_limits<double>::infinity() : square_of(all);
+}
+
+// A number as the fit sees it: its logarithm where it is moved by factors, else in units of its difference step.
+struct ModelFit::Coordinate {
+    bool field;
+    std::size_t index;
+    bool logarithmic;
+    double unit, low, high; // value = unit coordinate; bounds of the coordinate
+    double step;            // of differences
+
+    double read(const Hypothesis& h) const {
+        const double value = field ? h.nominal[index] : h.values[index];
+        return logarithmic ? std::log(value) : value / unit;
+    }
+    void write(Hypothesis& h, double coordinate) const {
+        const double value = logarithmic ? std::exp(coordinate) : coordinate * unit;
+        (field ? h.nominal[index] : h.values[index]) = value;
+    }
+};
+
+std::vector<ModelFit::Coordinate> ModelFit::coordinates(const Hypothesis& h, bool fields) const {
+    std::vector<Coordinate> list;
+    std::size_t index = 0;
+    for (const auto& effect : h.effects) {
+        for (const auto& p : effect->parameters) {
+            if (p.logarithmic) {
+                list.push_back({false, index, true, 1, std::log(p.low), std::log(p.high), p.step});
+            } else {
+                const double unit = 100 * p.step;
+                list.push_back({false, index, false, unit, p.low / unit, p.high / unit, 0.01});
+            }
+            ++index;
+        }
+    }
+    for (std::size_t i = 0; fields && i < h.nominal.size(); ++i) {
+        list.push_back({true, i, false, 1, -8, 8, 0.05});
+    }
+    return list;
+}
+
+void ModelFit::fit(Hypothesis& h, const Options& options) const {
+    const auto moved = coordinates(h, options.move_fields);
+    const auto n = static_cast<Eigen::Index>(moved.size());
+    std::vector<double> e = errors(h);
+    h.converged = false;
+    if (e.empty()) {
+        h.chi_square = std::numeric_limits<double>::infinity();
+        return;
+    }
+    h.chi_square = square_of(e);
+    Eigen::MatrixXd normal(n, n);
+    Eigen::VectorXd gradient(n);
+    RunControl workers;
+    workers.workers = options.workers;
+    // J^T J and J^T e at the present numbers.
+    const auto differentiate = [&] {
+        std::vector<std::vector<double>> columns(moved.size());
+        for_each_index(moved.size(), workers, "", [&](std::size_t i) {
+            Hypothesis there = h;
+            const double here = moved[i].read(h);
+            // Away from a bound.
+            double step = here + moved[i].step > moved[i].high ? -moved[i].step : moved[i].step;
+            moved[i].write(there, here + step);
+            columns[i] = errors(there);
+            if (columns[i].empty()) { // the other way, then
+                step = -step;
+                moved[i].write(there, std::clamp(here + step, moved[i].low, moved[i].high));
+                columns[i] = errors(there);
+            }
+            if (columns[i].empty()) columns[i] = e;
+            for (std::size_t k = 0; k < e.size(); ++k) columns[i][k] = (columns[i][k] - e[k]) / step;
+        });
+        for (Eigen::Index i = 0; i < n; ++i) {
+            const auto& a = columns[static_cast<std::size_t>(i)];
+            for (Eigen::Index j = 0; j <= i; ++j) {
+                const auto& b = columns[static_cast<std::size_t>(j)];
+                normal(i, j) = normal(j, i) = std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
+            }
+            gradient[i] = std::inner_product(a.begin(), a.end(), e.begin(), 0.0);
+        }
+    };
+    double damping = 1e-3;
+    bool fresh = false; // normal and gradient belong to the present numbers
+    for (int iteration = 0; iteration < options.iterations && n > 0; ++iteration) {
+        if (!fresh) differentiate();
+        fresh = true;
+        bool improved = false;
+        double fall = 0;
+        for (int attempt = 0; attempt < 7 && !improved; ++attempt) {
+            Eigen::MatrixXd damped = normal;
+            for (Eigen::Index i = 0; i < n; ++i)
+                damped(i, i) += damping * normal(i, i) + 1e-12 * normal.trace() / static_cast<double>(n) + 1e-300;
+            const Eigen::VectorXd change = damped.ldlt().solve(gradient);
+            Hypothesis next = h;
+            for (Eigen::Index i = 0; i < n; ++i) {
+                const auto& c = moved[static_cast<std::size_t>(i)];
+                // A factor of e^1.5 in one step is as far as differences can be trusted.
+                const double most = c.logarithmic ? 1.5 : 1e9;
+                c.write(next, std::clamp(c.read(h) - std::clamp(change[i], -most, most), c.low, c.high));
+            }
+            const auto there = errors(next);
+            const double chi = there.empty() ? std::numeric_limits<double>::infinity() : square_of(there);
+            if (chi < h.chi_square) {
+                fall = (h.chi_square - chi) / chi;
+                next.chi_square = chi;
+                h = std::move(next);
+                e = there;
+                improved = true;
+                fresh = false;
+                damping = std::max(damping / (attempt == 0 ? 8 : 2), 1e-9);
+            } else {
+                damping = std::min(damping * 6, 1e9);
+            }
+        }
+        if (!improved || fall < options.tolerance) {
+            h.converged = true;
+            break;
+        }
+    }
+    if (!options.standard_errors || n == 0) return;
+    if (!fresh) differentiate();
+    // Columns that the record does not show have no finite error.
+    const Eigen::MatrixXd covariance = normal.completeOrthogonalDecomposition().pseudoInverse();
+    h.standard_errors.assign(h.values.size(), 0.0);
+    for (Eigen::Index i = 0; i < n; ++i) {
+        const auto& c = moved[static_cast<std::size_t>(i)];
+        if (c.field) continue;
+        const double deviation = std::sqrt(std::max(covariance(i, i), 0.0));
+        h.standard_errors[c.index] = c.logarithmic ? h.values[c.index] * deviation : c.unit * deviation;
+    }
+}
+
+} // namespace tribode

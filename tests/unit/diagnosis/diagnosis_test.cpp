@@ -1,0 +1,130 @@
+#include "base/error.hpp"
+#include "diagnosis/diagnosis.hpp"
+#include "diagnosis/diagnosis_files.hpp"
+#include "unit/diagnosis/small_case.hpp"
+
+#include <cmath>
+#include <gtest/gtest.h>
+
+namespace tribode {
+namespace {
+
+using namespace diagnosis_cases;
+
+// Two records of two seconds: one to fit, one for the proof.
+Diagnosis diagnosed(const Json& hidden, const Json& believed = small_axis()) {
+    const MachineModel machine = MachineModel::from_description(believed, "case");
+    const auto record = [&](double amplitude, double frequency, std::uint64_t seed) {
+        return measurement_from_table(measured(small_axis(), hidden, sine_record(amplitude, frequency, 2), seed),
+                                      machine, "case");
+    };
+    DiagnosisOptions options;
+    options.max_effects = 1;
+    RunControl control;
+    control.workers = 2;
+    return diagnose(machine, {record(0.012, 1.5, 1)}, record(0.02, 1, 2), options, control);
+}
+
+// Within three of its standard errors, and with some of them.
+void expect_parameter(const NamedEffect& effect, const char* name, double truth) {
+    const double value = effect.parameters[name].get<double>(), error = effect.standard_errors[name].get<double>();
+    EXPECT_GT(error, 0);
+    EXPECT_NEAR(value, truth, 3.5 * error) << name; // 3.5: once in two thousand
+}
+
+TEST(Diagnosis, NothingIsMissingFromTheMachineThatMadeTheRecord) {
+    const Diagnosis d = diagnosed(Json::array());
+    EXPECT_EQ(d.verdict, "nothing_missing");
+    EXPECT_TRUE(d.effects.empty());
+    // Noise and rounding are all that is left; six seeds know their rms to a few per cent.
+    EXPECT_NEAR(d.kept_out_gap->before / d.kept_out_gap->floor, 1, 0.1);
+}
+
+TEST(Diagnosis, AHiddenGainIsNamedAndMeasured) {
+    const Diagnosis d = diagnosed(Json::parse(R"([{"name": "thrust_gain", "parameters": {"gain": 0.93}}])"));
+    ASSERT_EQ(d.verdict, "effect_found");
+    EXPECT_EQ(d.effects[0].name, "thrust_gain");
+    expect_parameter(d.effects[0], "gain", 0.93);
+    EXPECT_GT(d.kept_out_gap->before, 10 * d.kept_out_gap->floor);
+    EXPECT_LT(d.kept_out_gap->after, 1.2 * d.kept_out_gap->floor);
+}
+
+TEST(Diagnosis, AHiddenRippleIsNamedWithItsPitch) {
+    const Diagnosis d = diagnosed(Json::parse(
+        R"([{"name": "force_ripple", "parameters": {"harmonics": [{"F": 1.2, "period_m": 0.004, "phase": 1}]}}])"));
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects[0].name, "force_ripple");
+    EXPECT_NEAR(d.effects[0].parameters["harmonics"][0]["period_m"].get<double>(), 0.004, 1e-6);
+    EXPECT_NEAR(d.effects[0].parameters["harmonics"][0]["F"].get<double>(), 1.2, 0.02);
+}
+
+TEST(Diagnosis, ACoarseEncoderShowsInItsValues) {
+    const Diagnosis d =
+        diagnosed(Json::parse(R"([{"name": "encoder_quantization", "parameters": {"resolution_m": 2e-6}}])"));
+    ASSERT_EQ(d.verdict, "effect_found");
+    EXPECT_EQ(d.effects[0].name, "encoder_quantization");
+    EXPECT_NEAR(d.effects[0].parameters["resolution_m"].get<double>(), 2e-6, 1e-12);
+}
+
+TEST(Diagnosis, AMachineWithItsEffectLacksNothing) {
+    const Json hidden = Json::parse(R"([{"name": "constant_force", "parameters": {"F": -2.5}}])");
+    const Diagnosis first = diagnosed(hidden);
+    ASSERT_EQ(first.verdict, "effect_found");
+    EXPECT_EQ(diagnosed(hidden, first.after.description).verdict, "nothing_missing");
+}
+
+TEST(Diagnosis, AFieldWithinItsToleranceIsNoEffect) {
+    Json believed = small_axis();
+    believed["friction"]["viscous"] = 4.6; // 15 % off, where 10 % is its standard deviation
+    believed["tolerance"] = {{"friction.viscous", 0.1}};
+    EXPECT_EQ(diagnosed(Json::array(), believed).verdict, "nothing_missing");
+    believed.erase("tolerance");
+    EXPECT_NE(diagnosed(Json::array(), believed).verdict, "nothing_missing");
+}
+
+TEST(Diagnosis, WhatIsNoKnownEffectIsNotNamedWithConfidence) {
+    // A force that comes and goes by the clock, as no effect does: blows of 6 N for 4 ms at uneven times.
+    const MachineModel machine = MachineModel::from_description(small_axis(), "case");
+    const auto record = [&](double frequency, std::uint64_t seed) {
+        DriveRecord drive = sine_record(0.012, frequency, 2);
+        for (const std::size_t start : {311u, 800u, 1403u, 1577u, 2590u, 3333u}) {
+            for (std::size_t k = start; k < start + 8; ++k) drive.excitation[k] = 6;
+        }
+        Table table = measured(small_axis(), Json::array(), drive, seed);
+        // The blows are no part of the recorded u.
+        for (std::size_t k = 0; k < drive.t.size(); ++k) table.columns[2].values[k] -= drive.excitation[k];
+        return measurement_from_table(table, machine, "case");
+    };
+    DiagnosisOptions options;
+    options.max_effects = 1;
+    RunControl control;
+    control.workers = 2;
+    const Diagnosis d = diagnose(machine, {record(1.5, 1)}, record(1, 2), options, control);
+    if (d.verdict == "effect_found") {
+        EXPECT_LE(d.effects[0].probability, 0.8);
+    } else {
+        EXPECT_TRUE(d.verdict == "unknown_effect" || d.verdict == "undecided") << d.verdict;
+    }
+}
+
+TEST(Diagnosis, RecordsOfAnotherMachineAreRefused) {
+    Json believed = small_axis();
+    const MachineModel machine = MachineModel::from_description(believed, "case");
+    believed["closed_loop"] = false;
+    const MachineModel open = MachineModel::from_description(believed, "case");
+    Table table = measured(small_axis(), Json::array(), sine_record(0.01, 1, 1), 1);
+    for (double& y : table.columns[3].values) y *= 1e6;
+    EXPECT_THROW(diagnose(open, {measurement_from_table(table, open, "case")}, std::nullopt, {}, {}), InputError);
+}
+
+TEST(DiagnosisFiles, TheMachineInLuaHasEveryField) {
+    const std::string text =
+        machine_lua(Json::parse(R"({"Ts": 0.0005, "modes": [{"gain": 1}], "odd key": null, "a b": 2})"));
+    EXPECT_EQ(
+        text,
+        "-- A machine description; see docs/machine-description.md.\nreturn {\n  Ts = 5e-04,\n  modes = {\n    {\n"
+        "      gain = 1,\n    },\n  },\n  [\"a b\"] = 2,\n}\n");
+}
+
+} // namespace
+} // namespace tribode

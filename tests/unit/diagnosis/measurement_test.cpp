@@ -1,0 +1,97 @@
+#include "base/error.hpp"
+#include "diagnosis/measurement.hpp"
+#include "unit/diagnosis/small_case.hpp"
+
+#include <algorithm>
+#include <gtest/gtest.h>
+
+namespace tribode {
+namespace {
+
+using namespace diagnosis_cases;
+
+MachineModel machine_of(const Json& description) { return MachineModel::from_description(description, "case"); }
+
+Table good() { return measured(small_axis(), Json::array(), sine_record(0.01, 1, 1), 1); }
+
+Table changed(Table table, const char* column, const std::function<double(std::size_t, double)>& change) {
+    for (auto& c : table.columns) {
+        if (c.name != column) continue;
+        for (std::size_t k = 0; k < c.values.size(); ++k) c.values[k] = change(k, c.values[k]);
+    }
+    return table;
+}
+
+std::string refusal(const Table& table, const Json& description = small_axis()) {
+    try {
+        measurement_from_table(table, machine_of(description), "run.csv");
+    } catch (const InputError& problem) {
+        return problem.what();
+    }
+    return "";
+}
+
+TEST(Measurement, AGoodRecordIsTakenAndItsExcitationIsZero) {
+    const Measurement m = measurement_from_table(good(), machine_of(small_axis()), "run.csv");
+    EXPECT_EQ(m.size(), 2000u);
+    EXPECT_TRUE(std::all_of(m.drive.excitation.begin(), m.drive.excitation.end(), [](double e) { return e == 0; }));
+}
+
+TEST(Measurement, AnExcitationIsRecoveredToTheRoundingOfTheFile) {
+    DriveRecord record = sine_record(0, 1, 1);
+    for (std::size_t k = 0; k < record.t.size(); ++k)
+        record.excitation[k] = 8 * std::sin(2 * std::numbers::pi * 40 * record.t[k]);
+    const Measurement m =
+        measurement_from_table(measured(small_axis(), Json::array(), record, 1), machine_of(small_axis()), "run.csv");
+    // u is some 10 N; the controller's sums round a few units in the last place.
+    for (std::size_t k = 0; k < m.size(); ++k) EXPECT_NEAR(m.drive.excitation[k], record.excitation[k], 1e-6);
+}
+
+TEST(Measurement, MetresAndMillimetresAreToldApart) {
+    EXPECT_NE(refusal(changed(good(), "y", [](std::size_t, double y) { return 1e3 * y; })).find("different units"),
+              std::string::npos);
+}
+
+TEST(Measurement, ThrustAndPositionInEachOthersPlaceAreRefused) {
+    Table table = good();
+    std::swap(table.columns[2].values, table.columns[3].values);
+    EXPECT_NE(refusal(table), "");
+}
+
+TEST(Measurement, AControllerThatDoesNotFitIsRefused) {
+    Json other = small_axis();
+    other["controller"]["kd"] = 700;
+    EXPECT_NE(refusal(good(), other).find("controller does not make the recorded u"), std::string::npos);
+}
+
+TEST(Measurement, AnotherSampleTimeIsRefused) {
+    EXPECT_NE(refusal(changed(good(), "t", [](std::size_t, double t) { return 2 * t; })), "");
+}
+
+TEST(Measurement, ARecordWithoutMotionIsRefused) {
+    EXPECT_NE(refusal(measured(small_axis(), Json::array(), sine_record(0, 1, 1), 1)).find("motion"),
+              std::string::npos);
+}
+
+TEST(Measurement, AShortRecordIsRefused) {
+    EXPECT_NE(refusal(measured(small_axis(), Json::array(), sine_record(0.01, 1, 0.05), 1)).find("too few"),
+              std::string::npos);
+}
+
+TEST(Measurement, DroppedSamplesAreNoticed) {
+    Table table = good();
+    auto& y = table.columns[3].values;
+    for (const std::size_t k : {300u, 420u, 610u, 820u}) y[k] = y[k - 1];
+    EXPECT_NE(refusal(table), "");
+}
+
+TEST(Measurement, ALatticeOfValuesShowsTheResolution) {
+    std::vector<double> values;
+    for (int k = 0; k < 400; ++k) values.push_back(5e-6 * ((k * 37) % 211 - 80));
+    EXPECT_NEAR(lattice_step(values, 1e-7), 5e-6, 1e-12);
+    values[7] += 2e-6; // one value beside the lattice: there is none
+    EXPECT_LT(lattice_step(values, 1e-7), 4e-6);
+}
+
+} // namespace
+} // namespace tribode
