@@ -289,7 +289,8 @@ TEST_F(BatchCommands, AWrongDescriptionIsRefusedWithItsField) {
     };
     expect_refused("{ points = { { a = 1 } } }", "tb.batch: run is missing, must be a function");
     expect_refused("{ points = {}, run = print }", "points is an empty list");
-    expect_refused("{ run = print }", "points must be a list of tables, a design");
+    expect_refused("{ run = print }",
+                   "points must be a list of tables, a design such as tb.sobol gives, or a function");
     expect_refused("{ points = print, run = print }", "count must be a whole number from 1 on");
     expect_refused("{ points = { 3 }, run = print }", "point 1 must be a table of named fields");
     expect_refused("{ points = { { a = 1 } }, run = print, sed = 3 }", "sed is not known (did you mean \"seed\"?)");
