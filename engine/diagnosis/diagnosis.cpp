@@ -79,10 +79,9 @@ void check_size(const MachineModel& machine, const Measurement& m) {
 
 class Verdict {
   public:
-    Verdict(const MachineModel& machine, Diagnosis& d, const DiagnosisOptions& options, const RunControl& control)
+    Verdict(const MachineModel& machine, Diagnosis& d, const RunControl& control)
         : machine_(machine),
           d_(d),
-          options_(options),
           control_(control),
           fit_(machine, d.search.fitted) {}
 
@@ -122,8 +121,6 @@ class Verdict {
         }
         if (d_.verdict.empty()) d_.verdict = "nothing_missing";
     }
-
-    const std::optional<Hypothesis>& best() const { return best_; }
 
   private:
     MachineModel described(const Hypothesis& h) const {
@@ -323,7 +320,6 @@ class Verdict {
 
     const MachineModel& machine_;
     Diagnosis& d_;
-    const DiagnosisOptions& options_;
     const RunControl& control_;
     ModelFit fit_;
     std::optional<Hypothesis> best_;
@@ -369,7 +365,7 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     Diagnosis d{.verdict = {}, .before = machine, .after = machine};
     d.described_resolution = described;
     d.search = search_effects(coarse, std::move(fit_records), std::move(proof), options.max_effects, control);
-    Verdict verdict(coarse, d, options, control);
+    Verdict verdict(coarse, d, control);
     verdict.decide(encoder);
     for (const auto& record : d.search.fitted) d.fitted.push_back(compared(record, d.before, d.after));
     for (const auto& record : d.search.kept_out) d.kept_out.push_back(compared(record, d.before, d.after));

@@ -50,8 +50,7 @@ struct Diagnosis {
     };
     std::optional<Nearest> nearest;
     std::optional<std::string> next_experiment;
-    std::vector<std::string> untested; // effects that these records could not show
-    MachineModel before, after;        // the machine as described, fields within their tolerance; with the effects
+    MachineModel before, after; // the machine as described, fields within their tolerance; with the effects
     SearchResult search;
     double described_resolution = 0; // of the encoder, before the records were seen [m]
     double false_alarm_limit = 0;    // chi square per sample above which something is missing

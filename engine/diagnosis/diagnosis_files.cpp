@@ -277,9 +277,6 @@ Report report_of(const Diagnosis& d, const Json& summary) {
         }
         how.blocks.push_back(moved);
     }
-    if (!d.untested.empty()) {
-        how.blocks.push_back(Paragraph{fmt::format("These records could not show: {}.", fmt::join(d.untested, ", "))});
-    }
     how.blocks.push_back(Paragraph{fmt::format("Program version {}, machine {}.", summary["version"].get<std::string>(),
                                                summary["machine"].get<std::string>().substr(0, 16))});
     report.sections.push_back(std::move(how));
@@ -330,18 +327,13 @@ Json diagnosis_json(const Diagnosis& d, const std::vector<std::string>& data, co
     Json nearest = nullptr, next = nullptr;
     if (d.nearest) nearest = {{"name", d.nearest->name}, {"share", d.nearest->share}};
     if (d.next_experiment) next = *d.next_experiment;
-    return {{"verdict", d.verdict},
-            {"effects", effects},
-            {"where", d.where},
-            {"gap", {{"ident", gap_json(d.fitted_gap)}, {"validate", gap_json(d.kept_out_gap)}}},
-            {"gap_unit", "m"},
-            {"nearest", nearest},
-            {"next_experiment", next},
-            {"untested", d.untested},
-            {"data", data},
-            {"machine", machine_hash},
-            {"version", version()},
-            {"seconds", seconds}};
+    return {
+        {"verdict", d.verdict},    {"effects", effects},
+        {"where", d.where},        {"gap", {{"ident", gap_json(d.fitted_gap)}, {"validate", gap_json(d.kept_out_gap)}}},
+        {"gap_unit", "m"},         {"nearest", nearest},
+        {"next_experiment", next}, {"data", data},
+        {"machine", machine_hash}, {"version", version()},
+        {"seconds", seconds}};
 }
 
 std::string machine_lua(const Json& description) {
