@@ -11,6 +11,8 @@
 #include <cstdint>
 #include <gtest/gtest.h>
 #include <limits>
+#include <string>
+#include <vector>
 #include <zlib.h>
 
 namespace tribode {
@@ -193,7 +195,8 @@ TEST(Mat, RefusesNamesThatMatlabDoesNotHave) {
         table.add(name, "", {1});
         return problem_of([&] { to_mat(table); });
     };
-    for (const std::string name : {"", "1u", "_u", "u V", "u.v", "\xc3\xa4", std::string(64, 'a').c_str()}) {
+    const std::string too_long(64, 'a');
+    for (const std::string& name : std::vector<std::string>{"", "1u", "_u", "u V", "u.v", "\xc3\xa4", too_long}) {
         EXPECT_TRUE(problem(name).starts_with("input: \"" + name + "\" is not a name that a MAT file")) << name;
     }
     EXPECT_EQ(problem(std::string(63, 'a')), "none: ");
