@@ -106,7 +106,7 @@ Json LuaState::run(const std::string& name, const Json& argument, const std::fun
 
 Json LuaState::run_file(const std::filesystem::path& path, const Json& argument) {
     return run(path.string(), argument, [&](lua_State* lua) {
-        set_script_folder(lua, path.parent_path());
+        set_script_folder(lua, path.has_parent_path() ? path.parent_path() : ".");
         load_file(lua, path);
     });
 }

@@ -170,7 +170,7 @@ fs::path module_file(const ScriptHost& host, const std::string& name) {
         for (const auto& file : {folder / (relative + ".lua"), folder / relative / "init.lua"}) {
             std::error_code problem;
             if (fs::is_regular_file(file, problem)) {
-                host.access.check_read(file);
+                host.access.check_module(file, host.script_folder);
                 return file;
             }
             searched.push_back(file.string());

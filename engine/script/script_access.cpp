@@ -60,4 +60,9 @@ void ScriptAccess::check_write(const fs::path& name) const {
                                  name.string(), run_folder.empty() ? "" : " ", run_folder.string()));
 }
 
+void ScriptAccess::check_module(const fs::path& name, const fs::path& script_folder) const {
+    if (!lies_in(resolved(name), script_folder)) return check_read(name);
+    if (files_read) files_read->insert(resolved(name));
+}
+
 } // namespace tribode

@@ -21,6 +21,9 @@ struct ScriptAccess {
     // it.
     void check_read(const std::filesystem::path& name) const;
     void check_write(const std::filesystem::path& name) const;
+
+    // For `require`: what lies beside the script that the user named is part of the program.
+    void check_module(const std::filesystem::path& name, const std::filesystem::path& script_folder) const;
 };
 
 } // namespace tribode

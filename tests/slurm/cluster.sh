@@ -82,7 +82,7 @@ node-down)
     end "$folder/node-n$node.pid" -KILL
     tasks=() parents=()
     for environment in /proc/[0-9]*/environ; do
-        text=$(tr '\0' '\n' <"$environment" 2>/dev/null) || continue
+        text=$(tr '\0' '\n' 2>/dev/null <"$environment") || continue
         grep -qx "SLURMD_NODENAME=n$node" <<<"$text" || continue
         grep -qx "SLURM_CONF=$SLURM_CONF" <<<"$text" || continue
         task=$(basename "$(dirname "$environment")")

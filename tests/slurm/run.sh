@@ -29,8 +29,8 @@ fail() {
     exit 1
 }
 
-# value FOLDER KEY: of the status of a batch.
-value() { "$tribode" batch status "$1" --json | sed -n "s/^ *\"$2\": \([0-9a-z]*\),*$/\1/p" | head -n 1; }
+# value FOLDER KEY: of the status of a batch; two spaces, since keys inside other values have names of their own.
+value() { "$tribode" batch status "$1" --json | sed -n "s/^  \"$2\": \([0-9a-z]*\),*$/\1/p"; }
 
 # until_done FOLDER POINTS: waits until so many points are done; the files say it, not the queue.
 until_done() {
@@ -63,7 +63,10 @@ check() {
 plan undisturbed
 "$tribode" batch run undisturbed -j 2 --quiet
 "$tribode" batch merge undisturbed -o undisturbed.h5 --quiet
-"$cluster" up "$folder/cluster"
+"$cluster" up "$folder/cluster" || {
+    echo "left out: no Slurm can be started on this machine"
+    exit 0
+}
 
 plan killed_task
 "$tribode" batch slurm killed_task --quiet

@@ -475,9 +475,21 @@ TEST_F(ScriptFilesTest, RequireSearchesTheFolderOfTheScriptFirst) {
     const auto outside = root.write("elsewhere/main.lua", "return require 'part'");
     EXPECT_EQ(LuaState(limits, access, {}).run_file(allowed), Json("own folder"));
     EXPECT_EQ(LuaState(limits, access, {}).run_file(outside), Json("read folder"));
-    root.write("elsewhere/part.lua", "return 'not allowed'");
-    EXPECT_NE(problem_of([&] { LuaState(limits, access, {}).run_file(outside); }).find("is outside the run folder"),
-              std::string::npos);
+    root.write("elsewhere/part.lua", "return 'beside the script'");
+    EXPECT_EQ(LuaState(limits, access, {}).run_file(outside), Json("beside the script"));
+}
+
+TEST_F(ScriptFilesTest, OnlyModulesMayBeReadBesideAScriptAndNoLinkLeadsFurther) {
+    root.write("elsewhere/part.lua", "return 1");
+    root.write("far/part.lua", "return 2");
+    const auto reads =
+        root.write("elsewhere/reads.lua", "io.open(... or '" + (root / "elsewhere/part.lua").string() + "')");
+    const auto linked = root.write("elsewhere/linked.lua", "return require 'link'");
+    std::filesystem::create_symlink(root / "far/part.lua", root / "elsewhere/link.lua");
+    for (const auto& script : {reads, linked}) {
+        const auto problem = problem_of([&] { LuaState(limits, access, {}).run_file(script); });
+        EXPECT_NE(problem.find("is outside the run folder"), std::string::npos) << problem;
+    }
 }
 
 TEST_F(ScriptFilesTest, ErrorsOfAScriptFileNameTheFile) {
