@@ -416,14 +416,20 @@ end
 local best = moves.paper.Proposed
 local worst_paper = moves.paper["FRA-2"].rmse_um > moves.paper["FRA-1"].rmse_um
 
--- What is left around the first mode after the move.
-local vibration = {}
+-- What is left around the first mode after the move. While friction holds the driven point, the rest of the table swings at
+-- the antiresonance of the plant, not at its resonance.
+local vibration, peak_hz = {}, nil
 for i, series in ipairs(results(positioning, "spectrum.plot.json").panels[1].series) do
   vibration[i] = 0
   for k, f in ipairs(series.x) do
-    if f >= 30 and f <= 38 then vibration[i] = math.max(vibration[i], series.y[k]) end
+    if f >= 25 and f <= 40 and series.y[k] > vibration[i] then
+      vibration[i] = series.y[k]
+      if i == 1 then peak_hz = f end
+    end
   end
 end
+local k0, first_mode = machine.rigid_gain_per_kg, machine.modes[1]
+local antiresonance_hz = first_mode.freq_hz * math.sqrt(k0 / (k0 + first_mode.gain))
 section "Positioning: Figs. 15 to 17 and Table IV" {
   compare("Table IV: best model", "Proposed", text("%.2f um", best.rmse_um),
     best.rmse_um < moves.paper["FRA-1"].rmse_um and best.rmse_um < moves.paper["FRA-2"].rmse_um,
@@ -438,10 +444,11 @@ section "Positioning: Figs. 15 to 17 and Table IV" {
   compare("Fig. 15: settled within 5 um", "50 ms", ms(best.settling_ms), (best.settling_ms or math.huge) <= 50,
     text("with the proposed model the table is settled within 5 um after %s; FRA-1: %s, FRA-2: %s.",
       ms(best.settling_ms), ms(moves.paper["FRA-1"].settling_ms), ms(moves.paper["FRA-2"].settling_ms))),
-  compare("Fig. 17: FRA-1 leaves a 34 Hz vibration", "34 Hz", text("%.2f um", vibration[1]),
+  compare("Fig. 17: FRA-1 leaves a 34 Hz vibration", "34 Hz", text("%.2f um at %.0f Hz", vibration[1], peak_hz),
     vibration[1] > 3 * vibration[3],
-    text("around 34 Hz FRA-1 leaves %.2f um, FRA-2 %.2f um and the proposed model %.2f um.", vibration[1], vibration[2],
-      vibration[3])),
+    text("FRA-1 leaves %.2f um of the first mode, FRA-2 %.2f um and the proposed model %.2f um. The peak is at %.1f Hz: " ..
+      "with the driven point held, the table swings at its antiresonance, %.1f Hz.", vibration[1], vibration[2],
+      vibration[3], peak_hz, antiresonance_hz)),
   {
     table = {
       caption = "Table IV: 0.5 mm in 50 ms, RMSE over 0.3 s, models of Table III and models identified here",

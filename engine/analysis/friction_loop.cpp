@@ -60,6 +60,11 @@ FrictionLoop::Stability FrictionLoop::stability(double friction_feedback, double
         const double share = before.real() + part * (now.real() - before.real());
         if (share > 0) crossings.push_back({share, frequency[i - 1] + part * (frequency[i] - frequency[i - 1])});
     }
+    // Without an integrator the right side is real at standstill, where no sign of its imaginary part changes.
+    const Complex standstill = share_at(0);
+    if (standstill.real() > 0 && std::abs(standstill.imag()) < 0.01 * standstill.real()) {
+        crossings.push_back({standstill.real(), 0});
+    }
     std::ranges::sort(crossings, {}, &CriticalFeedback::share);
 
     Stability result{is_stable(friction_feedback), std::nullopt};

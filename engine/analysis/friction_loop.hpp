@@ -33,7 +33,7 @@ struct FrictionLoop {
     // Where the loop, stable at smaller shares p, becomes unstable.
     struct CriticalFeedback {
         double share = 0;        // p
-        double frequency_hz = 0; // of the oscillation that begins there
+        double frequency_hz = 0; // of the oscillation that begins there; 0: the loop drifts off
     };
 
     struct Stability {

@@ -67,5 +67,21 @@ TEST(FrictionLoop, AtTheCriticalShareTheLoopGainIsMinusOneAndStabilityEnds) {
     }
 }
 
+// Stuck elements are a spring K; feeding p K back leaves kp + K - p K, which must stay positive.
+TEST(FrictionLoop, WithoutAnIntegratorTooMuchFeedbackDriftsOff) {
+    FrictionLoop loop;
+    loop.plant.rigid_gain = 0.1;
+    loop.delays.sample_time = ts;
+    loop.controller = pd(2e4, 600);
+    loop.elements = {{3e4, 1, 0}, {1e4, 1, 0}};
+    loop.viscous = 50;
+    const auto critical = loop.stability(1, 0, 0.005, 500).critical;
+    ASSERT_TRUE(critical);
+    EXPECT_NEAR(critical->share, 1 + 2e4 / 4e4, 1e-5);
+    EXPECT_EQ(critical->frequency_hz, 0);
+    EXPECT_TRUE(loop.stability(1.499, 0, 0.005, 500).stable);
+    EXPECT_FALSE(loop.stability(1.501, 0, 0.005, 500).stable);
+}
+
 } // namespace
 } // namespace tribode
