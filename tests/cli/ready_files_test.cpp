@@ -1,5 +1,6 @@
 #include "base/json.hpp"
 #include "cli/program.hpp"
+#include "unit/record/browser.hpp"
 #include "unit/script/temporary_folder.hpp"
 
 #include <algorithm>
@@ -166,6 +167,22 @@ TEST_P(ReadyScript, RunsQuicklyAndLeavesItsResults) {
     EXPECT_TRUE(manifest.at("quick"));
     EXPECT_EQ(manifest.at("files").size() + 1, files.size()) << "the manifest lists what there is";
     for (const auto& name : files) EXPECT_GT(fs::file_size(folder / "out" / name), 0u) << name;
+    if (fs::exists(folder / "out/report.html") && has_browser()) {
+        const auto result = visit(folder, text_of(folder / "out/report.html"), R"js(
+            const painted = (c) => {
+                const p = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+                return p.some((value, i) => i % 4 === 3 && value > 200);
+            };
+            const canvases = [...document.querySelectorAll('canvas')];
+            seen.canvases = canvases.length;
+            seen.empty = canvases.filter((c) => !painted(c)).length;
+            seen.tables = document.querySelectorAll('table').length;
+        )js");
+        expect_quiet(result);
+        EXPECT_GT(result.seen.at("canvases"), 10);
+        EXPECT_EQ(result.seen.at("empty"), 0);
+        EXPECT_GT(result.seen.at("tables"), 3);
+    }
 }
 
 INSTANTIATE_TEST_SUITE_P(Scripts, ReadyScript, ::testing::ValuesIn(ready_files("scripts")), stem_of);
