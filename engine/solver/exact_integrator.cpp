@@ -1,6 +1,7 @@
 #include "solver/exact_integrator.hpp"
 #include "base/error.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -147,11 +148,12 @@ template <std::size_t FixedHeight, std::size_t FixedColumns>
 
 // From c_0 and c_1 on, c_{n+1} = h/(n+1) A c_n, until two terms in a row are below half a unit in the last place of
 // the largest so far. Returns the last n, or 0 where most_terms do not do. Even and odd terms go each their own way by
-// the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two chains that do not wait for one another.
+// the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two chains that do not wait for one another. Where nothing is left
+// of two terms but an eigenvector of A (`shape`, of eigenvalue `rate`, 1 at state `lag`), numbers take the place of A.
 template <std::size_t Fixed>
-[[gnu::always_inline]] inline int expand(const double* a, const double* square, std::size_t states,
-                                         std::size_t any_height, double h, int most_terms, double* terms,
-                                         double* largest, double* travel) {
+[[gnu::always_inline]] inline int expand(const double* a, const double* square, const double* shape, double rate,
+                                         std::size_t lag, std::size_t states, std::size_t any_height, double h,
+                                         int most_terms, double* terms, double* largest, double* travel) {
     const std::size_t height = Fixed ? Fixed : any_height;
     const auto multiply_by = [&](const double* matrix, int from, int to) {
         multiply<Fixed, Fixed>(matrix, height, height, terms + static_cast<std::size_t>(from) * height,
@@ -173,6 +175,12 @@ template <std::size_t Fixed>
         while (state > 0 && std::abs(term(n)[state - 1]) <= half_ulp * largest[state - 1]) --state;
         return state == 0;
     };
+    const auto is_eigenvector = [&](int n) {
+        std::size_t state = 0;
+        const double* c = term(n);
+        while (state < states && std::abs(c[state] - shape[state] * c[lag]) <= half_ulp * largest[state]) ++state;
+        return state == states;
+    };
     for (std::size_t row = 0; row < height; row += block_size) {
         block(largest + row) = block(terms + row) < 0 ? -block(terms + row) : block(terms + row);
         block(travel + row) = Block{};
@@ -181,10 +189,16 @@ template <std::size_t Fixed>
     multiply_by(a, 1, 2);
     scale(2, h / 2);
     constexpr int least_terms = 6; // no step of interest ends before; looking costs as much as a term
-    bool last_was_small = false;
+    bool last_was_small = false, only_decay = false;
     for (int n = 1; n + 3 <= most_terms; n += 2) {
-        multiply_by(square, n, n + 2);
-        multiply_by(square, n + 1, n + 3);
+        if (only_decay) {
+            for (std::size_t row = 0; row < 2 * height; row += block_size) {
+                block(term(n + 2) + row) = block(term(n) + row) * (rate * rate);
+            }
+        } else {
+            multiply_by(square, n, n + 2);
+            multiply_by(square, n + 1, n + 3);
+        }
         scale(n + 2, h * h / ((n + 1) * (n + 2)));
         scale(n + 3, h * h / ((n + 2) * (n + 3)));
         if (n < least_terms) continue;
@@ -192,6 +206,7 @@ template <std::size_t Fixed>
         if (first && last_was_small) return n + 2;
         last_was_small = small(n + 3);
         if (first && last_was_small) return n + 3;
+        if (!only_decay && rate != 0) only_decay = is_eigenvector(n + 2) && is_eigenvector(n + 3);
     }
     return 0;
 }
@@ -227,13 +242,13 @@ multiply_columns(const double* matrix, std::size_t height, std::size_t columns, 
     }
 }
 
-[[gnu::target_clones("avx512f", "avx2", "default")]] int expand_columns(const double* a, const double* square,
-                                                                        std::size_t states, std::size_t height,
-                                                                        double h, int most_terms, double* terms,
-                                                                        double* largest, double* travel) {
+[[gnu::target_clones("avx512f", "avx2", "default")]] int
+expand_columns(const double* a, const double* square, const double* shape, double rate, std::size_t lag,
+               std::size_t states, std::size_t height, double h, int most_terms, double* terms, double* largest,
+               double* travel) {
     switch (height) {
-    case 8: return expand<8>(a, square, states, 8, h, most_terms, terms, largest, travel);
-    default: return expand<0>(a, square, states, height, h, most_terms, terms, largest, travel);
+    case 8: return expand<8>(a, square, shape, rate, lag, states, 8, h, most_terms, terms, largest, travel);
+    default: return expand<0>(a, square, shape, rate, lag, states, height, h, most_terms, terms, largest, travel);
     }
 }
 
@@ -307,7 +322,44 @@ ExactIntegrator::Pattern ExactIntegrator::make_pattern() const {
         multiply_columns(pattern.a.data(), height_, height_, pattern.a.data() + j * height_,
                          pattern.square.data() + j * height_);
     }
+    pattern.decay = find_decay(pattern.a);
     return pattern;
+}
+
+ExactIntegrator::Decay ExactIntegrator::find_decay(const Columns& a) const {
+    Decay decay;
+    const auto entry = [&](std::size_t row, std::size_t column) { return a[column * height_ + row]; };
+    for (std::size_t j = 0; j < size_; ++j) {
+        bool alone = true;
+        for (std::size_t k = 0; k < size_; ++k) alone = alone && (k == j || entry(j, k) == 0);
+        if (alone && entry(j, j) < decay.rate) decay = {j, entry(j, j), {}};
+    }
+    if (decay.rate == 0) return decay;
+    // (A - rate) shape = 0 with shape_j = 1; row and column j give way to that.
+    const auto n = static_cast<Eigen::Index>(size_), state = static_cast<Eigen::Index>(decay.state);
+    Eigen::MatrixXd matrix = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
+        a.data(), n, n, Eigen::OuterStride<>(static_cast<Eigen::Index>(height_)));
+    Eigen::VectorXd right = -matrix.col(state);
+    matrix.diagonal().array() -= decay.rate;
+    matrix.row(state).setZero();
+    matrix.col(state).setZero();
+    matrix(state, state) = 1;
+    right(state) = 1;
+    const auto solver = matrix.partialPivLu();
+    Eigen::VectorXd shape = solver.solve(right);
+    // States have units of different size; refinement makes each of them right to rounding (Skeel).
+    for (int round = 0; round < 2; ++round) shape += solver.solve(right - matrix * shape);
+    if (!shape.allFinite()) return {};
+    decay.shape.assign(shape.begin(), shape.end());
+    decay.shape.resize(height_);
+    return decay;
+}
+
+// Where nothing is left but the fastest decay, terms are numbers times one vector: half the series' work in a servo loop.
+int ExactIntegrator::series(const Pattern& pattern, double h, double* terms, double* largest, double* travel) const {
+    const Decay& decay = pattern.decay;
+    return expand_columns(pattern.a.data(), pattern.square.data(), decay.shape.data(), decay.rate, decay.state, size_,
+                          height_, h, most_terms, terms, largest, travel);
 }
 
 // Column by column, as the responses to f = e_j: a step's series from zero with that slope.
@@ -317,8 +369,7 @@ ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, doubl
     for (std::size_t j = 0; j < size_; ++j) {
         std::fill_n(terms.begin() + static_cast<std::ptrdiff_t>(height_), height_, 0.0);
         terms[height_ + j] = h;
-        const int order = expand_columns(pattern.a.data(), pattern.square.data(), size_, height_, h, most_terms,
-                                         terms.data(), largest.data(), travel.data());
+        const int order = series(pattern, h, terms.data(), largest.data(), travel.data());
         // From rest any length comes to an end at once; from elsewhere this one does not.
         if (order == 0) {
             made.leap.clear();
@@ -434,8 +485,7 @@ bool ExactIntegrator::expand(double h) {
     };
     derive(0);
     if (pattern_) {
-        order_ = expand_columns(pattern_->a.data(), pattern_->square.data(), size_, height_, h, most_terms,
-                                terms_.data(), work_.data(), travel_.data());
+        order_ = series(*pattern_, h, terms_.data(), work_.data(), travel_.data());
         // A comparison with what is not a number hides it; in the last term it still stands.
         return order_ > 0 && std::all_of(term(order_), term(order_) + size_, [](double c) { return std::isfinite(c); });
     }

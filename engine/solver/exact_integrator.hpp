@@ -52,15 +52,25 @@ class ExactIntegrator final : public Integrator {
         Columns rest; // (rest_height x height)
     };
 
+    // The fastest of the states that decay by themselves, dx_j/dt = rate x_j, such as the lag of a thrust: its eigenvector.
+    struct Decay {
+        std::size_t state = 0;
+        double rate = 0; // [1/s]; 0: there is none
+        Columns shape;   // with 1 at the state
+    };
+
     // What is known of one A and G.
     struct Pattern {
-        Columns a, square;                 // A, A^2
+        Columns a, square; // A, A^2
+        Decay decay;
         std::vector<std::vector<Entry>> g; // (guards)
         int series = 0;                    // steps of a regular length that were not prepared
         std::vector<Prepared> prepared;
     };
 
     Pattern make_pattern() const;
+    Decay find_decay(const Columns& a) const;
+    int series(const Pattern& pattern, double h, double* terms, double* largest, double* travel) const;
     Prepared prepare(const Pattern& pattern, double h) const;
     bool same_length(double a, double b) const;
     const Prepared* prepared_for(double h) const;
