@@ -290,7 +290,7 @@ struct RunCommand {
         for (const auto& [name, file] : {std::pair{"machine", machine}, {"data", data}, {"input", input}}) {
             if (!file.empty()) request.defines[name] = file;
         }
-        for (const auto& [name, value] : request.defines) request.read_files.emplace_back(value);
+        for (const auto& [name, value] : request.defines) request.named.emplace_back(value);
         request.limits.memory_bytes = memory_mib << 20;
         ScriptRun(request, common.control()).execute();
         return done;
@@ -366,7 +366,7 @@ struct BatchCommand {
 
     int run_plan(const Common& common) {
         plan.script.defines = defines_of(defines);
-        for (const auto& [name, value] : plan.script.defines) plan.script.read_files.emplace_back(value);
+        for (const auto& [name, value] : plan.script.defines) plan.script.named.emplace_back(value);
         if (shards) plan.shards = shards;
         const PlannedBatch planned = plan_script_batch(plan, common.control());
         for (const auto& warning : planned.warnings) std::fprintf(stderr, "tribode: warning: %s\n", warning.c_str());

@@ -284,7 +284,7 @@ ScriptRequest request_of(const Manifest& manifest, const fs::path& folder) {
     request.script = ScriptRun::ready_file(manifest.files.front().name);
     request.folder = folder / "files";
     request.defines = manifest.defines;
-    for (const auto& [name, value] : manifest.defines) request.read_files.emplace_back(value);
+    for (const auto& [name, value] : manifest.defines) request.named.emplace_back(value);
     request.quick = manifest.quick;
     request.only_batch = true;
     return request;

@@ -2,6 +2,7 @@
 #include "analysis/delay_estimation.hpp"
 #include "analysis/friction_identification.hpp"
 #include "analysis/modal_fit.hpp"
+#include "analysis/signal.hpp"
 #include "base/error.hpp"
 #include "base/field_reader.hpp"
 #include "base/text.hpp"
@@ -23,12 +24,15 @@
 #include "record/plot.hpp"
 #include "record/record_file.hpp"
 #include "record/report.hpp"
+#include "record/zip.hpp"
 #include "script/batch_script.hpp"
 #include "script/sampling_bindings.hpp"
 #include "script/system_bindings.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <filesystem>
 #include <fmt/format.h>
 
 namespace tribode {
@@ -477,6 +481,45 @@ Json friction_force(const Json& arguments) {
     return rolling_force(elements, position);
 }
 
+// ---- signals -----------------------------------------------------------------------------------------------------
+
+Json low_pass(const Json& arguments) {
+    FieldReader fields(arguments, "tb.low_pass");
+    const auto values = fields.numbers("values", "", Allowed::finite, {});
+    const double sample_time = fields.number("sample_time_s", "s", Allowed::positive);
+    const double corner = fields.number("corner_hz", "Hz", Allowed::positive);
+    const int order = static_cast<int>(fields.integer("order", 2, 20, 4));
+    fields.finish();
+    return zero_phase_low_pass(values, sample_time, corner, order);
+}
+
+Json derivative(const Json& arguments) {
+    FieldReader fields(arguments, "tb.derivative");
+    const auto values = fields.numbers("values", "", Allowed::finite, {});
+    const double sample_time = fields.number("sample_time_s", "s", Allowed::positive);
+    fields.finish();
+    return central_differences(values, sample_time);
+}
+
+Json least_squares(const Json& arguments) {
+    FieldReader fields(arguments, "tb.least_squares");
+    std::vector<std::vector<double>> columns;
+    for (const auto& column : fields.value("columns")) {
+        columns.emplace_back();
+        for (const auto& entry : column) {
+            if (!entry.is_number()) fields.fail("columns", "must be a list of lists of numbers");
+            columns.back().push_back(entry.get<double>());
+        }
+    }
+    const auto values = fields.numbers("values", "", Allowed::finite, {});
+    fields.finish();
+    const LinearFit fit = linear_fit(columns, values);
+    return {{"coefficients", fit.coefficients},
+            {"standard_errors", fit.standard_errors},
+            {"residual", fit.residual},
+            {"relative_error", fit.relative_error}};
+}
+
 // ---- positioning -------------------------------------------------------------------------------------------------
 
 Json feedforward(const Json& arguments) {
@@ -576,6 +619,22 @@ Json read_json_file(ScriptRun& run, const ScriptAccess& access, const Json& argu
     return value;
 }
 
+Json list_folder(ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
+    FieldReader fields(arguments, "tb.list_folder");
+    const auto path = run.find_file(fields.text("folder"));
+    fields.finish();
+    access.check_read(path);
+    std::vector<std::string> names;
+    std::error_code problem;
+    for (std::filesystem::directory_iterator entry(path, problem), end; !problem && entry != end;
+         entry.increment(problem)) {
+        names.push_back(entry->path().filename().string());
+    }
+    if (problem) throw InputError(fmt::format("{}: cannot be listed ({})", path.string(), problem.message()));
+    std::sort(names.begin(), names.end());
+    return names;
+}
+
 Json read_record_file(ScriptRun& run, const ScriptAccess& access, const Json& arguments) {
     FieldReader fields(arguments, "tb.read_record");
     const Record record = record_of(run, access, fields, "file", {});
@@ -627,7 +686,7 @@ Json write_csv_file(ScriptRun& run, const Json& arguments) {
     const std::string file = fields.text("file");
     const Table table = table_of(fields, "columns");
     fields.finish();
-    run.folder().write(file, to_csv(table));
+    run.folder().write(file, file.ends_with(".gz") ? gzip(to_csv(table)) : to_csv(table));
     return nullptr;
 }
 
@@ -659,6 +718,14 @@ Json write_json_file(ScriptRun& run, const Json& arguments) {
     const Json& value = fields.value("value");
     fields.finish();
     run.folder().write_json(file, value);
+    return nullptr;
+}
+
+Json write_text_file(ScriptRun& run, const Json& arguments) {
+    FieldReader fields(arguments, "tb.write_text");
+    const std::string file = fields.text("file"), text = fields.text("text");
+    fields.finish();
+    run.folder().write(file, text);
     return nullptr;
 }
 
@@ -726,12 +793,16 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("delay_model_response", delay_model_response);
     lua.add_function("fit_friction", identify_friction);
     lua.add_function("friction_force", friction_force);
+    lua.add_function("low_pass", low_pass);
+    lua.add_function("derivative", derivative);
+    lua.add_function("least_squares", least_squares);
     lua.add_function("feedforward", feedforward);
     lua.add_function("positioning", [&run](const Json& a) { return positioning(run, a); });
     lua.add_function("loop_margins", loop_margins);
     lua.add_function("loop_gain", loop_gain);
     lua.add_function("run", [&run](const Json& a) { return run_script(run, a); });
     lua.add_function("read_json", [&run, &lua](const Json& a) { return read_json_file(run, lua.access(), a); });
+    lua.add_function("list_folder", [&run, &lua](const Json& a) { return list_folder(run, lua.access(), a); });
     lua.add_function("read_record", [&run, &lua](const Json& a) { return read_record_file(run, lua.access(), a); });
     lua.add_function("diagnose", [&run, &lua](const Json& a) { return diagnose_machine(run, lua.access(), a); });
     lua.add_function("read_batch", [&lua](const Json& a) { return read_batch(lua.access(), a); });
@@ -739,6 +810,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("write_hdf5", [&run](const Json& a) { return write_hdf5_file(run, a); });
     lua.add_function("write_mat", [&run](const Json& a) { return write_mat_file(run, a); });
     lua.add_function("write_json", [&run](const Json& a) { return write_json_file(run, a); });
+    lua.add_function("write_text", [&run](const Json& a) { return write_text_file(run, a); });
     lua.add_function("plot", [&run](const Json& a) { return plot(run, a); });
     lua.add_function("report", [&run](const Json& a) { return report(run, a); });
     lua.add_stack_function("batch", [&run](lua_State* state) { return describe_batch(state, run); });

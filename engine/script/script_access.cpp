@@ -41,12 +41,15 @@ void ScriptAccess::check_read(const fs::path& name) const {
     const fs::path path = resolved(name);
     const auto holds_it = [&](const fs::path& folder) { return lies_in(path, folder); };
     const auto note = [&] {
-        if (files_read && !path.empty() && !holds_it(run_folder)) files_read->insert(path);
+        std::error_code problem;
+        if (!files_read || path.empty() || holds_it(run_folder) || fs::is_directory(path, problem)) return;
+        files_read->insert(path);
     };
     if (allow_all) return note();
-    const auto is_it = [&](const fs::path& file) { return !path.empty() && resolved(file) == path; };
     if (holds_it(run_folder) || std::any_of(read_folders.begin(), read_folders.end(), holds_it)) return note();
-    if (std::any_of(read_files.begin(), read_files.end(), is_it)) return note();
+    // A file holds itself alone, a folder all that lies in it. "/" is taken for a text that is no folder.
+    const auto names_it = [&](const fs::path& one) { return holds_it(one) && resolved(one).has_relative_path(); };
+    if (std::any_of(named.begin(), named.end(), names_it)) return note();
     throw InputError(fmt::format("\"{}\" is outside the run folder; name it with -D, --machine, --data or --input, "
                                  "or use --allow-all",
                                  name.string()));

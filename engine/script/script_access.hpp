@@ -12,7 +12,7 @@ struct ScriptAccess {
     bool allow_all = false;                          // no restriction, and the whole standard library
     std::filesystem::path run_folder;                // read and write; empty: none
     std::vector<std::filesystem::path> read_folders; // models, scripts: read, and searched by `require`
-    std::vector<std::filesystem::path> read_files;   // named by the user on the command line
+    std::vector<std::filesystem::path> named;        // files and folders named by the user on the command line: read
 
     // Where present: takes the names of all files outside the run folder that the script was allowed to read.
     std::shared_ptr<std::set<std::filesystem::path>> files_read;

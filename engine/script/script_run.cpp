@@ -109,7 +109,7 @@ ScriptAccess ScriptRun::access() const {
     access.files_read = files_read_;
     access.read_folders = {home() / "models", home() / "scripts"};
     access.read_folders.insert(access.read_folders.end(), request_.read_folders.begin(), request_.read_folders.end());
-    access.read_files = request_.read_files;
+    access.named = request_.named;
     return access;
 }
 

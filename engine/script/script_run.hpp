@@ -26,8 +26,8 @@ struct ScriptRequest {
     bool only_batch = false; // it is read for the batch it describes: no manifest, no log of work, no checkpoints
     ScriptLimits limits;
     std::vector<std::filesystem::path> read_folders; // besides models/ and scripts/
-    std::vector<std::filesystem::path> read_files;
-    int depth = 0; // of nested runs
+    std::vector<std::filesystem::path> named;        // files and folders the user gave: the script may read them
+    int depth = 0;                                   // of nested runs
 };
 
 // What became of a nested run.

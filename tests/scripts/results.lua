@@ -22,6 +22,15 @@ for left, right in text:gsub("^[^\n]*\n", ""):gmatch("([^,\n]+),([^,\n]+)\n") do
 end
 assert(row == 3)
 
+-- Packed where the name says so; the same doubles come back.
+tb.write_csv { file = "deep/table.csv.gz", columns = columns }
+assert(read("deep/table.csv.gz"):sub(1, 2) == "\31\139")
+local back = tb.read_record { file = "deep/table.csv.gz" }.data
+for _, column in ipairs(columns) do
+  for i, value in ipairs(column.values) do assert(back[column.name][i] == value) end
+end
+assert(table.concat(tb.list_folder { folder = "out/deep" }, " ") == "table.csv table.csv.gz")
+
 tb.write_json { file = "value.json", value = { name = "axis", list = { 1, 2.5 }, inner = { deep = true } } }
 text = read("value.json")
 for _, part in ipairs { '"name": "axis"', "2.5", '"deep": true' } do assert(text:find(part, 1, true), text) end
@@ -44,6 +53,9 @@ tb.plot {
 assert(read("figure.png"):sub(1, 4) == "\137PNG")
 assert(read("figure.svg"):find("A line", 1, true))
 
+tb.write_text { file = "words.csv", text = "name,value\nmüde,1\n" }
+assert(read("words.csv") == "name,value\nmüde,1\n")
+
 -- A second write under the same name takes the place of the first.
 tb.write_json { file = "value.json", value = 7 }
 assert(read("value.json") == "7\n")
@@ -57,6 +69,8 @@ refused("has 4 values, must have 3", tb.write_csv, { file = "uneven.csv", column
 refused("stands twice", tb.write_csv, { file = "twice.csv", columns = { columns[1], columns[1] } })
 refused("file is missing", tb.write_json, { value = 1 })
 refused("did you mean \"value\"?", tb.write_json, { file = "a.json", valeu = 1 })
+refused("missing: cannot be listed", tb.list_folder, { folder = "out/missing" })
+refused("outside the run folder", tb.list_folder, { folder = "/etc" })
 refused("plain data", tb.write_json, { file = "a.json", value = print })
 assert(not io.open("out/uneven.csv") and not io.open("out/a.json"))
 

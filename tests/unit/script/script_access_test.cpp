@@ -18,7 +18,7 @@ class ScriptAccessTest : public ::testing::Test {
         root.write("data.csv", "t,u,y\n");
         access.run_folder = root / "run";
         access.read_folders = {root / "models"};
-        access.read_files = {root / "data.csv"};
+        access.named = {root / "data.csv"};
     }
 
     bool may_read(const fs::path& name) const {
@@ -43,6 +43,25 @@ TEST_F(ScriptAccessTest, WhatTheUserNamedMayBeReadOnly) {
     EXPECT_TRUE(may_read(root / "data.csv"));
     EXPECT_FALSE(may_write(root / "models/table.lua"));
     EXPECT_FALSE(may_write(root / "data.csv"));
+}
+
+TEST_F(ScriptAccessTest, AFolderThatTheUserNamedIsReadWithAllThatLiesInIt) {
+    root.write("cases/001/nominal.json", "{}");
+    EXPECT_FALSE(may_read(root / "cases/001/nominal.json"));
+    access.named.push_back(root / "cases/");
+    EXPECT_TRUE(may_read(root / "cases"));
+    EXPECT_TRUE(may_read(root / "cases/001/nominal.json"));
+    EXPECT_FALSE(may_read(root / "cases/../secret.txt"));
+    EXPECT_FALSE(may_read(root / "casesbook.txt"));
+    EXPECT_FALSE(may_write(root / "cases/001/nominal.json"));
+    // The list of what was read holds files only: each of them has a hash.
+    access.files_read = std::make_shared<std::set<fs::path>>();
+    EXPECT_TRUE(may_read(root / "cases"));
+    EXPECT_TRUE(may_read(root / "cases/001/nominal.json"));
+    EXPECT_EQ(access.files_read->size(), 1u);
+    // An option whose text is a slash opens nothing.
+    access.named.push_back("/");
+    EXPECT_FALSE(may_read(root / "secret.txt"));
 }
 
 TEST_F(ScriptAccessTest, AFileOutsideIsRefusedWithAdvice) {

@@ -1,0 +1,31 @@
+#pragma once
+#include <span>
+#include <vector>
+
+namespace tribode {
+
+// Signals of equal sample times, as an identification by inverse dynamics needs them.
+
+// Behind a Butterworth low-pass filter of an even order, run forwards and backwards: no phase, and at the corner a gain of
+// 1/2. Made by the bilinear transform with the corner in its place. At both ends the signal is continued by its mirror
+// image in the end point over 3 (order + 1) samples, as is the custom, and the filter starts from rest there.
+// Throws InputError where the corner is not below half the sample rate, the order not even and from 2 to 20, or there are
+// no more samples than that.
+std::vector<double> zero_phase_low_pass(std::span<const double> values, double sample_time, double corner_hz,
+                                        int order = 4);
+
+// Central differences, at both ends one-sided. Throws InputError for fewer than two values.
+std::vector<double> central_differences(std::span<const double> values, double sample_time);
+
+// values = sum of coefficients times columns, in the sense of least squares.
+struct LinearFit {
+    std::vector<double> coefficients;
+    std::vector<double> standard_errors; // from the residual, taken for white
+    std::vector<double> residual;        // values less the sum
+    double relative_error = 0;           // norm of the residual over that of the values
+};
+
+// Throws InputError where columns differ in length, are no fewer than the values, or depend on one another.
+LinearFit linear_fit(const std::vector<std::vector<double>>& columns, std::span<const double> values);
+
+} // namespace tribode
