@@ -196,7 +196,7 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
     for (const Term output : outputs) outputs_.push_back(place[program.value_of(output)]);
 }
 
-void Tape::evaluate(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const {
+void Tape::interpret(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const {
     // Most tapes fit on the stack; a large one has the thread's own memory, which grows once.
     constexpr std::size_t usual = 512;
     std::array<double, usual> small;
@@ -272,6 +272,104 @@ void Tape::evaluate(std::initializer_list<std::span<const double>> inputs, std::
         }
     }
     for (std::size_t i = 0; i < outputs_.size(); ++i) outputs[i] = registers[outputs_[i]];
+}
+
+// ---- as C --------------------------------------------------------------------------------------------------------
+
+namespace {
+
+// An operation as it is written in C.
+std::string c_text(Op op, const std::string& a, const std::string& b, const std::string& c) {
+    switch (op) {
+    case Op::add: return fmt::format("{} + {}", a, b);
+    case Op::subtract: return fmt::format("{} - {}", a, b);
+    case Op::multiply: return fmt::format("{} * {}", a, b);
+    case Op::divide: return fmt::format("{} / {}", a, b);
+    case Op::negate: return fmt::format("-{}", a);
+    case Op::power: return fmt::format("pow({}, {})", a, b);
+    case Op::sin: return fmt::format("sin({})", a);
+    case Op::cos: return fmt::format("cos({})", a);
+    case Op::tan: return fmt::format("tan({})", a);
+    case Op::asin: return fmt::format("asin({})", a);
+    case Op::acos: return fmt::format("acos({})", a);
+    case Op::atan: return fmt::format("atan({})", a);
+    case Op::atan2: return fmt::format("atan2({}, {})", a, b);
+    case Op::tanh: return fmt::format("tanh({})", a);
+    case Op::exp: return fmt::format("exp({})", a);
+    case Op::log: return fmt::format("log({})", a);
+    case Op::sqrt: return fmt::format("sqrt({})", a);
+    case Op::less: return fmt::format("{} < {}", a, b);
+    case Op::less_equal: return fmt::format("{} <= {}", a, b);
+    case Op::equal: return fmt::format("{} == {}", a, b);
+    case Op::all: return fmt::format("{} != 0 && {} != 0", a, b);
+    case Op::any: return fmt::format("{} != 0 || {} != 0", a, b);
+    case Op::no: return fmt::format("{} == 0", a);
+    case Op::select: return fmt::format("{} != 0 ? {} : {}", a, b, c);
+    case Op::constant:
+    case Op::variable:
+    case Op::no_event: break;
+    }
+    return a;
+}
+
+} // namespace
+
+const char* Tape::c_declarations() {
+    return "#if __FLT_EVAL_METHOD__ != 0\n#error this machine does not round each operation to a double\n#endif\n"
+           "double sin(double), cos(double), tan(double), asin(double), acos(double), atan(double), tanh(double);\n"
+           "double exp(double), log(double), sqrt(double), pow(double, double), atan2(double, double);\n";
+}
+
+std::string Tape::c_function(const std::string& name, const std::array<std::size_t, most_parts>& parts) const {
+    std::vector<std::string> registers = {"1.0"};
+    for (std::size_t part = 0; part < parts.size(); ++part) {
+        for (std::size_t i = 0; i < parts[part]; ++i) registers.push_back(fmt::format("p{}[{}]", part, i));
+    }
+    assert(registers.size() == 1 + input_count_);
+    std::size_t constant_count = 0;
+    const auto next_constant = [&] { return fmt::format("k[{}]", constant_count++); };
+    for (std::size_t i = 0; i < constants_.size(); ++i) registers.push_back(next_constant());
+
+    std::string text = fmt::format("void {}(const double *p0, const double *p1, const double *p2, const double *k, "
+                                   "double *y) {{\n",
+                                   name);
+    const auto product = [&](const Summand& summand, bool first) {
+        const bool is_signed = summand.is_signed();
+        std::string written = is_signed && summand.factor < 0 ? (first ? "-" : " - ") : (first ? "" : " + ");
+        written += is_signed ? registers[summand.a] : next_constant();
+        if (!is_signed && summand.a != one) written += " * " + registers[summand.a];
+        if (summand.b != one) written += " * " + registers[summand.b];
+        return written;
+    };
+    auto operands = operands_.begin();
+    auto summands = summands_.begin();
+    for (const auto& [code, count, length] : runs_) {
+        for (std::uint32_t i = 0; i < count; ++i) {
+            const std::string result = fmt::format("r{}", registers.size());
+            text += fmt::format("  const double {} = ", result);
+            if (code == sum_code) {
+                for (std::uint32_t n = 0; n < length; ++n) text += product(*summands++, n == 0);
+            } else {
+                const auto& [a, b, c] = *operands++;
+                text += c_text(static_cast<Op>(code), registers[a], registers[b], registers[c]);
+            }
+            text += ";\n";
+            registers.push_back(result);
+        }
+    }
+    for (std::size_t i = 0; i < outputs_.size(); ++i) {
+        text += fmt::format("  y[{}] = {};\n", i, registers[outputs_[i]]);
+    }
+    return text + "}\n";
+}
+
+void Tape::use(CFunction function, std::shared_ptr<const void> owner) {
+    function_ = function;
+    owner_ = std::move(owner);
+    function_constants_ = constants_;
+    for (const auto& summand : summands_) {
+        if (!summand.is_signed()) function_constants_.push_back(summand.factor);
+    }
 }
 
 } // namespace tribode

@@ -1,8 +1,11 @@
 #pragma once
 #include "system/expressions.hpp"
 
+#include <array>
 #include <initializer_list>
+#include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 namespace tribode {
@@ -18,12 +21,30 @@ class Tape {
     Tape(const Expressions& graph, const std::vector<Term>& inputs, const std::vector<Term>& outputs);
 
     // The values of the inputs, in order, in any number of parts; one value per output.
-    void evaluate(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const;
+    void evaluate(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const {
+        if (!function_) return interpret(inputs, outputs);
+        const auto part = [&](std::size_t i) { return i < inputs.size() ? inputs.begin()[i].data() : nullptr; };
+        function_(part(0), part(1), part(2), function_constants_.data(), outputs.data());
+    }
+
+    // The same as a function of a C program, without its constants, which the tape keeps: where only numbers differ, the
+    // texts are equal. `parts`: how many inputs each part has; no more parts are allowed then. By the rules of C it gives
+    // the same bits.
+    static constexpr std::size_t most_parts = 3;
+    std::string c_function(const std::string& name, const std::array<std::size_t, most_parts>& parts) const;
+    static const char* c_declarations(); // what stands before the functions of the program
+
+    // From now on `evaluate` calls what has become of c_function(). `owner` is kept as long.
+    using CFunction = void (*)(const double* part0, const double* part1, const double* part2, const double* constants,
+                               double* outputs);
+    void use(CFunction function, std::shared_ptr<const void> owner);
 
     std::size_t output_count() const { return outputs_.size(); }
     std::size_t instruction_count() const { return register_count_ - 1 - input_count_ - constants_.size(); }
 
   private:
+    void interpret(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const;
+
     // Registers: the number 1, inputs, constants, then the results of all instructions, in order.
     static constexpr std::uint32_t one = 0;
 
@@ -34,6 +55,8 @@ class Tape {
     struct Summand { // factor a b
         double factor;
         std::uint32_t a, b;
+
+        bool is_signed() const { return (factor == 1 || factor == -1) && a != one; } // C needs no factor then
     };
 
     // Operations of a kind, or sums of one length.
@@ -48,6 +71,10 @@ class Tape {
     std::vector<Operands> operands_; // of all operations
     std::vector<Summand> summands_;  // of all sums
     std::vector<std::uint32_t> outputs_;
+
+    CFunction function_ = nullptr;
+    std::shared_ptr<const void> owner_;
+    std::vector<double> function_constants_;
 };
 
 } // namespace tribode
