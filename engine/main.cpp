@@ -280,6 +280,8 @@ struct RunCommand {
         app.add_flag("--quick", request.quick, "a small version of the work, to try a script");
         app.add_flag("--allow-all", request.allow_all,
                      "let the script open any file and use the whole standard library of Lua");
+        app.add_flag("--compile", request.compile,
+                     "equations of tb.run_system through the system's C compiler: faster, the same results");
         app.add_option("--max-instructions", request.limits.instructions, "limit of the script's Lua instructions");
         app.add_option("--max-memory", memory_mib, "limit of the script's memory in MiB");
         app.add_flag("--quiet", common.quiet, "no progress display");

@@ -1,5 +1,5 @@
-// A right side of 30 terms as a tape, recorded from a script, beside the same written by hand in C++: see by_hand.cpp.
-// Before they are timed, both are compared.
+// A right side of 30 terms as a tape, recorded from a script, and compiled as C, beside the same written by hand in C++:
+// see by_hand.cpp. Before they are timed, they are compared.
 
 #include "script/symbols.hpp"
 #include "script/system_reader.hpp"
@@ -60,37 +60,43 @@ using ByHand = void (*)(const double*, double*);
 
 struct Pair {
     const char* name;
-    EquationSystem system;
+    EquationSystem system, compiled;
     ByHand by_hand;
 };
 
 std::vector<std::unique_ptr<Pair>> pairs() {
     std::vector<std::unique_ptr<Pair>> list;
     auto systems = recorded();
-    list.push_back(std::unique_ptr<Pair>(new Pair{"products", EquationSystem(systems[0]), products_by_hand}));
-    list.push_back(std::unique_ptr<Pair>(new Pair{"functions", EquationSystem(systems[1]), functions_by_hand}));
+    list.push_back(std::unique_ptr<Pair>(
+        new Pair{"products", EquationSystem(systems[0]), EquationSystem(systems[0]), products_by_hand}));
+    list.push_back(std::unique_ptr<Pair>(
+        new Pair{"functions", EquationSystem(systems[1]), EquationSystem(systems[1]), functions_by_hand}));
     for (const auto& pair : list) {
+        pair->compiled.compile({});
         const SystemState start = pair->system.initial_state();
-        std::vector<double> tape(6), hand(6);
+        std::vector<double> tape(6), code(6), hand(6);
         pair->system.derivative(0, start.x, *start.discrete, tape);
+        pair->compiled.derivative(0, start.x, *start.discrete, code);
         pair->by_hand(start.x.data(), hand.data());
         for (std::size_t i = 0; i < hand.size(); ++i) {
-            if (std::abs(tape[i] - hand[i]) <= 1e-15) continue;
-            std::fprintf(stderr, "%s: der[%zu] is %.17g by the tape and %.17g by hand\n", pair->name, i, tape[i],
-                         hand[i]);
+            if (std::abs(tape[i] - hand[i]) <= 1e-15 && tape[i] == code[i]) continue;
+            std::fprintf(stderr, "%s: der[%zu] is %.17g by the tape, %.17g compiled and %.17g by hand\n", pair->name, i,
+                         tape[i], code[i], hand[i]);
             std::exit(1);
         }
     }
     return list;
 }
 
-// Each evaluation takes what the last one gave, so that none can be left out or moved.
+// As an integrator does it, each evaluation begins where the last one led, with all its states: then none can be left
+// out or moved. `overlapping`: all but one state stay, so that the processor may begin before the last one has ended.
 template <class Evaluate>
-void time_it(benchmark::State& state, std::vector<double> x, const Evaluate& evaluate) {
+void time_it(benchmark::State& state, std::vector<double> x, bool overlapping, const Evaluate& evaluate) {
     std::vector<double> dxdt(x.size());
+    const std::size_t moved = overlapping ? 1 : x.size();
     for (auto _ : state) {
         evaluate(x, dxdt);
-        x[0] += 1e-9 * dxdt[0];
+        for (std::size_t i = 0; i < moved; ++i) x[i] += 1e-9 * dxdt[i];
         benchmark::DoNotOptimize(x.data());
         benchmark::ClobberMemory();
     }
@@ -107,13 +113,19 @@ int main(int argc, char** argv) {
         const Pair* pair = owned.get();
         const std::string name = pair->name;
         const auto start = std::make_shared<SystemState>(pair->system.initial_state());
-        benchmark::RegisterBenchmark((name + "/by_hand").c_str(), [pair, start](benchmark::State& state) {
-            time_it(state, start->x, [&](const auto& x, auto& dxdt) { pair->by_hand(x.data(), dxdt.data()); });
-        });
-        benchmark::RegisterBenchmark((name + "/tape").c_str(), [pair, start](benchmark::State& state) {
-            time_it(state, start->x,
-                    [&](const auto& x, auto& dxdt) { pair->system.derivative(0, x, *start->discrete, dxdt); });
-        });
+        for (const bool overlapping : {false, true}) {
+            const std::string end = overlapping ? "/overlapping" : "";
+            benchmark::RegisterBenchmark((name + "/by_hand" + end).c_str(), [=](benchmark::State& state) {
+                time_it(state, start->x, overlapping,
+                        [&](const auto& x, auto& dxdt) { pair->by_hand(x.data(), dxdt.data()); });
+            });
+            for (const auto& [kind, system] : {std::pair{"/tape", &pair->system}, {"/compiled", &pair->compiled}}) {
+                benchmark::RegisterBenchmark((name + kind + end).c_str(), [=, evaluated = system](auto& state) {
+                    time_it(state, start->x, overlapping,
+                            [&](const auto& x, auto& dxdt) { evaluated->derivative(0, x, *start->discrete, dxdt); });
+                });
+            }
+        }
     }
     benchmark::RunSpecifiedBenchmarks();
 }

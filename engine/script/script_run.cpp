@@ -11,6 +11,7 @@
 #include "script/machine_file.hpp"
 
 #include <chrono>
+#include <cstdio>
 #include <fmt/format.h>
 
 namespace tribode {
@@ -200,6 +201,10 @@ std::vector<std::string> ScriptRun::files_read() const {
         if (file != script) files.push_back(file.string());
     }
     return files;
+}
+
+void ScriptRun::remark(const std::string& text) {
+    if (remarks_.insert(text).second) fmt::print(stderr, "tribode: {}\n", text);
 }
 
 void ScriptRun::note_read(const std::filesystem::path& file) { read_[file.string()] = sha256(read_file(file)); }

@@ -23,6 +23,7 @@ struct ScriptRequest {
     bool quick = false;                         // scripts make their work small
     bool keep_plots = false;                    // tb.plot leaves its table beside the image, for a report
     bool allow_all = false;
+    bool compile = false;    // equations of systems through the system's C compiler
     bool only_batch = false; // it is read for the batch it describes: no manifest, no log of work, no checkpoints
     ScriptLimits limits;
     std::vector<std::filesystem::path> read_folders; // besides models/ and scripts/
@@ -90,6 +91,9 @@ class ScriptRun {
         if (!in_batch()) work_.push_back(std::move(entry));
     }
 
+    // A line on standard error for what the user should know and no result depends on; each text once.
+    void remark(const std::string& text);
+
     RunFolder& folder() { return folder_; }
     const RunControl& control() const { return control_; }
     bool quick() const { return request_.quick; }
@@ -112,6 +116,7 @@ class ScriptRun {
     bool in_points_ = false;
     bool goes_on_; // after an interruption, at an earlier time
     bool options_asked_ = false;
+    std::set<std::string> remarks_;
     Json options_ = Json::object();
     Json machines_ = Json::object(); // file -> hash
     Json read_ = Json::object();     // file -> hash of its bytes

@@ -206,7 +206,14 @@ int run_in_script(lua_State* lua, ScriptRun& run, const Graph& symbols) {
     read_values(options, "start", equations.states, &Equations::State::start, "tb.run_system");
     read_inputs(lua, equations, symbols, "tb.run_system");
 
-    const EquationSystem system(std::move(equations));
+    EquationSystem system(std::move(equations));
+    if (run.request().compile) {
+        try {
+            system.compile({});
+        } catch (const Error& problem) {
+            run.remark(fmt::format("equations are not compiled, but evaluated as tapes: {}", problem.what()));
+        }
+    }
     const RunningOn here(*symbols, lua);
     const SystemRun result = run_system(system, run_with, run.control());
     if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);

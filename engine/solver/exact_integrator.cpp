@@ -147,9 +147,10 @@ template <std::size_t FixedHeight, std::size_t FixedColumns>
 }
 
 // From c_0 and c_1 on, c_{n+1} = h/(n+1) A c_n, until two terms in a row are below half a unit in the last place of
-// the largest so far. Returns the last n, or 0 where most_terms do not do. Even and odd terms go each their own way by
-// the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two chains that do not wait for one another. Where nothing is left
-// of two terms but an eigenvector of A (`shape`, of eigenvalue `rate`, 1 at state `lag`), numbers take the place of A.
+// the largest so far, which begins with what `largest` holds. Returns the last n, or 0 where most_terms do not do. Even
+// and odd terms go each their own way by the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two chains that do not wait
+// for one another. Where nothing is left of two terms but an eigenvector of A (`shape`, of eigenvalue `rate`, 1 at state
+// `lag`), numbers take the place of A.
 template <std::size_t Fixed>
 [[gnu::always_inline]] inline int expand(const double* a, const double* square, const double* shape, double rate,
                                          std::size_t lag, std::size_t states, std::size_t any_height, double h,
@@ -182,7 +183,8 @@ template <std::size_t Fixed>
         return state == states;
     };
     for (std::size_t row = 0; row < height; row += block_size) {
-        block(largest + row) = block(terms + row) < 0 ? -block(terms + row) : block(terms + row);
+        const Block size = block(terms + row) < 0 ? -block(terms + row) : block(terms + row);
+        block(largest + row) = size > block(largest + row) ? size : block(largest + row);
         block(travel + row) = Block{};
     }
     scale(1, 1.0);
@@ -273,6 +275,7 @@ ExactIntegrator::ExactIntegrator(const HybridSystem& system)
       rest_height_(padded(guard_count_)),
       terms_((most_terms + 1) * height_),
       work_(height_),
+      least_(height_),
       travel_(height_),
       moved_(leap_height_),
       speed_(height_),
@@ -282,6 +285,10 @@ ExactIntegrator::ExactIntegrator(const HybridSystem& system)
     if (const auto reason = system.why_not_affine()) {
         throw InputError(fmt::format("solver \"exact\" cannot be used: {}; choose erk, adams or cvode", *reason));
     }
+    // At the end of a long chain a state has no term before many are taken. Sizes below this are not worth one.
+    constexpr double least = 1e-25;
+    std::transform(system.states().begin(), system.states().end(), least_.begin(),
+                   [](const StateVariable& state) { return least * state.scale; });
 }
 
 void ExactIntegrator::restart(SystemState& state) {
@@ -369,6 +376,7 @@ ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, doubl
     for (std::size_t j = 0; j < size_; ++j) {
         std::fill_n(terms.begin() + static_cast<std::ptrdiff_t>(height_), height_, 0.0);
         terms[height_ + j] = h;
+        std::fill(largest.begin(), largest.end(), 0.0);
         const int order = series(pattern, h, terms.data(), largest.data(), travel.data());
         // From rest any length comes to an end at once; from elsewhere this one does not.
         if (order == 0) {
@@ -484,6 +492,7 @@ bool ExactIntegrator::expand(double h) {
         ++counts_.derivative_evaluations;
     };
     derive(0);
+    work_ = least_;
     if (pattern_) {
         order_ = series(*pattern_, h, terms_.data(), work_.data(), travel_.data());
         // A comparison with what is not a number hides it; in the last term it still stands.
@@ -495,7 +504,8 @@ bool ExactIntegrator::expand(double h) {
         bool small = true;
         for (std::size_t i = 0; i < size_; ++i) {
             const double size = std::abs(term(n + 1)[i]);
-            work_[i] = std::max(n == 1 ? std::max(std::abs(term(0)[i]), std::abs(term(1)[i])) : work_[i], size);
+            if (n == 1) work_[i] = std::max({work_[i], std::abs(term(0)[i]), std::abs(term(1)[i])});
+            work_[i] = std::max(work_[i], size);
             small = small && size <= half_ulp * work_[i] && std::isfinite(size);
         }
         // b is a polynomial of degree 3 at most in what there is; its terms have all come by then.

@@ -101,6 +101,7 @@ class ExactIntegrator final : public Integrator {
     int order_ = 0;                   // of its series; 0: it was a leap
     Columns terms_;                   // (height x most_terms + 1): c_n
     std::vector<double> work_;        // (height)
+    std::vector<double> least_;       // (height): sizes of the states below which nothing counts
     std::vector<double> travel_;      // (height): how far each state can go in the step, where pattern_ is there
     std::vector<double> moved_;       // (leap_height): leap times f
     std::vector<double> speed_;       // (height): abs(f)

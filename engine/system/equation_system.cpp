@@ -2,6 +2,7 @@
 #include "base/error.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fmt/format.h>
 #include <limits>
@@ -284,6 +285,27 @@ void EquationSystem::recognize_affine() {
         if (!std::binary_search(used.begin(), used.end(), inputs_[i])) continue;
         const std::size_t place = i - first_value;
         (place < equations_.discrete.size() ? pattern_values_ : pattern_bits_).push_back(place);
+    }
+}
+
+void EquationSystem::compile(const CCompiler& compiler) {
+    const std::array tapes = {&rate_, &jacobian_.tape, &guard_, &guard_jacobian_.tape, &output_, &condition_, &margin_};
+    const std::array<std::size_t, Tape::most_parts> parts = {1, variables_.size(),
+                                                             equations_.discrete.size() + relations_.size()};
+    std::size_t instructions = 0;
+    std::string text = Tape::c_declarations();
+    const auto name = [](std::size_t i) { return fmt::format("tape{}", i); };
+    for (std::size_t i = 0; i < tapes.size(); ++i) {
+        instructions += tapes[i]->instruction_count();
+        if (instructions > most_compiled) {
+            throw Error(fmt::format("{}: more than {} instructions, which a C compiler takes too long for",
+                                    equations_.name, most_compiled));
+        }
+        text += tapes[i]->c_function(name(i), parts);
+    }
+    const auto library = compiler.load(text);
+    for (std::size_t i = 0; i < tapes.size(); ++i) {
+        tapes[i]->use(reinterpret_cast<Tape::CFunction>(library->function(name(i))), library);
     }
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 #include "hybrid/hybrid_system.hpp"
+#include "system/compiled_c.hpp"
 #include "system/equations.hpp"
 #include "system/tape.hpp"
 
@@ -48,6 +49,11 @@ class EquationSystem final : public HybridSystem {
                        std::span<double> coefficient) const override;
     std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const override;
     std::string guard_name(GuardId guard, const SystemState& state) const override;
+
+    // From now on what a run evaluates most often is machine code, with the same bits. Throws Error where that cannot
+    // be had; then the tapes stay. Above most_compiled instructions it is not tried: a compiler takes minutes then.
+    static constexpr std::size_t most_compiled = 20'000;
+    void compile(const CCompiler& compiler);
 
     // One value per output of the equations.
     void outputs(const SystemState& state, std::span<double> y) const;

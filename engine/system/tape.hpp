@@ -1,15 +1,19 @@
 #pragma once
 #include "system/expressions.hpp"
 
+#include <array>
 #include <initializer_list>
+#include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 namespace tribode {
 
-// Expressions as a list of instructions on numbered registers, each term once, operands first. Instructions of the same
-// kind that do not need one another stand in runs, so that what to do is asked once a run. Evaluating allocates nothing
-// and calls nothing but the functions of <cmath>; a tape is constant and may be shared by threads.
+// Expressions as a list of instructions on numbered registers, operands first. A sum of products is one instruction;
+// instructions of the same kind that do not need one another stand in runs, so that what to do is asked once a run.
+// Every operation is rounded as it was written. Evaluating allocates nothing and calls nothing but the functions of
+// <cmath>; a tape is constant and may be shared by threads.
 class Tape {
   public:
     Tape() = default; // no outputs
@@ -17,27 +21,60 @@ class Tape {
     Tape(const Expressions& graph, const std::vector<Term>& inputs, const std::vector<Term>& outputs);
 
     // The values of the inputs, in order, in any number of parts; one value per output.
-    void evaluate(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const;
+    void evaluate(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const {
+        if (!function_) return interpret(inputs, outputs);
+        const auto part = [&](std::size_t i) { return i < inputs.size() ? inputs.begin()[i].data() : nullptr; };
+        function_(part(0), part(1), part(2), function_constants_.data(), outputs.data());
+    }
+
+    // The same as a function of a C program, without its constants, which the tape keeps: where only numbers differ, the
+    // texts are equal. `parts`: how many inputs each part has; no more parts are allowed then. By the rules of C it gives
+    // the same bits.
+    static constexpr std::size_t most_parts = 3;
+    std::string c_function(const std::string& name, const std::array<std::size_t, most_parts>& parts) const;
+    static const char* c_declarations(); // what stands before the functions of the program
+
+    // From now on `evaluate` calls what has become of c_function(). `owner` is kept as long.
+    using CFunction = void (*)(const double* part0, const double* part1, const double* part2, const double* constants,
+                               double* outputs);
+    void use(CFunction function, std::shared_ptr<const void> owner);
 
     std::size_t output_count() const { return outputs_.size(); }
-    std::size_t instruction_count() const { return operands_.size(); }
+    std::size_t instruction_count() const { return register_count_ - 1 - input_count_ - constants_.size(); }
 
   private:
-    // Registers; the results of all instructions go to those behind the inputs and constants, in order.
+    void interpret(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const;
+
+    // Registers: the number 1, inputs, constants, then the results of all instructions, in order.
+    static constexpr std::uint32_t one = 0;
+
     struct Operands {
         std::uint32_t a = 0, b = 0, c = 0;
     };
 
+    struct Summand { // factor a b
+        double factor;
+        std::uint32_t a, b;
+
+        bool is_signed() const { return (factor == 1 || factor == -1) && a != one; } // C needs no factor then
+    };
+
+    // Operations of a kind, or sums of one length.
     struct Run {
-        std::uint32_t code; // an Op, or one of those that tape.cpp adds
-        std::uint32_t count;
+        std::uint32_t code; // an Op, or that of a sum
+        std::uint32_t count, length;
     };
 
     std::vector<double> constants_;
-    std::size_t input_count_ = 0;
+    std::size_t input_count_ = 0, register_count_ = 1;
     std::vector<Run> runs_;
-    std::vector<Operands> operands_;     // of all instructions
-    std::vector<std::uint32_t> outputs_; // registers
+    std::vector<Operands> operands_; // of all operations
+    std::vector<Summand> summands_;  // of all sums
+    std::vector<std::uint32_t> outputs_;
+
+    CFunction function_ = nullptr;
+    std::shared_ptr<const void> owner_;
+    std::vector<double> function_constants_;
 };
 
 } // namespace tribode

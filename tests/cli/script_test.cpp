@@ -169,5 +169,39 @@ TEST_F(Script, TheDefaultRunFolderBearsTheNameOfTheScript) {
     EXPECT_EQ(files_in(folder / "results"), std::vector<std::string>{"s/manifest.json"});
 }
 
+// Equations through a C compiler: the same numbers to the bit, and without a compiler too. A script cannot ask for it.
+TEST_F(Script, CompiledEquationsGiveTheSameNumbers) {
+    const std::string text =
+        "local tb = require 'tribode'\n"
+        "local s = tb.system { states = { x = 0.5, v = 0 }, discrete = { n = 0 },\n"
+        "  der = function(s) return { x = s.v, v = -math.sin(3 * s.x) - 0.1 * s.v * s.v * s.x } end,\n"
+        "  when = { { crossing = function(s) return s.x end, set = function(s)\n"
+        "    return { n = s.n + 1, v = 0.9 * s.v } end } } }\n"
+        "local run = tb.run_system { system = s, duration_s = 20 }\n"
+        "tb.write_csv { file = 'run.csv', columns = run.columns }\n";
+    const std::string path = ::getenv("PATH");
+    ::setenv("XDG_CACHE_HOME", (folder / "cache").c_str(), 1);
+    const Ending plain = run_script(text);
+    const std::string wanted = text_of(folder / "out/run.csv");
+    EXPECT_FALSE(fs::exists(folder / "cache"));
+    const Ending compiled = run_script(text, {"--compile"});
+    EXPECT_EQ(compiled.exit_code, 0);
+    EXPECT_EQ(compiled.err, plain.err);
+    EXPECT_EQ(text_of(folder / "out/run.csv"), wanted);
+    EXPECT_EQ(files_in(folder / "cache").size(), 1u);
+
+    fs::remove_all(folder / "cache");
+    ::setenv("PATH", folder.path().c_str(), 1);
+    const Ending without = run_script(text, {"--compile"});
+    ::setenv("PATH", path.c_str(), 1);
+    ::unsetenv("XDG_CACHE_HOME");
+    EXPECT_EQ(without.exit_code, 0);
+    EXPECT_NE(
+        without.err.find("tribode: equations are not compiled, but evaluated as tapes: there is no C compiler cc"),
+        std::string::npos)
+        << without.err;
+    EXPECT_EQ(text_of(folder / "out/run.csv"), wanted);
+}
+
 } // namespace
 } // namespace tribode::cli

@@ -115,34 +115,3 @@ for _, case in ipairs { { "auto", 1e-14 }, { "erk", 1e-8 }, { "adams", 1e-7 }, {
   local again = tb.run_system { system = jump, duration_s = 2, solver = case[1] }
   near(again.final.y, math.exp(-1), case[2])
 end
-
--- ---- DETEST [Hull 1972]: classes A to E, at t = 20 ------------------------------------------------------------------
-
-local detest = {
-  -- A1: e^-t. A2: 1/sqrt(1 + t). A3: e^{sin t}. A4: 20/(1 + 19 e^{-t/4}).
-  { { y = 1 }, function(s) return { y = -s.y } end, math.exp(-20) },
-  { { y = 1 }, function(s) return { y = -s.y ^ 3 / 2 } end, 1 / math.sqrt(21) },
-  { { y = 1 }, function(s) return { y = s.y * math.cos(s.t) } end, math.exp(math.sin(20)) },
-  { { y = 1 }, function(s) return { y = s.y / 4 * (1 - s.y / 20) } end, 20 / (1 + 19 * math.exp(-5)) },
-}
--- D1 to D5: an orbit of eccentricity 0.1 to 0.9; Kepler's equation E - e sin E = t gives its place.
-for i = 1, 5 do
-  local e = 0.2 * i - 0.1
-  local E = 20
-  for _ = 1, 100 do E = E - (E - e * math.sin(E) - 20) / (1 - e * math.cos(E)) end
-  detest[#detest + 1] = {
-    { y = 1 - e, z = 0, vy = 0, vz = math.sqrt((1 + e) / (1 - e)) },
-    function(s)
-      local r3 = (s.y ^ 2 + s.z ^ 2) ^ 1.5
-      return { y = s.vy, z = s.vz, vy = -s.y / r3, vz = -s.z / r3 }
-    end,
-    math.cos(E) - e,
-  }
-end
-for _, problem in ipairs(detest) do
-  local system = tb.system { states = problem[1], der = problem[2] }
-  local tightly = tb.run_system { system = system, duration_s = 20, solver = "erk", relative_tolerance = 1e-12,
-    absolute_tolerance = 1e-14 }
-  -- Along three turns of the orbit of eccentricity 0.9 an error grows a thousandfold; elsewhere less.
-  near(tightly.final.y, problem[3], 1e-8)
-end

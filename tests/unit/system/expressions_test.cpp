@@ -105,6 +105,66 @@ TEST_F(ExpressionsTest, DerivativesOfRandomGraphsAreThoseOfTheComplexStep) {
     }
 }
 
+// Each operation by itself, in the order of the graph.
+std::vector<double> one_by_one(const Expressions& graph, const std::vector<Term>& variables,
+                               const std::vector<double>& point, const std::vector<Term>& roots) {
+    std::unordered_map<Term, double> value;
+    for (std::size_t i = 0; i < variables.size(); ++i) value[variables[i]] = point[i];
+    for (const Term term : graph.reachable(roots)) {
+        const auto& node = graph[term];
+        if (node.op == Op::constant) value[term] = node.value;
+        if (operand_count(node.op) > 0) value[term] = apply(node.op, value[node.a], value[node.b], value[node.c]);
+    }
+    std::vector<double> values;
+    for (const Term root : roots) values.push_back(value[root]);
+    return values;
+}
+
+// Sums of products of all shapes: long and nested ones, shared parts, constant factors, one output a part of another. The
+// tape takes them together and still rounds as it is written, so that all bits are the same.
+TEST_F(ExpressionsTest, SumsOfProductsAreRoundedAsTheyAreWritten) {
+    for (std::uint64_t seed = 1; seed <= 300; ++seed) {
+        Expressions random;
+        const std::vector<Term> variables = {random.variable("a"), random.variable("b"), random.variable("c")};
+        std::uint64_t count = 0;
+        const auto draw = [&](std::size_t of) {
+            return static_cast<std::size_t>(uniform(seed, 0, count++) * static_cast<double>(of));
+        };
+        const auto number = [&] { return random.constant(4 * uniform(seed, 1, count++) - 2); };
+        std::vector<Term> pool = variables, roots;
+        for (int i = 0; i < 60; ++i) {
+            const Term a = pool[draw(pool.size())], b = pool[draw(pool.size())], last = pool.back();
+            Term made = a;
+            switch (draw(9)) {
+            case 0: made = random.make(Op::multiply, a, b); break;
+            case 1: made = random.make(Op::multiply, number(), a); break;
+            case 2: made = random.make(Op::negate, a); break;
+            case 3: made = random.make(Op::no_event, a); break;
+            case 4: made = random.make(Op::subtract, a, b); break;
+            case 5: made = random.make(Op::add, last, random.make(Op::multiply, number(), a)); break;
+            case 6: made = random.make(Op::subtract, last, random.make(Op::multiply, a, b)); break;
+            case 7: made = random.make(Op::add, number(), last); break;
+            default: made = random.make(Op::add, last, b);
+            }
+            pool.push_back(made);
+        }
+        for (int i = 0; i < 5; ++i) roots.push_back(pool[pool.size() - 1 - draw(40)]);
+        const std::vector<double> point = {uniform(seed, 2, 0), -uniform(seed, 2, 1), 3.0};
+        std::vector<double> values(roots.size());
+        Tape(random, variables, roots).evaluate({point}, values);
+        EXPECT_EQ(values, one_by_one(random, variables, point, roots)) << seed;
+    }
+}
+
+// As many summands as are unrolled, and more.
+TEST_F(ExpressionsTest, SumsOfAnyLengthHaveAllTheirSummands) {
+    Term sum = graph.make(Op::multiply, number(1.5), x);
+    for (int length = 2; length < 40; ++length) {
+        sum = graph.make(Op::subtract, sum, graph.make(Op::multiply, graph.make(Op::multiply, number(length), x), y));
+        EXPECT_EQ(value(sum, 0.3, 0.7), one_by_one(graph, {x, y}, {0.3, 0.7}, {sum})[0]) << length;
+    }
+}
+
 TEST_F(ExpressionsTest, ATapeOfManyRegistersAgreesWithASmallOne) {
     Term sum = number(0);
     for (int i = 0; i < 2000; ++i) sum = graph.make(Op::add, graph.make(Op::sin, graph.make(Op::add, sum, x)), y);
