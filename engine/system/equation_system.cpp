@@ -65,6 +65,20 @@ void EquationSystem::hold_relations() {
 
     const auto order = graph.reachable(roots, false);
     const auto moving = moving_terms(order);
+    for (std::size_t i = 0; i < roots.size(); ++i) {
+        for (const Term term : graph.reachable(std::span(&roots[i], 1), false)) {
+            if (graph[term].op != Op::floor || !moving.contains(term)) continue;
+            const bool is_rate = i < equations_.states.size();
+            const auto& state = equations_.states[is_rate ? i : 0];
+            throw InputError(fmt::format(
+                "{}: {} has {}, which jumps between events; count in a discrete variable that a `when` or a sample "
+                "clock changes, or put it below tb.no_event",
+                equations_.name,
+                is_rate ? "der(" + state.name + ")" + (state.where.empty() ? "" : " (" + state.where + ")")
+                        : "the condition of " + equations_.whens[i - equations_.states.size()].name,
+                shortened(graph.text(term))));
+        }
+    }
     // The same relation may stand below no_event and elsewhere; there it stays as it is.
     Expressions::Replacement held;
     for (const Term term : order) {
@@ -232,6 +246,38 @@ void EquationSystem::make_tapes() {
         for (const Term target : clock.function->writes) call->targets.push_back(place_of(target));
         call->reads = Tape(graph, inputs_, clock.function->reads);
     }
+    find_reach();
+}
+
+void EquationSystem::find_reach() {
+    const auto& graph = *equations_.graph;
+    std::vector<Term> moving = rates_, watched = conditions_;
+    moving.insert(moving.end(), guard_terms_.begin(), guard_terms_.end());
+    for (const auto& relation : relations_) {
+        watched.push_back(relation.margin);
+        watched.push_back(relation.active);
+    }
+    const auto of_motion = graph.variables_of(moving), of_events = graph.variables_of(watched);
+    const auto of_conditions = graph.variables_of(conditions_);
+    const std::size_t first_value = 1 + equations_.states.size();
+    const auto is_in = [&](const std::vector<Term>& variables, std::size_t place) {
+        return std::binary_search(variables.begin(), variables.end(), inputs_[place]);
+    };
+    // A condition below no_event is looked at whenever it can be.
+    bool polled = false;
+    for (std::size_t place = 0; place < first_value; ++place) polled = polled || is_in(of_conditions, place);
+    for (std::size_t clock = 0; clock < clocks_.size(); ++clock) {
+        Reach reach{false, polled};
+        const auto add = [&](const std::vector<std::size_t>& places) {
+            for (const std::size_t place : places) {
+                reach.motion = reach.motion || place < first_value || is_in(of_motion, place);
+                reach.events = reach.events || is_in(of_events, place);
+            }
+        };
+        add(clock_updates_[clock].targets);
+        if (calls_[clock]) add(calls_[clock]->targets);
+        reach_.push_back(reach);
+    }
 }
 
 void EquationSystem::recognize_affine() {
@@ -256,6 +302,21 @@ void EquationSystem::recognize_affine() {
     };
     const auto rate_name = [&](std::size_t row) { return "der(" + equations_.states[row].name + ")"; };
     const auto relation_name = [&](std::size_t row) { return "the relation " + relations_[row].text; };
+    // What is left of conditions that move, below no_event, has no derivative and is yet not constant.
+    const auto check_jumps = [&](const std::vector<Term>& rows, const auto& name) {
+        for (std::size_t row = 0; row < rows.size() && !why_not_affine_; ++row) {
+            for (const Term term : graph.reachable(std::span(&rows[row], 1))) {
+                const Op op = graph[term].op;
+                const bool jumps = op == Op::less || op == Op::less_equal || op == Op::equal || op == Op::floor;
+                if (!jumps || !moves(term)) continue;
+                why_not_affine_ =
+                    fmt::format("{} jumps with {}, which is no event", name(row), shortened(graph.text(term)));
+                break;
+            }
+        }
+    };
+    check_jumps(rates_, rate_name);
+    check_jumps(guard_terms_, relation_name);
     check(jacobian_, matrix, rate_name);
     check(guard_jacobian_, guard_matrix, relation_name);
 
@@ -283,7 +344,13 @@ void EquationSystem::recognize_affine() {
     for (std::size_t i = first_value; i < inputs_.size(); ++i) {
         if (!std::binary_search(used.begin(), used.end(), inputs_[i])) continue;
         const std::size_t place = i - first_value;
-        (place < equations_.discrete.size() ? pattern_values_ : pattern_bits_).push_back(place);
+        const bool relation = place >= equations_.discrete.size();
+        const std::size_t modes = relation ? 2 : equations_.discrete[place].modes.size();
+        if (modes > 0) {
+            pattern_digits_.push_back({place, static_cast<double>(modes)});
+        } else {
+            pattern_values_.push_back(place);
+        }
     }
 }
 
@@ -363,18 +430,24 @@ std::size_t EquationSystem::place_of(Term target) const {
                                  equations_.graph->text(target)));
 }
 
-void EquationSystem::write(std::size_t place, double value, SystemState& state) {
-    if (place <= state.x.size()) {
-        state.x[place - 1] = value;
-    } else {
-        static_cast<Memory&>(*state.discrete).values[place - 1 - state.x.size()] = value;
+// Whether that changes anything.
+bool EquationSystem::write(const std::vector<std::size_t>& places, std::span<const double> values, SystemState& state) {
+    bool changed = false;
+    auto& held = static_cast<Memory&>(*state.discrete).values;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        const std::size_t place = places[i] - 1;
+        double& value = place < state.x.size() ? state.x[place] : held[place - state.x.size()];
+        changed = changed || value != values[i];
+        value = values[i];
     }
+    return changed;
 }
 
-void EquationSystem::carry_out(const Update& update, SystemState& state) const {
-    std::vector<double> values(update.targets.size());
+bool EquationSystem::carry_out(const Update& update, SystemState& state) const {
+    thread_local std::vector<double> values;
+    values.resize(update.targets.size());
     update.tape.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, values);
-    for (std::size_t i = 0; i < values.size(); ++i) write(update.targets[i], values[i], state);
+    return write(update.targets, values, state);
 }
 
 // Takes anew what was changed or has come to matter since the margins `before`. At the instant at which a relation has
@@ -447,18 +520,23 @@ EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, Event
 
 EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state) const {
     auto& memory = static_cast<Memory&>(*state.discrete);
-    std::vector<double> before(2 * relations_.size());
-    margins_of(state, before);
-    carry_out(clock_updates_[clock], state);
+    const bool to_events = reach_[clock].events;
+    std::vector<double> before(to_events ? 2 * relations_.size() : 0);
+    if (to_events) margins_of(state, before);
+    bool changed = carry_out(clock_updates_[clock], state);
     if (const auto& call = calls_[clock]) {
         std::vector<double> read(call->reads.output_count()), written(call->targets.size());
         call->reads.evaluate({std::span(&state.t, 1), state.x, memory.values}, read);
         equations_.clocks[clock].function->call(k, read, written);
-        for (std::size_t i = 0; i < written.size(); ++i) write(call->targets[i], written[i], state);
+        changed = write(call->targets, written, state) || changed;
     }
-    refresh_relations(before, state);
-    memory.fired = settle(state);
-    return EventEffect::restart;
+    memory.fired.clear();
+    if (to_events) {
+        refresh_relations(before, state);
+        memory.fired = settle(state);
+        changed = changed || !memory.fired.empty() || memory.restless;
+    }
+    return changed && (to_events || reach_[clock].motion) ? EventEffect::restart : EventEffect::none;
 }
 
 void EquationSystem::affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
@@ -494,16 +572,23 @@ void EquationSystem::affine_coefficient(const Sparse& matrix, const std::vector<
 }
 
 std::optional<AffinePattern> EquationSystem::affine_pattern(const DiscreteState& d) const {
-    // Bits fill two numbers exactly; a value has the third.
-    constexpr std::size_t bits_of_a_number = 52;
-    if (varies_ || pattern_bits_.size() > 2 * bits_of_a_number || pattern_values_.size() > 1) return std::nullopt;
+    // A value has a number of its own; relations and modes are digits of as many others as they need.
+    constexpr double most = 0x1p53; // up to which whole numbers are exact
     AffinePattern pattern{0, 0, 0};
+    if (varies_ || pattern_values_.size() > pattern.size()) return std::nullopt;
     const auto& values = memory(d).values;
-    for (std::size_t i = 0; i < pattern_bits_.size(); ++i) {
-        double& part = pattern[i / bits_of_a_number];
-        part = 2 * part + values[pattern_bits_[i]];
+    std::size_t part = 0;
+    for (const std::size_t place : pattern_values_) pattern[part++] = values[place];
+    double reach = most; // none is begun yet
+    for (const auto& [place, base] : pattern_digits_) {
+        if (reach * base > most) {
+            if (part == pattern.size()) return std::nullopt;
+            ++part;
+            reach = 1;
+        }
+        pattern[part - 1] = base * pattern[part - 1] + values[place];
+        reach *= base;
     }
-    if (!pattern_values_.empty()) pattern[2] = values[pattern_values_[0]];
     return pattern;
 }
 

@@ -110,16 +110,22 @@ class EquationSystem final : public HybridSystem {
         Tape reads;
     };
 
+    // What the values that a clock sets can change: the derivative or the guards, and whether an event comes.
+    struct Reach {
+        bool motion = false, events = false;
+    };
+
     void put_in_parameters();
     void hold_relations();
     void mark_active();
     void make_tapes();
+    void find_reach();
     void recognize_affine();
     Sparse sparse_jacobian(const std::vector<Term>& rows, std::vector<Term>& terms);
     Update update_of(const Equations::Assignments& set) const;
     std::size_t place_of(Term target) const;
-    static void write(std::size_t place, double value, SystemState& state);
-    void carry_out(const Update& update, SystemState& state) const;
+    static bool write(const std::vector<std::size_t>& places, std::span<const double> values, SystemState& state);
+    bool carry_out(const Update& update, SystemState& state) const;
     void margins_of(const SystemState& state, std::vector<double>& margins) const;
     void refresh_relations(const std::vector<double>& before, SystemState& state,
                            std::optional<std::size_t> crossed = std::nullopt) const;
@@ -138,12 +144,19 @@ class EquationSystem final : public HybridSystem {
     Sparse jacobian_, guard_jacobian_;
     std::vector<Update> when_updates_, clock_updates_;
     std::vector<std::optional<Call>> calls_; // of the clocks
+    std::vector<Reach> reach_;               // of the clocks
 
     std::optional<std::string> why_not_affine_;
     static constexpr int most_degree = 3;
-    std::vector<Tape> rate_by_time_, guard_by_time_;         // n-th derivatives by t, n = 1 .. most_degree
-    bool varies_ = false;                                    // b or h depend on t
-    std::vector<std::size_t> pattern_bits_, pattern_values_; // places in values that A and G depend on
+    std::vector<Tape> rate_by_time_, guard_by_time_; // n-th derivatives by t, n = 1 .. most_degree
+    bool varies_ = false;                            // b or h depend on t
+    // Places in values that A and G depend on: relations and modes, with how many values each has, and numbers.
+    struct Digit {
+        std::size_t place;
+        double base;
+    };
+    std::vector<Digit> pattern_digits_;
+    std::vector<std::size_t> pattern_values_;
 
     mutable std::atomic<std::size_t> not_finite_state_;
     mutable std::atomic<double> not_finite_time_{0};
