@@ -234,9 +234,12 @@ void EquationSystem::make_tapes() {
             graph.make(Op::select, relation.held, relation.margin, graph.make(Op::negate, relation.margin));
         guard_terms_.push_back(graph.make(Op::select, relation.active, side, one));
     }
-    for (const auto& relation : relations_) terms.push_back(relation.active);
+    guard_ = Tape(graph, inputs_, terms);
+    std::vector<Term> active;
+    for (const auto& relation : relations_) active.push_back(relation.active);
+    active_ = Tape(graph, inputs_, active);
+    terms.insert(terms.end(), active.begin(), active.end());
     margin_ = Tape(graph, inputs_, terms);
-    guard_ = Tape(graph, inputs_, guard_terms_);
     for (const auto& when : equations_.whens) when_updates_.push_back(update_of(when.set));
     for (const auto& clock : equations_.clocks) {
         clock_updates_.push_back(update_of(clock.set));
@@ -344,10 +347,10 @@ void EquationSystem::recognize_affine() {
     for (std::size_t i = first_value; i < inputs_.size(); ++i) {
         if (!std::binary_search(used.begin(), used.end(), inputs_[i])) continue;
         const std::size_t place = i - first_value;
-        const bool relation = place >= equations_.discrete.size();
-        const std::size_t modes = relation ? 2 : equations_.discrete[place].modes.size();
-        if (modes > 0) {
-            pattern_digits_.push_back({place, static_cast<double>(modes)});
+        if (place >= equations_.discrete.size()) {
+            pattern_relations_.push_back(place);
+        } else if (const std::size_t modes = equations_.discrete[place].modes.size(); modes > 0) {
+            pattern_modes_.push_back({place, static_cast<double>(modes)});
         } else {
             pattern_values_.push_back(place);
         }
@@ -379,6 +382,8 @@ SystemState EquationSystem::initial_state() const {
         if (!changed) break;
     }
     condition_.evaluate({std::span(&state.t, 1), state.x, memory.values}, memory.conditions);
+    memory.active.resize(relations_.size());
+    find_active(state);
     return state;
 }
 
@@ -413,7 +418,9 @@ bool EquationSystem::jacobian(double t, std::span<const double> x, const Discret
 void EquationSystem::guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const {
     const Memory& held = memory(d);
     guard_.evaluate({std::span(&t, 1), x, held.values}, g.first(relations_.size()));
+    const double* values = held.values.data() + equations_.discrete.size();
     for (std::size_t i = 0; i < relations_.size(); ++i) {
+        g[i] = held.active[i] == 0 ? 1 : values[i] != 0 ? g[i] : -g[i];
         if (g[i] < 0 && held.taken[i] == t && std::abs(held.taken_margin[i]) == -g[i]) g[i] = 0;
     }
     g.back() = held.restless ? -1 : 1;
@@ -421,6 +428,11 @@ void EquationSystem::guards(double t, std::span<const double> x, const DiscreteS
 
 void EquationSystem::margins_of(const SystemState& state, std::vector<double>& margins) const {
     margin_.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, margins);
+}
+
+void EquationSystem::find_active(SystemState& state) const {
+    auto& memory = static_cast<Memory&>(*state.discrete);
+    active_.evaluate({std::span(&state.t, 1), state.x, memory.values}, memory.active);
 }
 
 std::size_t EquationSystem::place_of(Term target) const {
@@ -444,6 +456,7 @@ bool EquationSystem::write(const std::vector<std::size_t>& places, std::span<con
 }
 
 bool EquationSystem::carry_out(const Update& update, SystemState& state) const {
+    if (update.targets.empty()) return false;
     thread_local std::vector<double> values;
     values.resize(update.targets.size());
     update.tape.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, values);
@@ -455,7 +468,8 @@ bool EquationSystem::carry_out(const Update& update, SystemState& state) const {
 void EquationSystem::refresh_relations(const std::vector<double>& before, SystemState& state,
                                        std::optional<std::size_t> crossed) const {
     auto& memory = static_cast<Memory&>(*state.discrete);
-    std::vector<double> now(before.size());
+    thread_local std::vector<double> now;
+    now.resize(before.size());
     margins_of(state, now);
     const std::size_t count = relations_.size(), first = equations_.discrete.size();
     const auto take = [&](std::size_t i, bool holds) {
@@ -478,8 +492,10 @@ void EquationSystem::refresh_relations(const std::vector<double>& before, System
 // Carries out what has become true, until nothing does. Returns the places of what was carried out.
 std::vector<int> EquationSystem::settle(SystemState& state, std::optional<std::size_t> crossed) const {
     auto& memory = static_cast<Memory&>(*state.discrete);
-    std::vector<double> now(conditions_.size()), before(2 * relations_.size());
-    std::vector<std::size_t> due;
+    thread_local std::vector<double> now, before;
+    thread_local std::vector<std::size_t> due;
+    now.resize(conditions_.size());
+    before.resize(2 * relations_.size());
     std::vector<int> fired;
     for (int round = 0; round < most_rounds; ++round) {
         condition_.evaluate({std::span(&state.t, 1), state.x, memory.values}, now);
@@ -503,7 +519,8 @@ std::vector<int> EquationSystem::settle(SystemState& state, std::optional<std::s
 EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, EventLog& log) const {
     if (guard == relations_.size()) return EventEffect::none; // restless: the run ends
     auto& memory = static_cast<Memory&>(*state.discrete);
-    std::vector<double> before(2 * relations_.size());
+    thread_local std::vector<double> before;
+    before.resize(2 * relations_.size());
     margins_of(state, before);
     double& held = memory.values[equations_.discrete.size() + guard];
     // It fell together with another whose event has moved it since: what it is now was taken exactly.
@@ -515,6 +532,7 @@ EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, Event
     // It may open a branch with relations of its own.
     refresh_relations(before, state, guard);
     for (const int when : settle(state, guard)) log.push_back({state.t, when, 0});
+    find_active(state);
     return EventEffect::restart;
 }
 
@@ -526,7 +544,7 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
     bool changed = carry_out(clock_updates_[clock], state);
     if (const auto& call = calls_[clock]) {
         std::vector<double> read(call->reads.output_count()), written(call->targets.size());
-        call->reads.evaluate({std::span(&state.t, 1), state.x, memory.values}, read);
+        if (!read.empty()) call->reads.evaluate({std::span(&state.t, 1), state.x, memory.values}, read);
         equations_.clocks[clock].function->call(k, read, written);
         changed = write(call->targets, written, state) || changed;
     }
@@ -534,6 +552,7 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
     if (to_events) {
         refresh_relations(before, state);
         memory.fired = settle(state);
+        find_active(state);
         changed = changed || !memory.fired.empty() || memory.restless;
     }
     return changed && (to_events || reach_[clock].motion) ? EventEffect::restart : EventEffect::none;
@@ -577,18 +596,25 @@ std::optional<AffinePattern> EquationSystem::affine_pattern(const DiscreteState&
     AffinePattern pattern{0, 0, 0};
     if (varies_ || pattern_values_.size() > pattern.size()) return std::nullopt;
     const auto& values = memory(d).values;
+    const auto& active = memory(d).active;
     std::size_t part = 0;
     for (const std::size_t place : pattern_values_) pattern[part++] = values[place];
     double reach = most; // none is begun yet
-    for (const auto& [place, base] : pattern_digits_) {
+    const auto add = [&](double digit, double base) {
         if (reach * base > most) {
-            if (part == pattern.size()) return std::nullopt;
             ++part;
             reach = 1;
         }
-        pattern[part - 1] = base * pattern[part - 1] + values[place];
+        if (part > pattern.size()) return;
+        pattern[part - 1] = base * pattern[part - 1] + digit;
         reach *= base;
+    };
+    for (const auto& [place, count] : pattern_modes_) add(values[place], count);
+    // One that does not matter is the same, whatever it is.
+    for (const std::size_t place : pattern_relations_) {
+        add(active[place - equations_.discrete.size()] != 0 ? 1 + values[place] : 0, 3);
     }
+    if (part > pattern.size()) return std::nullopt;
     return pattern;
 }
 

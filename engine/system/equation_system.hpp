@@ -72,6 +72,7 @@ class EquationSystem final : public HybridSystem {
     struct Memory final : DiscreteValues<Memory> {
         std::vector<double> values;     // the discrete variables, then what is held of each relation, 1 or 0
         std::vector<double> conditions; // of each `when`, as last seen
+        std::vector<double> active;     // of each relation, whether it matters now
         // Of each relation, when it last crossed or was taken anew [s], and its margin then. As long as nothing moves, it
         // is right as it is, though the located instant may lie a rounding before the crossing.
         std::vector<double> taken, taken_margin;
@@ -127,6 +128,7 @@ class EquationSystem final : public HybridSystem {
     static bool write(const std::vector<std::size_t>& places, std::span<const double> values, SystemState& state);
     bool carry_out(const Update& update, SystemState& state) const;
     void margins_of(const SystemState& state, std::vector<double>& margins) const;
+    void find_active(SystemState& state) const;
     void refresh_relations(const std::vector<double>& before, SystemState& state,
                            std::optional<std::size_t> crossed = std::nullopt) const;
     std::vector<int> settle(SystemState& state, std::optional<std::size_t> crossed = std::nullopt) const;
@@ -139,8 +141,9 @@ class EquationSystem final : public HybridSystem {
     std::vector<SampleClock> clocks_;
     std::vector<Relation> relations_;
     std::vector<Term> rates_, conditions_, guard_terms_;
-    std::vector<Term> inputs_;                        // of every tape: t, x, values of the memory
-    Tape rate_, output_, guard_, condition_, margin_; // margin_: margins, then whether active
+    std::vector<Term> inputs_; // of every tape: t, x, values of the memory
+    Tape rate_, output_, condition_;
+    Tape guard_, active_, margin_; // of each relation: its margin, whether it matters; margin_: both, in this order
     Sparse jacobian_, guard_jacobian_;
     std::vector<Update> when_updates_, clock_updates_;
     std::vector<std::optional<Call>> calls_; // of the clocks
@@ -150,13 +153,13 @@ class EquationSystem final : public HybridSystem {
     static constexpr int most_degree = 3;
     std::vector<Tape> rate_by_time_, guard_by_time_; // n-th derivatives by t, n = 1 .. most_degree
     bool varies_ = false;                            // b or h depend on t
-    // Places in values that A and G depend on: relations and modes, with how many values each has, and numbers.
-    struct Digit {
+    // What A and G depend on: relations, modes, with how many there are, and numbers; as places in values.
+    struct Mode {
         std::size_t place;
-        double base;
+        double count;
     };
-    std::vector<Digit> pattern_digits_;
-    std::vector<std::size_t> pattern_values_;
+    std::vector<std::size_t> pattern_relations_, pattern_values_;
+    std::vector<Mode> pattern_modes_;
 
     mutable std::atomic<std::size_t> not_finite_state_;
     mutable std::atomic<double> not_finite_time_{0};
