@@ -25,6 +25,10 @@ std::vector<Contender> engine_methods();
 // The exact solver as `tribode simulate` calls it: seven columns, and the log of events.
 Contender engine_with_all_columns();
 
+// The machine written as a system of equations, by exact and by erk at 1e-6. Recording and differentiating it, once, is
+// not part of a run.
+std::vector<Contender> machine_as_system();
+
 // What one would write without the engine (by_hand/).
 //   RK4     7 states, classical Runge-Kutta with `divisions` steps a sample; events are not located
 //   ARKODE  7 states, explicit Runge-Kutta of order 5, events by two root functions; at each sample and event a

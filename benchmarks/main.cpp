@@ -66,6 +66,7 @@ std::vector<Entry> all_entries(const std::vector<Reference>& references) {
     std::vector<Entry> entries;
     for (const auto& [scenario, reference] : {std::pair(s1(), &references[0]), std::pair(s2(), &references[1])}) {
         for (const Contender& contender : engine) entries.push_back(entry(scenario, contender, reference));
+        for (const Contender& contender : machine_as_system()) entries.push_back(entry(scenario, contender, reference));
         for (const Contender& contender : {engine_with_all_columns(), rk4, fine_rk4, arkode, arkode_by_hand(1e-8),
                                            arkode_by_hand(1e-6, Restart::anew), cvode_by_hand(Multistep::adams, 1e-6),
                                            cvode_by_hand(Multistep::bdf, 1e-6)}) {

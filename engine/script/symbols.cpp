@@ -210,7 +210,7 @@ constexpr const char* no_equality = "symbolic values cannot be compared with == 
                                     "like, a branch tb.where";
 constexpr const char* no_remainder = "% and // of a symbolic value cannot be recorded: they jump; count in a discrete "
                                      "variable that a `when` or a sample "
-                                     "clock changes";
+                                     "clock changes, with math.floor where need be";
 
 void make_metatable(lua_State* lua, const Graph& symbols) {
     luaL_newmetatable(lua, symbol_type);
@@ -239,15 +239,15 @@ void make_metatable(lua_State* lua, const Graph& symbols) {
 void extend_math(lua_State* lua, const Graph& symbols) {
     lua_getglobal(lua, "math");
     const std::initializer_list<std::pair<const char*, Op>> functions = {
-        {"sin", Op::sin},   {"cos", Op::cos}, {"tan", Op::tan},  {"asin", Op::asin},
-        {"acos", Op::acos}, {"exp", Op::exp}, {"sqrt", Op::sqrt}};
+        {"sin", Op::sin},   {"cos", Op::cos}, {"tan", Op::tan},   {"asin", Op::asin},
+        {"acos", Op::acos}, {"exp", Op::exp}, {"sqrt", Op::sqrt}, {"floor", Op::floor}};
     for (const auto& [name, op] : functions) extend(lua, name, function_of_one(symbols, op, name));
     extend(lua, "atan", [symbols](lua_State* state) { return arc_tangent(symbols, state); });
     extend(lua, "log", [symbols](lua_State* state) { return logarithm(symbols, state); });
     extend(lua, "abs", [symbols](lua_State* state) { return absolute(symbols, state); });
     extend(lua, "max", extreme(symbols, false, "math.max"));
     extend(lua, "min", extreme(symbols, true, "math.min"));
-    for (const char* name : {"floor", "ceil", "fmod", "modf", "tointeger"}) extend(lua, name, refused(no_remainder));
+    for (const char* name : {"ceil", "fmod", "modf", "tointeger"}) extend(lua, name, refused(no_remainder));
     lua_pop(lua, 1);
 }
 

@@ -195,6 +195,30 @@ class RunningOn {
     lua_State* before_;
 };
 
+// { states = { { name =, unit =, value = }, … }, … }: the value of a state is its start.
+int variables_in_script(lua_State* lua) {
+    const Equations equations = system_of(lua, "tb.system_variables");
+    const Json options = plain_options(lua, {"system"}, "tb.system_variables: options");
+    FieldReader(options, "tb.system_variables").finish();
+    Json json;
+    const auto list = [&](const char* kind, const auto& variables, const auto& value_of) {
+        Json& entries = json[kind] = Json::array();
+        for (const auto& variable : variables) {
+            entries.push_back({{"name", variable.name}, {"unit", variable.unit}});
+            if (const std::optional<double> value = value_of(variable)) entries.back()["value"] = *value;
+        }
+    };
+    const auto start_of = [](const auto& variable) { return std::optional(variable.start); };
+    const auto value_of = [](const auto& variable) { return std::optional(variable.value); };
+    list("states", equations.states, start_of);
+    list("discrete", equations.discrete, start_of);
+    list("parameters", equations.parameters, value_of);
+    list("inputs", equations.inputs, value_of);
+    list("outputs", equations.outputs, [](const auto&) { return std::optional<double>(); });
+    push(lua, json);
+    return 1;
+}
+
 int run_in_script(lua_State* lua, ScriptRun& run, const Graph& symbols) {
     Equations equations = system_of(lua, "tb.run_system");
     const Json options = plain_options(lua, {"system", "inputs"}, "tb.run_system: options");
@@ -331,6 +355,7 @@ void add_system_bindings(LuaState& lua, ScriptRun& run) {
         push_system(state, read_system(state, 1, symbols));
         return 1;
     });
+    lua.add_stack_function("system_variables", variables_in_script);
     lua.add_stack_function("linearize", [symbols](lua_State* state) { return linearize_in_script(state, symbols); });
     lua.add_stack_function("run_system",
                            [&run, symbols](lua_State* state) { return run_in_script(state, run, symbols); });

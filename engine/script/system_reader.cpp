@@ -549,7 +549,7 @@ class Reader {
             const std::string where = fmt::format("tb.system: modes.{}", modes_[m]);
             lua_getfield(lua_, modes, modes_[m].c_str());
             const int table = lua_gettop(lua_);
-            check_keys(table, {"der", "when"}, where);
+            check_keys(table, {"der", "outputs", "when"}, where);
             by_mode.push_back(rates_);
             if (field(table, "der")) {
                 for (const auto& [state, rate] : rates_at(table, where + ".der")) by_mode.back()[state] = rate;
@@ -663,10 +663,42 @@ class Reader {
     }
 
     void read_outputs() {
-        if (!field(index_, "outputs")) return;
-        lua_getfield(lua_, index_, "outputs");
-        for (const auto& entry : record("tb.system: outputs", false)) {
-            made_.outputs.push_back({entry.name, entry.unit, entry.term});
+        std::map<std::string, Equations::Output> always;
+        if (field(index_, "outputs")) {
+            lua_getfield(lua_, index_, "outputs");
+            for (const auto& entry : record("tb.system: outputs", false)) {
+                always[entry.name] = {entry.name, entry.unit, entry.term};
+            }
+        }
+        auto outputs = always;
+        std::vector<std::map<std::string, Equations::Output>> by_mode;
+        for (const auto& mode : modes_) {
+            auto& own = by_mode.emplace_back(always);
+            lua_getfield(lua_, index_, "modes");
+            lua_getfield(lua_, -1, mode.c_str());
+            if (lua_getfield(lua_, -1, "outputs") == LUA_TNIL) {
+                lua_pop(lua_, 3);
+                continue;
+            }
+            for (const auto& entry : record(fmt::format("tb.system: modes.{}.outputs", mode), false)) {
+                own[entry.name] = {entry.name, entry.unit, entry.term};
+                outputs.try_emplace(entry.name, own[entry.name]);
+            }
+            lua_pop(lua_, 2);
+        }
+        for (auto& [name, output] : outputs) {
+            for (std::size_t m = by_mode.size(); m-- > 0;) {
+                const auto own = by_mode[m].find(name);
+                if (own == by_mode[m].end()) {
+                    throw InputError(fmt::format("tb.system: modes.{}: there is no output {}, neither here nor in "
+                                                 "outputs",
+                                                 modes_[m], name));
+                }
+                const Term value = own->second.value;
+                output.value =
+                    m + 1 == by_mode.size() ? value : graph_.make(Op::select, in_mode(m), value, output.value);
+            }
+            made_.outputs.push_back(output);
         }
     }
 
@@ -795,6 +827,7 @@ class Reader {
         }
         lua_pop(lua_, 1);
         part_states_ = made_.states.size();
+        part_clocks_ = static_cast<std::ptrdiff_t>(made_.clocks.size());
     }
 
     // The system at `place`, with variables of its own: a system may be part twice.
@@ -862,6 +895,41 @@ class Reader {
         }
         made_.replace(known);
         std::erase_if(made_.inputs, [&](const auto& input) { return known.contains(input.symbol); });
+        order_clocks();
+    }
+
+    // The clocks of parts, so that those that meet set what others read before it is read. Where they need each other,
+    // and within one part, the order stays.
+    void order_clocks() {
+        const auto reads = [&](const Equations::Clock& clock) {
+            std::vector<Term> terms;
+            for (const auto& [target, value] : clock.set) terms.push_back(value);
+            if (clock.function) terms.insert(terms.end(), clock.function->reads.begin(), clock.function->reads.end());
+            return graph_.variables_of(terms);
+        };
+        const auto part_of = [](const std::string& name) { return name.substr(0, name.find('.')); };
+        const auto sets_for = [&](const Equations::Clock& giver, const std::vector<Term>& read) {
+            const auto is_read = [&](Term target) { return std::binary_search(read.begin(), read.end(), target); };
+            return std::any_of(giver.set.begin(), giver.set.end(), [&](const auto& s) { return is_read(s.first); }) ||
+                   (giver.function &&
+                    std::any_of(giver.function->writes.begin(), giver.function->writes.end(), is_read));
+        };
+        std::vector<Equations::Clock> open, ordered;
+        std::move(made_.clocks.begin(), made_.clocks.begin() + part_clocks_, std::back_inserter(open));
+        while (!open.empty()) {
+            const auto is_ready = [&](const Equations::Clock& clock) {
+                const auto read = reads(clock);
+                return std::none_of(open.begin(), open.end(), [&](const Equations::Clock& other) {
+                    const bool same_part = part_of(other.name) == part_of(clock.name);
+                    return same_part ? &other < &clock : sets_for(other, read);
+                });
+            };
+            auto next = std::find_if(open.begin(), open.end(), is_ready);
+            if (next == open.end()) next = open.begin();
+            ordered.push_back(std::move(*next));
+            open.erase(next);
+        }
+        std::move(ordered.begin(), ordered.end(), made_.clocks.begin());
     }
 
     void connect(const Recorded& entry) {
@@ -924,7 +992,8 @@ class Reader {
     Scope scope_;
     std::vector<std::string> modes_;
     Term mode_ = 0;
-    std::size_t part_states_ = 0; // the states of parts come first
+    std::size_t part_states_ = 0;    // the states of parts come first
+    std::ptrdiff_t part_clocks_ = 0; // and their clocks
     std::vector<std::pair<std::string, Term>> part_outputs_;
     std::unordered_map<Term, Term> definition_; // of inputs and outputs of parts
     std::vector<std::optional<Term>> rates_;    // of the own states

@@ -66,6 +66,20 @@ void EquationSystem::hold_relations() {
 
     const auto order = graph.reachable(roots, false);
     const auto moving = moving_terms(order);
+    for (std::size_t i = 0; i < roots.size(); ++i) {
+        for (const Term term : graph.reachable(std::span(&roots[i], 1), false)) {
+            if (graph[term].op != Op::floor || !moving.contains(term)) continue;
+            const bool is_rate = i < equations_.states.size();
+            const auto& state = equations_.states[is_rate ? i : 0];
+            throw InputError(fmt::format(
+                "{}: {} has {}, which jumps between events; count in a discrete variable that a `when` or a sample "
+                "clock changes, or put it below tb.no_event",
+                equations_.name,
+                is_rate ? "der(" + state.name + ")" + (state.where.empty() ? "" : " (" + state.where + ")")
+                        : "the condition of " + equations_.whens[i - equations_.states.size()].name,
+                shortened(graph.text(term))));
+        }
+    }
     // The same relation may stand below no_event and elsewhere; there it stays as it is.
     Expressions::Replacement held;
     for (const Term term : order) {
@@ -221,9 +235,12 @@ void EquationSystem::make_tapes() {
             graph.make(Op::select, relation.held, relation.margin, graph.make(Op::negate, relation.margin));
         guard_terms_.push_back(graph.make(Op::select, relation.active, side, one));
     }
-    for (const auto& relation : relations_) terms.push_back(relation.active);
+    guard_ = Tape(graph, inputs_, terms);
+    std::vector<Term> active;
+    for (const auto& relation : relations_) active.push_back(relation.active);
+    active_ = Tape(graph, inputs_, active);
+    terms.insert(terms.end(), active.begin(), active.end());
     margin_ = Tape(graph, inputs_, terms);
-    guard_ = Tape(graph, inputs_, guard_terms_);
     for (const auto& when : equations_.whens) when_updates_.push_back(update_of(when.set));
     for (const auto& clock : equations_.clocks) {
         clock_updates_.push_back(update_of(clock.set));
@@ -232,6 +249,38 @@ void EquationSystem::make_tapes() {
         call.emplace();
         for (const Term target : clock.function->writes) call->targets.push_back(place_of(target));
         call->reads = Tape(graph, inputs_, clock.function->reads);
+    }
+    find_reach();
+}
+
+void EquationSystem::find_reach() {
+    const auto& graph = *equations_.graph;
+    std::vector<Term> moving = rates_, watched = conditions_;
+    moving.insert(moving.end(), guard_terms_.begin(), guard_terms_.end());
+    for (const auto& relation : relations_) {
+        watched.push_back(relation.margin);
+        watched.push_back(relation.active);
+    }
+    const auto of_motion = graph.variables_of(moving), of_events = graph.variables_of(watched);
+    const auto of_conditions = graph.variables_of(conditions_);
+    const std::size_t first_value = 1 + equations_.states.size();
+    const auto is_in = [&](const std::vector<Term>& variables, std::size_t place) {
+        return std::binary_search(variables.begin(), variables.end(), inputs_[place]);
+    };
+    // A condition below no_event is looked at whenever it can be.
+    bool polled = false;
+    for (std::size_t place = 0; place < first_value; ++place) polled = polled || is_in(of_conditions, place);
+    for (std::size_t clock = 0; clock < clocks_.size(); ++clock) {
+        Reach reach{false, polled};
+        const auto add = [&](const std::vector<std::size_t>& places) {
+            for (const std::size_t place : places) {
+                reach.motion = reach.motion || place < first_value || is_in(of_motion, place);
+                reach.events = reach.events || is_in(of_events, place);
+            }
+        };
+        add(clock_updates_[clock].targets);
+        if (calls_[clock]) add(calls_[clock]->targets);
+        reach_.push_back(reach);
     }
 }
 
@@ -257,6 +306,21 @@ void EquationSystem::recognize_affine() {
     };
     const auto rate_name = [&](std::size_t row) { return "der(" + equations_.states[row].name + ")"; };
     const auto relation_name = [&](std::size_t row) { return "the relation " + relations_[row].text; };
+    // What is left of conditions that move, below no_event, has no derivative and is yet not constant.
+    const auto check_jumps = [&](const std::vector<Term>& rows, const auto& name) {
+        for (std::size_t row = 0; row < rows.size() && !why_not_affine_; ++row) {
+            for (const Term term : graph.reachable(std::span(&rows[row], 1))) {
+                const Op op = graph[term].op;
+                const bool jumps = op == Op::less || op == Op::less_equal || op == Op::equal || op == Op::floor;
+                if (!jumps || !moves(term)) continue;
+                why_not_affine_ =
+                    fmt::format("{} jumps with {}, which is no event", name(row), shortened(graph.text(term)));
+                break;
+            }
+        }
+    };
+    check_jumps(rates_, rate_name);
+    check_jumps(guard_terms_, relation_name);
     check(jacobian_, matrix, rate_name);
     check(guard_jacobian_, guard_matrix, relation_name);
 
@@ -284,7 +348,13 @@ void EquationSystem::recognize_affine() {
     for (std::size_t i = first_value; i < inputs_.size(); ++i) {
         if (!std::binary_search(used.begin(), used.end(), inputs_[i])) continue;
         const std::size_t place = i - first_value;
-        (place < equations_.discrete.size() ? pattern_values_ : pattern_bits_).push_back(place);
+        if (place >= equations_.discrete.size()) {
+            pattern_relations_.push_back(place);
+        } else if (const std::size_t modes = equations_.discrete[place].modes.size(); modes > 0) {
+            pattern_modes_.push_back({place, static_cast<double>(modes)});
+        } else {
+            pattern_values_.push_back(place);
+        }
     }
 }
 
@@ -334,6 +404,8 @@ SystemState EquationSystem::initial_state() const {
         if (!changed) break;
     }
     condition_.evaluate({std::span(&state.t, 1), state.x, memory.values}, memory.conditions);
+    memory.active.resize(relations_.size());
+    find_active(state);
     return state;
 }
 
@@ -368,7 +440,9 @@ bool EquationSystem::jacobian(double t, std::span<const double> x, const Discret
 void EquationSystem::guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const {
     const Memory& held = memory(d);
     guard_.evaluate({std::span(&t, 1), x, held.values}, g.first(relations_.size()));
+    const double* values = held.values.data() + equations_.discrete.size();
     for (std::size_t i = 0; i < relations_.size(); ++i) {
+        g[i] = held.active[i] == 0 ? 1 : values[i] != 0 ? g[i] : -g[i];
         if (g[i] < 0 && held.taken[i] == t && std::abs(held.taken_margin[i]) == -g[i]) g[i] = 0;
     }
     g.back() = held.restless ? -1 : 1;
@@ -378,6 +452,11 @@ void EquationSystem::margins_of(const SystemState& state, std::vector<double>& m
     margin_.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, margins);
 }
 
+void EquationSystem::find_active(SystemState& state) const {
+    auto& memory = static_cast<Memory&>(*state.discrete);
+    active_.evaluate({std::span(&state.t, 1), state.x, memory.values}, memory.active);
+}
+
 std::size_t EquationSystem::place_of(Term target) const {
     const auto found = std::find(inputs_.begin() + 1, inputs_.end(), target);
     if (found != inputs_.end()) return static_cast<std::size_t>(found - inputs_.begin());
@@ -385,18 +464,25 @@ std::size_t EquationSystem::place_of(Term target) const {
                                  equations_.graph->text(target)));
 }
 
-void EquationSystem::write(std::size_t place, double value, SystemState& state) {
-    if (place <= state.x.size()) {
-        state.x[place - 1] = value;
-    } else {
-        static_cast<Memory&>(*state.discrete).values[place - 1 - state.x.size()] = value;
+// Whether that changes anything.
+bool EquationSystem::write(const std::vector<std::size_t>& places, std::span<const double> values, SystemState& state) {
+    bool changed = false;
+    auto& held = static_cast<Memory&>(*state.discrete).values;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        const std::size_t place = places[i] - 1;
+        double& value = place < state.x.size() ? state.x[place] : held[place - state.x.size()];
+        changed = changed || value != values[i];
+        value = values[i];
     }
+    return changed;
 }
 
-void EquationSystem::carry_out(const Update& update, SystemState& state) const {
-    std::vector<double> values(update.targets.size());
+bool EquationSystem::carry_out(const Update& update, SystemState& state) const {
+    if (update.targets.empty()) return false;
+    thread_local std::vector<double> values;
+    values.resize(update.targets.size());
     update.tape.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, values);
-    for (std::size_t i = 0; i < values.size(); ++i) write(update.targets[i], values[i], state);
+    return write(update.targets, values, state);
 }
 
 // Takes anew what was changed or has come to matter since the margins `before`. At the instant at which a relation has
@@ -404,7 +490,8 @@ void EquationSystem::carry_out(const Update& update, SystemState& state) const {
 void EquationSystem::refresh_relations(const std::vector<double>& before, SystemState& state,
                                        std::optional<std::size_t> crossed) const {
     auto& memory = static_cast<Memory&>(*state.discrete);
-    std::vector<double> now(before.size());
+    thread_local std::vector<double> now;
+    now.resize(before.size());
     margins_of(state, now);
     const std::size_t count = relations_.size(), first = equations_.discrete.size();
     const auto take = [&](std::size_t i, bool holds) {
@@ -427,8 +514,10 @@ void EquationSystem::refresh_relations(const std::vector<double>& before, System
 // Carries out what has become true, until nothing does. Returns the places of what was carried out.
 std::vector<int> EquationSystem::settle(SystemState& state, std::optional<std::size_t> crossed) const {
     auto& memory = static_cast<Memory&>(*state.discrete);
-    std::vector<double> now(conditions_.size()), before(2 * relations_.size());
-    std::vector<std::size_t> due;
+    thread_local std::vector<double> now, before;
+    thread_local std::vector<std::size_t> due;
+    now.resize(conditions_.size());
+    before.resize(2 * relations_.size());
     std::vector<int> fired;
     for (int round = 0; round < most_rounds; ++round) {
         condition_.evaluate({std::span(&state.t, 1), state.x, memory.values}, now);
@@ -452,7 +541,8 @@ std::vector<int> EquationSystem::settle(SystemState& state, std::optional<std::s
 EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, EventLog& log) const {
     if (guard == relations_.size()) return EventEffect::none; // restless: the run ends
     auto& memory = static_cast<Memory&>(*state.discrete);
-    std::vector<double> before(2 * relations_.size());
+    thread_local std::vector<double> before;
+    before.resize(2 * relations_.size());
     margins_of(state, before);
     double& held = memory.values[equations_.discrete.size() + guard];
     // It fell together with another whose event has moved it since: what it is now was taken exactly.
@@ -464,23 +554,30 @@ EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, Event
     // It may open a branch with relations of its own.
     refresh_relations(before, state, guard);
     for (const int when : settle(state, guard)) log.push_back({state.t, when, 0});
+    find_active(state);
     return EventEffect::restart;
 }
 
 EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state) const {
     auto& memory = static_cast<Memory&>(*state.discrete);
-    std::vector<double> before(2 * relations_.size());
-    margins_of(state, before);
-    carry_out(clock_updates_[clock], state);
+    const bool to_events = reach_[clock].events;
+    std::vector<double> before(to_events ? 2 * relations_.size() : 0);
+    if (to_events) margins_of(state, before);
+    bool changed = carry_out(clock_updates_[clock], state);
     if (const auto& call = calls_[clock]) {
         std::vector<double> read(call->reads.output_count()), written(call->targets.size());
-        call->reads.evaluate({std::span(&state.t, 1), state.x, memory.values}, read);
+        if (!read.empty()) call->reads.evaluate({std::span(&state.t, 1), state.x, memory.values}, read);
         equations_.clocks[clock].function->call(k, read, written);
-        for (std::size_t i = 0; i < written.size(); ++i) write(call->targets[i], written[i], state);
+        changed = write(call->targets, written, state) || changed;
     }
-    refresh_relations(before, state);
-    memory.fired = settle(state);
-    return EventEffect::restart;
+    memory.fired.clear();
+    if (to_events) {
+        refresh_relations(before, state);
+        memory.fired = settle(state);
+        find_active(state);
+        changed = changed || !memory.fired.empty() || memory.restless;
+    }
+    return changed && (to_events || reach_[clock].motion) ? EventEffect::restart : EventEffect::none;
 }
 
 void EquationSystem::affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
@@ -516,16 +613,30 @@ void EquationSystem::affine_coefficient(const Sparse& matrix, const std::vector<
 }
 
 std::optional<AffinePattern> EquationSystem::affine_pattern(const DiscreteState& d) const {
-    // Bits fill two numbers exactly; a value has the third.
-    constexpr std::size_t bits_of_a_number = 52;
-    if (varies_ || pattern_bits_.size() > 2 * bits_of_a_number || pattern_values_.size() > 1) return std::nullopt;
+    // A value has a number of its own; relations and modes are digits of as many others as they need.
+    constexpr double most = 0x1p53; // up to which whole numbers are exact
     AffinePattern pattern{0, 0, 0};
+    if (varies_ || pattern_values_.size() > pattern.size()) return std::nullopt;
     const auto& values = memory(d).values;
-    for (std::size_t i = 0; i < pattern_bits_.size(); ++i) {
-        double& part = pattern[i / bits_of_a_number];
-        part = 2 * part + values[pattern_bits_[i]];
+    const auto& active = memory(d).active;
+    std::size_t part = 0;
+    for (const std::size_t place : pattern_values_) pattern[part++] = values[place];
+    double reach = most; // none is begun yet
+    const auto add = [&](double digit, double base) {
+        if (reach * base > most) {
+            ++part;
+            reach = 1;
+        }
+        if (part > pattern.size()) return;
+        pattern[part - 1] = base * pattern[part - 1] + digit;
+        reach *= base;
+    };
+    for (const auto& [place, count] : pattern_modes_) add(values[place], count);
+    // One that does not matter is the same, whatever it is.
+    for (const std::size_t place : pattern_relations_) {
+        add(active[place - equations_.discrete.size()] != 0 ? 1 + values[place] : 0, 3);
     }
-    if (!pattern_values_.empty()) pattern[2] = values[pattern_values_[0]];
+    if (part > pattern.size()) return std::nullopt;
     return pattern;
 }
 

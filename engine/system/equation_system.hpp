@@ -78,6 +78,7 @@ class EquationSystem final : public HybridSystem {
     struct Memory final : DiscreteValues<Memory> {
         std::vector<double> values;     // the discrete variables, then what is held of each relation, 1 or 0
         std::vector<double> conditions; // of each `when`, as last seen
+        std::vector<double> active;     // of each relation, whether it matters now
         // Of each relation, when it last crossed or was taken anew [s], and its margin then. As long as nothing moves, it
         // is right as it is, though the located instant may lie a rounding before the crossing.
         std::vector<double> taken, taken_margin;
@@ -116,17 +117,24 @@ class EquationSystem final : public HybridSystem {
         Tape reads;
     };
 
+    // What the values that a clock sets can change: the derivative or the guards, and whether an event comes.
+    struct Reach {
+        bool motion = false, events = false;
+    };
+
     void put_in_parameters();
     void hold_relations();
     void mark_active();
     void make_tapes();
+    void find_reach();
     void recognize_affine();
     Sparse sparse_jacobian(const std::vector<Term>& rows, std::vector<Term>& terms);
     Update update_of(const Equations::Assignments& set) const;
     std::size_t place_of(Term target) const;
-    static void write(std::size_t place, double value, SystemState& state);
-    void carry_out(const Update& update, SystemState& state) const;
+    static bool write(const std::vector<std::size_t>& places, std::span<const double> values, SystemState& state);
+    bool carry_out(const Update& update, SystemState& state) const;
     void margins_of(const SystemState& state, std::vector<double>& margins) const;
+    void find_active(SystemState& state) const;
     void refresh_relations(const std::vector<double>& before, SystemState& state,
                            std::optional<std::size_t> crossed = std::nullopt) const;
     std::vector<int> settle(SystemState& state, std::optional<std::size_t> crossed = std::nullopt) const;
@@ -139,17 +147,25 @@ class EquationSystem final : public HybridSystem {
     std::vector<SampleClock> clocks_;
     std::vector<Relation> relations_;
     std::vector<Term> rates_, conditions_, guard_terms_;
-    std::vector<Term> inputs_;                        // of every tape: t, x, values of the memory
-    Tape rate_, output_, guard_, condition_, margin_; // margin_: margins, then whether active
+    std::vector<Term> inputs_; // of every tape: t, x, values of the memory
+    Tape rate_, output_, condition_;
+    Tape guard_, active_, margin_; // of each relation: its margin, whether it matters; margin_: both, in this order
     Sparse jacobian_, guard_jacobian_;
     std::vector<Update> when_updates_, clock_updates_;
     std::vector<std::optional<Call>> calls_; // of the clocks
+    std::vector<Reach> reach_;               // of the clocks
 
     std::optional<std::string> why_not_affine_;
     static constexpr int most_degree = 3;
-    std::vector<Tape> rate_by_time_, guard_by_time_;         // n-th derivatives by t, n = 1 .. most_degree
-    bool varies_ = false;                                    // b or h depend on t
-    std::vector<std::size_t> pattern_bits_, pattern_values_; // places in values that A and G depend on
+    std::vector<Tape> rate_by_time_, guard_by_time_; // n-th derivatives by t, n = 1 .. most_degree
+    bool varies_ = false;                            // b or h depend on t
+    // What A and G depend on: relations, modes, with how many there are, and numbers; as places in values.
+    struct Mode {
+        std::size_t place;
+        double count;
+    };
+    std::vector<std::size_t> pattern_relations_, pattern_values_;
+    std::vector<Mode> pattern_modes_;
 
     mutable std::atomic<std::size_t> not_finite_state_;
     mutable std::atomic<double> not_finite_time_{0};

@@ -37,6 +37,7 @@ int operand_count(Op op) {
     case Op::exp:
     case Op::log:
     case Op::sqrt:
+    case Op::floor:
     case Op::no:
     case Op::no_event: break;
     }
@@ -66,6 +67,7 @@ double apply(Op op, double a, double b, double c) {
     case Op::exp: return std::exp(a);
     case Op::log: return std::log(a);
     case Op::sqrt: return std::sqrt(a);
+    case Op::floor: return std::floor(a);
     case Op::less: return a < b;
     case Op::less_equal: return a <= b;
     case Op::equal: return a == b;
@@ -279,6 +281,7 @@ Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
     case Op::no_event: return make(Op::no_event, da);
     case Op::constant:
     case Op::variable:
+    case Op::floor:
     case Op::less:
     case Op::less_equal:
     case Op::equal:
@@ -345,6 +348,7 @@ Notation notation_of(Op op) {
     case Op::exp: return {"exp", 0};
     case Op::log: return {"log", 0};
     case Op::sqrt: return {"sqrt", 0};
+    case Op::floor: return {"floor", 0};
     case Op::select: return {"where", 0};
     case Op::no_event: return {"no_event", 0};
     case Op::constant:

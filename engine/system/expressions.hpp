@@ -32,6 +32,7 @@ enum class Op : std::uint8_t {
     exp,
     log,
     sqrt,
+    floor, // jumps; its derivative is zero
     // Conditions: 1 where they hold, else 0. Their derivative is zero.
     less,
     less_equal,

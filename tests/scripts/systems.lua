@@ -88,6 +88,61 @@ near(run.final["first.y"], 1 - e, 1e-14)
 near(run.final["second.y"], 1 - 2 * e, 1e-14)
 near(run.values.sum[#run.t], 2 - 3 * e, 1e-14)
 
+-- Where clocks of parts meet, what is set is read after: whatever the parts are called, u[k] is made of y[k].
+local sensor = tb.system {
+  inputs = { y = 0 },
+  discrete = { q = 0 },
+  sample = { { period_s = 0.1, set = function(s) return { q = math.floor(s.y / 0.25 + 0.5) * 0.25 } end } },
+}
+local doubler = tb.system {
+  inputs = { q = 0 },
+  discrete = { u = 0 },
+  sample = { { period_s = 0.1, set = function(s) return { u = 2 * s.q } end } },
+}
+for _, names in ipairs { { "a", "b" }, { "b", "a" } } do
+  local from, to = names[1], names[2]
+  run = tb.run_system {
+    system = tb.system {
+      parts = { [from] = sensor, [to] = doubler },
+      connect = function(s) return { [from .. ".y"] = s.t, [to .. ".q"] = s[from].q } end,
+    },
+    duration_s = 1,
+  }
+  assert(run.final[from .. ".q"] == 1 and run.final[to .. ".u"] == 2)
+end
+local variables = tb.system_variables { system = doubler }
+assert(#variables.states == 0 and variables.discrete[1].name == "u" and variables.inputs[1].value == 0)
+
+-- Outputs of a mode; a condition below no_event is no event, so that a system with it is not affine.
+local toggled = tb.system {
+  states = { x = 0 },
+  der = function() return { x = 1 } end,
+  modes = {
+    low = {
+      outputs = function(s) return { y = s.x } end,
+      when = { { crossing = function(s) return 0.5 - s.x end, mode = "high" } },
+    },
+    high = { outputs = function(s) return { y = -s.x } end },
+  },
+  start_mode = "low",
+  outputs = function(s) return { z = 2 * s.x } end,
+}
+run = tb.run_system { system = toggled, duration_s = 1, output_step_s = 0.25 }
+assert(run.values.y[2] == 0.25 and run.values.y[5] == -1 and run.values.z[5] == 2 and run.solver == "exact")
+refused("modes.high: there is no output y", function()
+  local low = { outputs = function() return { y = 1 } end }
+  tb.system { states = {}, modes = { high = {}, low = low }, start_mode = "low" }
+end)
+run = tb.run_system {
+  system = tb.system {
+    states = { x = -0.25 },
+    der = function(s) return { x = tb.no_event(tb.where(tb.less(s.x, 0), 1, 2)) } end,
+  },
+  duration_s = 1,
+}
+assert(run.solver == "erk")
+near(run.final.x, 1.5, 1e-6)
+
 -- Modes, and what a run says at its end.
 local thermostat = tb.system {
   states = { T = 18 },
@@ -141,6 +196,10 @@ refused("must be a value; tb.where makes one of it", system_of(function(s)
   return { x = tb.less(s.x, 0) * 2, y = 0 }
 end))
 refused("count in a discrete variable", system_of(function(s) return { x = s.x % 2, y = 0 } end))
+refused("der(x) (", function()
+  tb.run_system { system = tb.system { states = { x = 1 }, der = function(s) return { x = math.floor(s.x) } end },
+    duration_s = 1 }
+end)
 
 -- So are wrong equations.
 refused("z is not a variable of the system", system_of(function(s) return { x = s.z, y = 0 } end))

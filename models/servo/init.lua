@@ -1,0 +1,188 @@
+-- A servo machine as systems of equations: its parts, made of its description, and their wiring by the names of
+-- signals.
+--
+--   local servo = require "servo"
+--   local parts = servo.parts(tb.machine "models/linear_motor_table.lua")
+--   parts.friction = my_friction
+--   local run = tb.run_system { system = servo.wire(parts), duration_s = 1, inputs = { exc = … } }
+--
+-- signal        given by
+-- y, v          plant       position [m] and velocity [m/s] of the driven point
+-- push          plant       all that pushes the axis while it rests, friction apart [N]
+-- thrust        amplifier   the motor's force [N]
+-- force         forces      other forces on the driven point [N]
+-- friction      friction    [N]
+-- held          friction    1 while dry friction holds the axis, else 0
+-- measured      encoder     [m]
+-- u             controller  thrust reference [N]; without a controller an input of the whole
+-- r, exc        -           inputs of the whole: reference [m], excitation [N]
+local tb = require "tribode"
+local amplifier = require "servo.amplifier"
+local backlash = require "servo.backlash"
+local controller = require "servo.controller"
+local encoder = require "servo.encoder"
+local forces = require "servo.forces"
+local friction = require "servo.friction"
+local plant = require "servo.plant"
+
+local servo = {}
+
+-- A factor on all friction, never below zero.
+local function scale_by_position(p)
+  if p.mode == "sine" then
+    return function(_, y) return 1 + p.a * math.sin(2 * math.pi / p.period_m * y + (p.phase or 0)) end
+  end
+  return function(_, y) return 1 + p.a * math.max(-1, math.min(1, y / p.period_m)) end
+end
+local function scale_by_time(p)
+  local forms = {
+    exp = function(x) return 1 - math.exp(-x) end,
+    ramp = function(x) return x end,
+    sine = function(x) return math.sin(2 * math.pi * x) end,
+  }
+  return function(t) return 1 + p.a * forms[p.kind](t / p.T) end
+end
+
+-- What each effect does to the settings `m` of the parts; those that are forces are collected beside.
+local effects = {
+  coulomb_friction = function(m, p)
+    m.friction.coulomb = m.friction.coulomb + p.dF
+    m.friction.static = m.friction.static + p.dF
+  end,
+  viscous_friction = function(m, p) m.friction.viscous = m.friction.viscous + p.dD end,
+  stribeck_friction = function(m, p)
+    m.friction.static = m.friction.coulomb + p.dFs
+    m.friction.velocity, m.friction.exponent = p.velocity, p.exponent or 1
+  end,
+  presliding_hysteresis = function(m, p)
+    for _, e in ipairs(p.elements) do table.insert(m.friction.elements, e) end
+    if p.replace_coulomb == true or p.replace_coulomb == 1 then
+      m.friction.static, m.friction.coulomb = m.friction.static - m.friction.coulomb, 0
+    end
+  end,
+  asymmetric_friction = function(m, p)
+    local ahead, behind = m.friction.forward, m.friction.backward
+    ahead.level, ahead.viscous = ahead.level + (p.dF_pos or 0), ahead.viscous + (p.dD_pos or 0)
+    behind.level, behind.viscous = behind.level + (p.dF_neg or 0), behind.viscous + (p.dD_neg or 0)
+  end,
+  position_dependent_friction = function(m, p) table.insert(m.scales, scale_by_position(p)) end,
+  time_varying_friction = function(m, p) table.insert(m.scales, scale_by_time(p)) end,
+  backlash = function(m, p) m.backlash = p end,
+  dead_zone = function(m, p) m.amplifier.half_width = m.amplifier.half_width + p.half_width end,
+  thrust_saturation = function(m, p) m.amplifier.limit = math.min(m.amplifier.limit or math.huge, p.limit) end,
+  thrust_gain = function(m, p) m.amplifier.gain = m.amplifier.gain * p.gain end,
+  payload_mass = function(m, p) m.plant.rigid_gain = m.plant.rigid_gain / (1 + p.ratio) end,
+  input_delay = function(m, p) m.amplifier.delay = m.amplifier.delay + p.extra_s end,
+  actuator_lag = function(m, p) m.amplifier.lag_hz = p.current_loop_hz end,
+  resonant_mode = function(m, p) table.insert(m.plant.modes, p) end,
+  encoder_quantization = function(m, p) m.encoder.resolution = p.resolution_m end,
+  encoder_periodic_error = function(m, p) table.insert(m.encoder.errors, p) end,
+}
+
+local function copied(list) return { table.unpack(list or {}) } end
+
+-- The settings of all parts, from a description as tb.machine gives it.
+local function settings_of(machine)
+  for _, field in ipairs { "noise_rms_m", "process_noise_rms_N" } do
+    if (machine[field] or 0) ~= 0 then error("servo.parts: " .. field .. " has no form as a system", 0) end
+  end
+  for field, value in pairs { input = "band_limited", initial = "fitted" } do
+    if machine[field] == value then
+      error(string.format("servo.parts: %s = \"%s\" has no form as a system", field, value), 0)
+    end
+  end
+  local period, given = machine.Ts or 5e-4, machine.friction or {}
+  local stribeck = given.stribeck or {}
+  local m = {
+    plant = { rigid_gain = machine.rigid_gain_per_kg or 0, modes = copied(machine.modes) },
+    friction = {
+      elements = copied(given.elements), viscous = given.viscous or 0, coulomb = given.coulomb or 0,
+      static = stribeck.static or given.coulomb or 0, velocity = stribeck.velocity or 1,
+      exponent = stribeck.exponent or 1,
+      forward = { level = 0, viscous = 0 }, backward = { level = 0, viscous = 0 },
+    },
+    amplifier = {
+      period = period, delay = machine.input_delay_s or 0, lag_hz = machine.current_loop_hz or 0, half_width = 0,
+      gain = 1,
+    },
+    encoder = {
+      period = period, delay = machine.output_delay_s or 0, resolution = machine.encoder_resolution_m or 0,
+      errors = {},
+    },
+    forces = {}, scales = {}, period = period,
+  }
+  for _, effect in ipairs(machine.effects or {}) do
+    if forces.has(effect.name) then
+      table.insert(m.forces, effect)
+    else
+      effects[effect.name](m, effect.parameters)
+    end
+  end
+  if #m.scales > 0 then
+    m.friction.factor = function(t, y)
+      local product = 1
+      for _, scale in ipairs(m.scales) do product = product * math.max(0, scale(t, y)) end
+      return product
+    end
+  end
+  return m
+end
+
+-- The parts of a machine: plant, friction, amplifier, encoder; forces and controller where it has them. Errors: what
+-- has no form as a system, which is noise, a band-limited input and a fitted start.
+function servo.parts(machine)
+  local m = settings_of(tb.with_fields(machine, {}))
+  local parts = {
+    plant = plant(m.plant), friction = friction(m.friction), amplifier = amplifier(m.amplifier),
+    encoder = encoder(m.encoder),
+  }
+  if m.backlash then
+    local settings = { rigid_gain = m.plant.rigid_gain }
+    for key, value in pairs(m.backlash) do settings[key] = value end
+    parts.plant = backlash(settings)
+  end
+  if #m.forces > 0 then parts.forces = forces.system(m.forces) end
+  if machine.controller then parts.controller = controller[machine.controller.type](machine.controller, m.period) end
+  return parts
+end
+
+-- Parts as one system: each input is the output of the same name of another part, whichever part that is; what none of
+-- them gives is an input of the whole. Errors: two parts that give the same signal, an algebraic loop.
+function servo.wire(parts)
+  local names, variables, giver = {}, {}, {}
+  for name in pairs(parts) do names[#names + 1] = name end
+  table.sort(names)
+  for _, name in ipairs(names) do
+    variables[name] = tb.system_variables { system = parts[name] }
+    for _, output in ipairs(variables[name].outputs) do
+      if not output.name:find("%.") then
+        if giver[output.name] then
+          error(string.format("servo.wire: %s and %s both give %s", giver[output.name], name, output.name), 0)
+        end
+        giver[output.name] = name
+      end
+    end
+  end
+  local inputs, wires = {}, {}
+  for _, name in ipairs(names) do
+    for _, input in ipairs(variables[name].inputs) do
+      if not input.name:find("%.") then
+        local from = giver[input.name]
+        if not from then inputs[input.name] = { value = input.value, unit = input.unit } end
+        wires[name .. "." .. input.name] = function(s) return from and s[from][input.name] or s[input.name] end
+      end
+    end
+  end
+  return tb.system {
+    name = "servo axis",
+    parts = parts,
+    inputs = inputs,
+    connect = function(s)
+      local connected = {}
+      for input, wire in pairs(wires) do connected[input] = wire(s) end
+      return connected
+    end,
+  }
+end
+
+return servo
