@@ -179,9 +179,10 @@ TEST_P(ReadyScript, RunsQuicklyAndLeavesItsResults) {
             seen.tables = document.querySelectorAll('table').length;
         )js");
         expect_quiet(result);
-        EXPECT_GT(result.seen.at("canvases"), 10);
+        // That on the paper has 41 panels.
+        EXPECT_GE(result.seen.at("canvases"), fs::path(GetParam()).stem() == "paper" ? 41 : 1);
         EXPECT_EQ(result.seen.at("empty"), 0);
-        EXPECT_GT(result.seen.at("tables"), 3);
+        EXPECT_GE(result.seen.at("tables"), 1);
     }
 }
 
