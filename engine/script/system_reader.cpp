@@ -6,6 +6,7 @@
 #include "script/trampoline.hpp"
 #include "script/value.hpp"
 #include "system/tape.hpp"
+#include "system/units.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -113,6 +114,8 @@ void push_scope(lua_State* lua, const Scope& scope, const std::function<void(std
 struct Recorded {
     std::string name, unit;
     Term term = 0;
+    std::string what = {};    // for messages, with its line
+    Dimension dimension = {}; // of the term
 };
 
 class Reader {
@@ -121,7 +124,8 @@ class Reader {
         : lua_(lua),
           index_(lua_absindex(lua, index)),
           symbols_(symbols),
-          graph_(*symbols->graph) {
+          graph_(*symbols->graph),
+          units_(graph_) {
         made_.graph = symbols->graph;
         made_.time = symbols->time;
     }
@@ -316,6 +320,7 @@ class Reader {
         for (const auto& s : made_.states) scope_.add(s.name, s.symbol);
         for (const auto& d : made_.discrete) scope_.add(d.name, d.symbol);
         for (const auto& [name, stand_in] : part_outputs_) scope_.add(name, stand_in);
+        for (const Term variable : scope_.terms) units_.set(variable, unit_of(variable));
     }
 
     // ---- recording ---------------------------------------------------------------------------------------------
@@ -334,9 +339,26 @@ class Reader {
         lua_call(lua_, 1, 1);
         std::vector<Recorded> recorded = returned(what, line, single);
         lua_pop(lua_, 1);
+        for (auto& entry : recorded) check_units(entry, line + what);
         compare(function, recorded, what, line, single);
         lua_pop(lua_, 1);
         return recorded;
+    }
+
+    void check_units(Recorded& entry, const std::string& what) {
+        entry.what = entry.name.empty() ? what : fmt::format("{}: {}", what, entry.name);
+        try {
+            entry.dimension = units_.of(entry.term);
+        } catch (const InputError& problem) {
+            throw InputError(fmt::format("{}: {}", entry.what, problem.what()));
+        }
+        require_unit(entry, dimension_of(entry.unit), "it");
+    }
+
+    void require_unit(const Recorded& entry, const Dimension& wanted, const char* what) const {
+        if (fit(entry.dimension, wanted)) return;
+        throw InputError(fmt::format("{}: {} must be in {}, but is in {}", entry.what, what, to_text(wanted),
+                                     to_text(entry.dimension)));
     }
 
     // What stands on top of the stack. [-0, +0]
@@ -530,6 +552,8 @@ class Reader {
                     fmt::format("{}: {} is not a state{}", what, entry.name, suggestion(entry.name, known)));
             }
             rates[*place] = entry.term;
+            const std::string& unit = made_.states[part_states_ + *place].unit;
+            require_unit(entry, dimension_of(unit.empty() ? "" : fmt::format("({})/s", unit)), "the derivative");
             made_.states[part_states_ + *place].where = line;
         }
         return rates;
@@ -578,8 +602,10 @@ class Reader {
         Equations::Assignments set;
         if (field(table, "set")) {
             lua_getfield(lua_, table, "set");
-            for (const auto& entry : record(what + ".set", false))
+            for (const auto& entry : record(what + ".set", false)) {
                 set.emplace_back(target(entry.name, what), entry.term);
+                require_unit(entry, dimension_of(unit_of(set.back().first)), "the new value");
+            }
         }
         if (field(table, "mode")) {
             const double number = mode_number(text_field(table, "mode", what), what + ".mode");
@@ -938,10 +964,11 @@ class Reader {
             if (input.name.find('.') == std::string::npos) continue;
             inputs.push_back(input.name);
             if (input.name != entry.name) continue;
-            const std::string unit = entry.unit.empty() ? unit_of(entry.term) : entry.unit;
-            if (!unit.empty() && !input.unit.empty() && unit != input.unit) {
+            if (!fit(entry.dimension, dimension_of(input.unit))) {
+                const std::string unit = unit_of(entry.term);
                 throw InputError(fmt::format("tb.system: connect: {} is in {}, {} in {}, must be in the same unit",
-                                             entry.name, input.unit, graph_.text(entry.term), unit));
+                                             entry.name, input.unit, graph_.text(entry.term),
+                                             unit.empty() ? to_text(entry.dimension) : unit));
             }
             definition_[input.symbol] = entry.term;
             return;
@@ -988,6 +1015,7 @@ class Reader {
     int index_;
     std::shared_ptr<Symbols> symbols_;
     Expressions& graph_;
+    Units units_;
     Equations made_;
     Scope scope_;
     std::vector<std::string> modes_;

@@ -1,6 +1,6 @@
 """Reference values of DETEST at t = 20 [Hull 1972], classes A5, B, C and E, for tests/scripts/detest.lua.
 
-Gragg's midpoint rule, extrapolated in h^2 to order 2 * columns, in decimal numbers of 40 digits. Each problem is solved
+Gragg's midpoint rule, extrapolated in h^2 to order 28, in decimal numbers of 40 digits. Each problem is solved
 with two numbers of steps; what both agree in is printed, 20 digits at least. Some minutes.
 """
 import sys

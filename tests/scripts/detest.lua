@@ -1,7 +1,6 @@
--- The test set DETEST [Hull 1972], classes A to E, at t = 20. D and most of A have closed forms; the other values are from
--- tests/problems/detest.py: the midpoint rule extrapolated to order 28 in 40 digits. They agree with the table of
--- W. H. Enright, J. D. Pryce: Two FORTRAN packages for assessing initial value methods, ACM Transactions on Mathematical
--- Software 13(1), 1987, to the digits of that.
+-- The test set DETEST [Hull 1972], classes A to E, at t = 20. D and most of A have closed forms; the other values are
+-- from tests/problems/detest.py: the midpoint rule extrapolated to order 28 in 40 digits. They agree with the table of
+-- [Enright 1987] to its digits.
 local tb = require "tribode"
 
 -- The states of `der(t, y)`, a list, are y1, y2, ...

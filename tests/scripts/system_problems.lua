@@ -78,23 +78,55 @@ assert(run.final.slow == 7 and run.final.ticks == 4 and run.final.fast == 1 and 
 
 -- ---- SUNDIALS ----------------------------------------------------------------------------------------------------
 
--- Robertson. At t = 0.4 and 4 by Taylor series of order 24 and 34 decimal digits, in steps far below the stiffness. At
--- t = 40, and for the roots, what the comment of SUNDIALS' example prints at its tolerance of 1e-4: y1 = 7.158e-01,
--- y3 = 0.01 at t = 0.2639, y1 = 1e-4 at t = 2.079e+07.
+-- Robertson at t = 0.4, 4 ... 4e10, from tests/problems/robertson.py: collocation at twelve Radau points in 40 digits.
+-- The table in SUNDIALS' example is that of a tolerance of 1e-4 and agrees with it so far, as do the roots that it
+-- prints, t = 0.2639 and 2.079e+07. At t = 1e11 the value of the Test Set for Initial Value Problem Solvers
+-- [Mazzia 2008].
 local robertson = require "systems.robertson"
-run = tb.run_system { system = robertson, duration_s = 40, output_step_s = 0.4, solver = "cvode" }
-near(run.values.y1[2], 0.98517211378050380, 1e-6) -- the multistep method leaves a hundredfold of its tolerance, 1e-8
-near(run.values.y2[2], 0.00003386395377576, 1e-10)
-near(run.values.y3[2], 0.01479402226572042, 1e-6)
-near(run.values.y1[11], 0.90551867854902079, 1e-6)
-near(run.values.y2[11], 0.00002240475687153664, 1e-10)
-near(run.values.y1[101], 0.7158, 1e-4)
-for i = 1, #run.t do near(run.values.sum[i], 1, 1e-12) end -- the equations keep it
-assert(#run.events == 1 and run.events[1].name == "y3 = 0.01")
-near(run.events[1].t, 0.2640, 2e-4)
-run = tb.run_system { system = robertson, duration_s = 4e7, solver = "cvode" }
-assert(run.ok and #run.events == 2 and run.events[2].name == "y1 = 1e-4", run.message)
-near(run.events[2].t / 2.0794e7, 1, 1e-3)
+local reactions = {
+  { 0.98517211386098986242, 0.000033863953789749041364, 0.014794022185220388544 },
+  { 0.90551867858425391188, 0.00002240475687560200911, 0.094458916658870486115 },
+  { 0.71582706871940509047, 9.1855347645577639037e-6, 0.28416374574583035176 },
+  { 0.45051866847110242448, 3.2229014416746113033e-6, 0.54947810862745590091 },
+  { 0.1832022577767093113, 8.9423712527759092599e-7, 0.81679684798616541111 },
+  { 0.03898337708548285248, 1.6217683159096824239e-7, 0.96101646073768555655 },
+  { 0.0049382745209798155602, 1.984994087954375437e-8, 0.9950617056290793049 },
+  { 0.00051680960149243841552, 2.0682944912244535543e-9, 0.99948318833021307036 },
+  { 0.000052030718441205473609, 2.081335731892532716e-10, 0.99994796907342522134 },
+  { 5.207702103573172518e-6, 2.0830915594153649831e-11, 0.99999479227706551123 },
+  { 5.2082766114359350569e-7, 2.0833117166045719591e-12, 0.99999947917025554469 },
+  { 5.2083451767992391988e-8, 2.083338177925489035e-13, 0.99999994791633989819 },
+}
+for decade, wanted in ipairs(reactions) do
+  local reaction = tb.run_system { system = robertson, duration_s = 0.4 * 10 ^ (decade - 1), solver = "cvode" }
+  assert(reaction.ok, reaction.message)
+  for i, value in ipairs(wanted) do
+    -- The multistep method leaves hundreds of its tolerance, 1e-8, and of that of y2, 1e-18.
+    near(reaction.final["y" .. i] / value, 1, 2e-5)
+  end
+  near(reaction.values.sum[#reaction.t], 1, 1e-12) -- the equations keep it
+  local roots = decade > 8 and 2 or 1
+  assert(#reaction.events == roots and reaction.events[1].name == "y3 = 0.01")
+  near(reaction.events[1].t, 0.26401907818763256315, 1e-7)
+  if roots == 2 then
+    assert(reaction.events[2].name == "y1 = 1e-4")
+    near(reaction.events[2].t / 20795496.883026623256, 1, 1e-6)
+  end
+end
+run = tb.run_system { system = robertson, duration_s = 1e11, solver = "cvode", relative_tolerance = 1e-10,
+  absolute_tolerance = 1e-18 }
+near(run.final.y1 / 0.2083340149701255e-7, 1, 1e-6)
+near(run.final.y2 / 0.8333360770334713e-13, 1, 1e-6)
+
+-- Stiff van der Pol, mu = 1000, at t = 2000: the same test set, in its scale of time, epsilon = 1e-6 and t = 2.
+local stiff = tb.system {
+  states = { y = 2, z = 0 },
+  der = function(s) return { y = s.z, z = ((1 - s.y ^ 2) * s.z - s.y) / 1e-6 } end,
+}
+run = tb.run_system { system = stiff, duration_s = 2, solver = "cvode", relative_tolerance = 1e-11,
+  absolute_tolerance = 1e-13 }
+near(run.final.y, 0.1706167732170483e1, 1e-7)
+near(run.final.z, -0.8928097010247975, 1e-7)
 
 -- The discontinuous example cvDisc_dns: y' = -y from y(0) = 1; at t = 1 either the right side becomes -5 y, or y is set
 -- to 1.

@@ -14,7 +14,7 @@ end
 local oscillator = tb.system {
   name = "oscillator",
   parameters = { w = { value = 2, unit = "rad/s" } },
-  inputs = { u = { unit = "N" } },
+  inputs = { u = { unit = "N/kg" } },
   states = { x = { start = 1, unit = "m" }, v = { unit = "m/s" } },
   der = function(s) return { x = s.v, v = s.u - s.w ^ 2 * s.x } end,
   outputs = function(s) return { energy = { (s.v ^ 2 + s.w ^ 2 * s.x ^ 2) / 2, unit = "J" } } end,
@@ -224,6 +224,34 @@ refused("second.u is in V, first.F in N, must be in the same unit", function()
     connect = function(s) return { ["second.u"] = s.first.F } end,
   }
 end)
+-- Units, where all are given.
+local function mass_with(der, more)
+  local system = {
+    parameters = { m = { value = 2, unit = "kg" }, k = { value = 8, unit = "N/m" } },
+    inputs = { F = { unit = "N" } },
+    states = { x = { start = 1, unit = "m" }, v = { start = 0, unit = "m/s" } },
+    der = der,
+  }
+  for name, value in pairs(more or {}) do system[name] = value end
+  return function() return tb.system(system) end
+end
+local function newton(s) return { x = s.v, v = (s.F - s.k * s.x) / s.m } end
+mass_with(newton, { outputs = function(s) return { E = { s.k * s.x ^ 2 + s.m * s.v ^ 2, unit = "J" } } end })()
+refused("systems.lua:" .. (debug.traceback():match "systems.lua:(%d+)" + 1) .. ": tb.system: der: v: the derivative " ..
+  "must be in m/s2, but is in kg m/s2", mass_with(function(s) return { x = s.v, v = s.F - s.k * s.x } end))
+refused("der: v: F - v subtracts between kg m/s2 and m/s", mass_with(function(s)
+  return { x = s.v, v = (s.F - s.v) / s.m }
+end))
+refused("sin(x) needs a plain number, but x is in m", mass_with(function(s)
+  return { x = s.v, v = math.sin(s.x) }
+end))
+refused("outputs: E: it must be in kg m2/s2, but is in kg m/s2", mass_with(newton, {
+  outputs = function(s) return { E = { s.k * s.x, unit = "J" } } end,
+}))
+refused("when[1].set: v: the new value must be in m/s, but is in m", mass_with(newton, {
+  when = { { crossing = function(s) return s.x end, set = function(s) return { v = s.x } end } },
+}))
+
 refused("states is a number", function() tb.system { states = 3 } end)
 refused("state is not a known field (did you mean \"states\"?)", function() tb.system { state = {} } end)
 refused("when[1]: must have either a condition or a crossing", function()
