@@ -799,10 +799,11 @@ class Proposer {
             }
             add({"backlash",
                  sensor,
-                 {factor("gap_m", 1e-7, 5e-3),
-                  {"load_fraction", 0.03, 0.97, false, 1e-3},
-                  factor("contact_hz", 30, 2000),
-                  factor("contact_zeta", 5e-3, 2)},
+                 // Steps of differences are small, lest a contact come or go within one.
+                 {{"gap_m", 1e-7, 5e-3, true, 1e-4},
+                  {"load_fraction", 0.03, 0.97, false, 1e-4},
+                  {"contact_hz", 30, 2000, true, 1e-4},
+                  {"contact_zeta", 5e-3, 2, true, 1e-4}},
                  [sensor](std::span<const double> p) {
                      return Json{{"gap_m", p[0]},
                                  {"load_fraction", p[1]},
@@ -813,7 +814,8 @@ class Proposer {
                  {},
                  probes,
                  {},
-                 5});
+                 3,
+                 true});
         }
     }
 

@@ -32,7 +32,8 @@ struct Candidate {
     // number of that index is scaled to fit best by the response at the point.
     std::vector<std::vector<double>> probes;
     std::optional<std::size_t> size;
-    std::size_t tried = 2; // of starts and probes, the best so many are fitted; more where there are many valleys
+    std::size_t tried = 2; // of starts and probes, the best so many are fitted
+    bool rugged = false;   // chi square has many valleys over a whole record: fitted on beginnings that grow
 
     Effect at(std::span<const double> values) const;
 };

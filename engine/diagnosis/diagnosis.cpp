@@ -97,7 +97,11 @@ class Verdict {
             last.iterations = 10;
             last.standard_errors = true;
             last.workers = control_.workers;
-            fit_.fit(best, last);
+            if (s.shared) {
+                best.standard_errors = s.ranking.front().hypothesis.standard_errors;
+            } else {
+                fit_.fit(best, last);
+            }
             best_ = best;
             if (s.explained_by_noise(s.ranking.front())) {
                 name_all(1);
@@ -154,7 +158,10 @@ class Verdict {
         }
         for (const auto& rival : s.ranking) {
             if (rival.names() == best.names()) continue;
-            if (rival.fitted < 1.5 * best.fitted || rival.kept_out < 1.5 * best.kept_out) return 0;
+            if (rival.together_fitted < 1.5 * best.together_fitted ||
+                rival.together_kept_out < 1.5 * best.together_kept_out) {
+                return 0;
+            }
         }
         return 0.75;
     }
@@ -229,9 +236,14 @@ class Verdict {
                                 std::sqrt(s.baseline.kept_out), std::sqrt(best.kept_out));
         }
         text += ".";
+        if (s.shared) {
+            text +=
+                " The fitted records alone leave its numbers uncertain: the first half of what was kept out is fitted "
+                "too, and the second half is the proof.";
+        }
         if (next) {
             text += fmt::format(" The nearest other name, {}, leaves {:.3g} and {:.3g}.", next_name,
-                                std::sqrt(next->fitted), std::sqrt(next->kept_out));
+                                std::sqrt(next->together_fitted), std::sqrt(next->together_kept_out));
         } else {
             text += " No other effect came near.";
         }

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
-#include <numeric>
 
 namespace tribode {
 
@@ -18,6 +17,13 @@ double square_of(const std::vector<double>& x) {
     for (const double value : x) sum += value * value;
     return sum;
 }
+
+Eigen::Map<const Eigen::VectorXd> mapped(const std::vector<double>& x) {
+    return {x.data(), static_cast<Eigen::Index>(x.size())};
+}
+
+// Numbers from which secants pay: below, differences cost no more than the steps they might spoil.
+constexpr Eigen::Index least_for_secants = 4;
 
 } // namespace
 
@@ -108,6 +114,7 @@ void Hypothesis::remove(std::size_t effect) {
     const auto begin = values.begin() + (own.data() - values.data());
     values.erase(begin, begin + static_cast<std::ptrdiff_t>(own.size()));
     effects.erase(effects.begin() + static_cast<std::ptrdiff_t>(effect));
+    settled = false;
 }
 
 ModelFit::ModelFit(const MachineModel& machine, const std::vector<Evidence>& evidence)
@@ -220,77 +227,88 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
         return;
     }
     h.chi_square = square_of(e);
-    Eigen::MatrixXd normal(n, n);
-    Eigen::VectorXd gradient(n);
+    if (h.settled) {
+        h.converged = true;
+        return;
+    }
+    Eigen::MatrixXd jacobian(static_cast<Eigen::Index>(e.size()), n);
     RunControl workers;
     workers.workers = options.workers;
-    // J^T J and J^T e at the present numbers.
     const auto differentiate = [&] {
-        std::vector<std::vector<double>> columns(moved.size());
         for_each_index(moved.size(), workers, "", [&](std::size_t i) {
             Hypothesis there = h;
             const double here = moved[i].read(h);
             // Away from a bound.
             double step = here + moved[i].step > moved[i].high ? -moved[i].step : moved[i].step;
             moved[i].write(there, here + step);
-            columns[i] = errors(there);
-            if (columns[i].empty()) { // the other way, then
+            std::vector<double> column = errors(there);
+            if (column.empty()) { // the other way, then
                 step = -step;
                 moved[i].write(there, std::clamp(here + step, moved[i].low, moved[i].high));
-                columns[i] = errors(there);
+                column = errors(there);
             }
-            if (columns[i].empty()) columns[i] = e;
-            for (std::size_t k = 0; k < e.size(); ++k) columns[i][k] = (columns[i][k] - e[k]) / step;
+            if (column.empty()) column = e;
+            jacobian.col(static_cast<Eigen::Index>(i)) = (mapped(column) - mapped(e)) / step;
         });
-        for (Eigen::Index i = 0; i < n; ++i) {
-            const auto& a = columns[static_cast<std::size_t>(i)];
-            for (Eigen::Index j = 0; j <= i; ++j) {
-                const auto& b = columns[static_cast<std::size_t>(j)];
-                normal(i, j) = normal(j, i) = std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
-            }
-            gradient[i] = std::inner_product(a.begin(), a.end(), e.begin(), 0.0);
-        }
     };
     double damping = 1e-3;
-    bool fresh = false; // normal and gradient belong to the present numbers
+    // Where there are many numbers, a Jacobian is carried on for a few steps by Broyden's secants.
+    const int most_secants = n < least_for_secants ? 0 : static_cast<int>(n) / 2;
+    int secants = most_secants; // steps since the Jacobian was differenced
+    bool exact = false;         // it belongs to the present numbers
     for (int iteration = 0; iteration < options.iterations && n > 0; ++iteration) {
-        if (!fresh) differentiate();
-        fresh = true;
+        if (!exact && secants >= most_secants) {
+            differentiate();
+            exact = true;
+            secants = 0;
+        }
+        const Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
+        const Eigen::VectorXd gradient = jacobian.transpose() * mapped(e);
         bool improved = false;
         double fall = 0;
-        for (int attempt = 0; attempt < 7 && !improved; ++attempt) {
+        for (int attempt = 0; attempt < (exact ? 7 : 2) && !improved; ++attempt) {
             Eigen::MatrixXd damped = normal;
             for (Eigen::Index i = 0; i < n; ++i)
                 damped(i, i) += damping * normal(i, i) + 1e-12 * normal.trace() / static_cast<double>(n) + 1e-300;
             const Eigen::VectorXd change = damped.ldlt().solve(gradient);
             Hypothesis next = h;
+            Eigen::VectorXd step(n);
             for (Eigen::Index i = 0; i < n; ++i) {
                 const auto& c = moved[static_cast<std::size_t>(i)];
                 // A factor of e^1.5 in one step is as far as differences can be trusted.
                 const double most = c.logarithmic ? 1.5 : 1e9;
-                c.write(next, std::clamp(c.read(h) - std::clamp(change[i], -most, most), c.low, c.high));
+                const double here = c.read(h);
+                const double there = std::clamp(here - std::clamp(change[i], -most, most), c.low, c.high);
+                c.write(next, there);
+                step[i] = there - here;
             }
             const auto there = errors(next);
             const double chi = there.empty() ? std::numeric_limits<double>::infinity() : square_of(there);
             if (chi < h.chi_square) {
                 fall = (h.chi_square - chi) / chi;
                 next.chi_square = chi;
+                const Eigen::VectorXd rest = mapped(there) - mapped(e) - jacobian * step;
+                jacobian.noalias() += rest * (step.transpose() / std::max(step.squaredNorm(), 1e-300));
                 h = std::move(next);
                 e = there;
                 improved = true;
-                fresh = false;
                 damping = std::max(damping / (attempt == 0 ? 8 : 2), 1e-9);
             } else {
                 damping = std::min(damping * 6, 1e9);
             }
         }
-        if (!improved || fall < options.tolerance) {
+        const bool settled = !improved || fall < options.tolerance;
+        if (settled && exact) {
             h.converged = true;
             break;
         }
+        if (improved) exact = false;
+        // What a carried Jacobian finds no way down from is looked at anew.
+        secants = settled ? most_secants : secants + 1;
     }
     if (!options.standard_errors || n == 0) return;
-    if (!fresh) differentiate();
+    if (!exact) differentiate();
+    const Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
     // Columns that the record does not show have no finite error.
     const Eigen::MatrixXd covariance = normal.completeOrthogonalDecomposition().pseudoInverse();
     h.standard_errors.assign(h.values.size(), 0.0);

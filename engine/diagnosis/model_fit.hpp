@@ -39,6 +39,8 @@ struct Hypothesis {
     std::vector<double> nominal;                                 // of the uncertain fields, in standard deviations
     double chi_square = std::numeric_limits<double>::infinity(); // over the fitted records, fields included
     bool converged = false;
+    // The numbers are those of a record's beginning, and a fit leaves them: later noise decides on the way.
+    bool settled = false;
     std::vector<double> standard_errors; // of values, where they were asked for
 
     std::size_t parameter_count() const { return values.size(); }
@@ -72,6 +74,7 @@ class ModelFit {
         double tolerance = 1e-5;      // relative fall of chi square at which it has converged
         unsigned workers = 1;         // for the differences
     };
+    // Of a settled hypothesis chi square alone is found.
     void fit(Hypothesis& h, const Options& options) const;
 
   private:

@@ -5,15 +5,47 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <optional>
 #include <set>
 #include <tuple>
+#include <utility>
 
 namespace tribode {
 
 namespace {
 
-constexpr std::size_t beam_width = 3;
-constexpr std::size_t screened_later = 12; // candidates that are fitted for a second effect and more
+// What the search spends, in counts: the answer must not depend on the clock.
+constexpr std::size_t beam_width = 3;       // hypotheses on which another effect is sought
+constexpr std::size_t screened_later = 12;  // candidates that are fitted for a second effect and more
+constexpr std::size_t proven = 3;           // of the ranking, with numbers from the fitted records alone
+constexpr std::size_t lead_samples = 10000; // of the record that is looked at first, where so many show the gap
+// A candidate of many valleys is found on beginnings of the record: samples from where the gap first shows, and of the
+// points so many of the best, fitted there by so many steps.
+struct Beginning {
+    std::size_t samples, points;
+    int iterations;
+};
+constexpr Beginning beginnings[] = {{100, 16, 10}, {150, 12, 6}, {200, 10, 6}, {300, 8, 6},  {400, 8, 6},
+                                    {600, 6, 6},   {900, 5, 6},  {1400, 4, 6}, {2500, 4, 6}, {5000, 3, 6}};
+constexpr double worthwhile = 0.8; // of what is left there without the candidate: points above are given up
+constexpr double followed = 1.5;   // chi square per sample up to which a beginning is simulated as it went
+// Chi square per sample up to which noise explains what a settled hypothesis leaves: a handful of seeds tells the spread of
+// ways that noise has parted only roughly, and the beginning was followed.
+constexpr double settled_limit = 3;
+constexpr double shows = 8; // whitened errors of noise alone are seldom half as large
+
+std::size_t count(const std::vector<Evidence>& records) {
+    std::size_t sum = 0;
+    for (const auto& record : records) sum += record.samples();
+    return sum;
+}
+
+Evidence beginning(const Evidence& whole, std::size_t samples) {
+    Evidence part = whole;
+    part.measurement.cut(samples);
+    return part;
+}
 
 class Search {
   public:
@@ -27,33 +59,57 @@ class Search {
     }
 
     SearchResult run() {
+        search();
+        Scored& last = result_.ranking.empty() ? result_.baseline : result_.ranking.front();
+        if (adequate(last) && last.kept_out > SearchResult::limit(result_.kept_out) && !last.together.settled)
+            share(last);
+        return std::move(result_);
+    }
+
+  private:
+    void search() {
         set_floors(machine_);
         Hypothesis none;
-        none.nominal.assign(ModelFit(machine_, result_.fitted).fields().size(), 0.0);
-        refine(none, 30, control_.workers);
+        none.nominal.assign(ModelFit(machine_, all_).fields().size(), 0.0);
+        refine(none, all_, 30, control_.workers);
         result_.baseline = scored(none);
+        prove(result_.baseline, control_.workers);
+        if (adequate(result_.baseline)) return;
+        choose_lead(result_.baseline.together);
         std::vector<Scored> beam{result_.baseline};
-        if (adequate(result_.baseline)) return std::move(result_);
         for (std::size_t level = 1; level <= max_effects_; ++level) {
             std::vector<Scored> pool;
+            std::optional<std::set<std::string>> enough; // effects of a hypothesis to which noise alone is left
             for (const auto& base : beam) {
-                if (adequate(base)) continue;
-                for (auto& next : extended(base, level)) pool.push_back(std::move(next));
+                // Another way to such a hypothesis, or a rival of it, has one of its effects.
+                for (auto& next : extended(base, level, enough)) pool.push_back(std::move(next));
+                if (enough) continue;
+                for (const auto& one : pool) {
+                    if (!adequate(one)) continue;
+                    const auto names = one.names();
+                    enough.emplace(names.begin(), names.end());
+                    break;
+                }
             }
             rank(pool);
             if (pool.empty()) break;
             // The loop's noise is that of the machine as it is now known.
             try {
-                set_floors(ModelFit(machine_, result_.fitted).machine(pool.front().hypothesis));
+                set_floors(ModelFit(machine_, all_).machine(pool.front().together));
             } catch (const InputError&) {
             }
             reassess(pool);
-            result_.baseline = scored(result_.baseline.hypothesis);
-            for (auto& step : result_.steps) step = scored(step.hypothesis);
+            result_.baseline = scored(std::move(result_.baseline.together));
+            prove(result_.baseline, control_.workers);
+            for (auto& step : result_.steps) {
+                step = scored(std::move(step.together));
+                prove(step, control_.workers);
+            }
             const Scored& before = result_.steps.empty() ? result_.baseline : result_.steps.back();
             // Another effect must be worth its numbers, on the records kept out too.
-            const bool better = pool.front().score < before.score - 30 &&
-                                (result_.kept_out.empty() || pool.front().kept_out < 0.97 * before.kept_out);
+            const bool better =
+                pool.front().score < before.score - 30 &&
+                (result_.kept_out.empty() || pool.front().kept_out < 0.97 * before.kept_out || adequate(pool.front()));
             if (!better && level > 1) break;
             result_.ranking = pool;
             result_.steps.push_back(pool.front());
@@ -61,18 +117,10 @@ class Search {
             beam.clear();
             std::set<std::vector<std::string>> seen;
             for (const auto& one : pool) {
-                const bool close = one.hypothesis.chi_square < 20 * pool.front().hypothesis.chi_square;
+                const bool close = one.together.chi_square < 20 * pool.front().together.chi_square;
                 if (close && beam.size() < beam_width && seen.insert(one.names()).second) beam.push_back(one);
             }
         }
-        return std::move(result_);
-    }
-
-  private:
-    static std::size_t count(const std::vector<Evidence>& records) {
-        std::size_t sum = 0;
-        for (const auto& record : records) sum += record.samples();
-        return sum;
     }
 
     void set_floors(const MachineModel& machine) {
@@ -87,57 +135,114 @@ class Search {
                 }
             }
         }
-        all_records_ = result_.fitted;
-        all_records_.insert(all_records_.end(), result_.kept_out.begin(), result_.kept_out.end());
+        all_ = result_.fitted;
+        for (const auto& record : result_.kept_out) {
+            all_.push_back(record);
+            if (record.first == 0) continue;
+            // The end of the first record: that as a whole, once.
+            all_.erase(all_.begin());
+            all_.back().first = 0;
+        }
+        cut_lead();
+    }
+
+    // The record on which the gap shows most, to look at first; of a long one its beginning, if that shows as much.
+    void choose_lead(const Hypothesis& none) {
+        double most = -1;
+        for (std::size_t i = 0; i < all_.size(); ++i) {
+            const std::vector<Evidence> alone{all_[i]};
+            const auto e = ModelFit(machine_, alone).errors(none);
+            const std::size_t n = all_[i].samples();
+            double sum = 0;
+            std::vector<double> up_to{0};
+            for (std::size_t k = 0; k < std::min(n, e.size()); ++k) up_to.push_back(sum += e[k] * e[k]);
+            if (sum / static_cast<double>(n) <= most) continue;
+            most = sum / static_cast<double>(n);
+            lead_ = i;
+            lead_length_ = std::min(n, lead_samples);
+            while (lead_length_ < n &&
+                   up_to[std::min(lead_length_, up_to.size() - 1)] < 0.5 * most * static_cast<double>(lead_length_)) {
+                lead_length_ = std::min(n, lead_length_ + lead_samples / 2);
+            }
+        }
+        cut_lead();
+    }
+
+    void cut_lead() {
+        lead_records_.clear();
+        if (lead_length_ > 0) lead_records_.push_back(beginning(all_[lead_], lead_length_));
     }
 
     bool adequate(const Scored& one) const { return result_.explained_by_noise(one); }
 
-    void refine(Hypothesis& h, int iterations, unsigned workers, bool move_fields = true) const {
+    void refine(Hypothesis& h, const std::vector<Evidence>& records, int iterations, unsigned workers,
+                bool move_fields = true) const {
         ModelFit::Options options;
         options.iterations = iterations;
         options.workers = workers;
         options.move_fields = move_fields;
-        ModelFit(machine_, result_.fitted).fit(h, options);
+        ModelFit(machine_, records).fit(h, options);
     }
 
-    // Score at the hypothesis' numbers and, where that is worth the work, at those that suit all records.
-    Scored scored(Hypothesis h, bool together = true) const {
-        const ModelFit fit(machine_, result_.fitted);
-        const double fitted_samples = static_cast<double>(fit.sample_count());
+    Scored scored(Hypothesis h) const {
         Scored one;
-        h.chi_square = fit.chi_square(h);
-        one.fitted = one.together_fitted = h.chi_square / fitted_samples;
-        one.score = h.chi_square;
+        const double fitted = static_cast<double>(count(result_.fitted));
+        one.together_fitted = ModelFit(machine_, result_.fitted).chi_square(h) / fitted;
+        one.score = h.chi_square = one.together_fitted * fitted;
         if (!result_.kept_out.empty()) {
-            const ModelFit check(machine_, result_.kept_out);
-            const double samples = static_cast<double>(check.sample_count());
-            double chi = check.chi_square(h);
-            one.kept_out = one.together_kept_out = chi / samples;
-            if (together && one.fitted < 3 * SearchResult::limit(result_.fitted) &&
-                one.kept_out > SearchResult::limit(result_.kept_out) && !h.values.empty()) {
-                Hypothesis both = h;
-                const ModelFit all(machine_, all_records_);
-                ModelFit::Options options;
-                options.iterations = 8;
-                all.fit(both, options);
-                one.together_fitted = fit.chi_square(both) / fitted_samples;
-                one.together_kept_out = check.chi_square(both) / samples;
-            }
-            one.score = one.together_fitted * fitted_samples + one.together_kept_out * samples;
+            const double kept_out = static_cast<double>(count(result_.kept_out));
+            one.together_kept_out = ModelFit(machine_, result_.kept_out).chi_square(h) / kept_out;
+            one.score = h.chi_square += one.together_kept_out * kept_out;
         }
-        const double samples = static_cast<double>(count(result_.fitted) + count(result_.kept_out));
-        one.score += static_cast<double>(h.parameter_count()) * std::log(samples);
-        one.hypothesis = std::move(h);
+        one.score += static_cast<double>(h.parameter_count()) *
+                     std::log(static_cast<double>(count(result_.fitted) + count(result_.kept_out)));
+        one.hypothesis = h;
+        one.fitted = one.together_fitted;
+        one.kept_out = one.together_kept_out;
+        one.together = std::move(h);
         return one;
+    }
+
+    // The numbers of the fitted records alone, and what they foretell of those kept out.
+    void prove(Scored& one, unsigned workers) const {
+        if (result_.kept_out.empty()) return;
+        refine(one.hypothesis, result_.fitted, 10, workers);
+        one.fitted = one.hypothesis.chi_square / static_cast<double>(count(result_.fitted));
+        one.kept_out = ModelFit(machine_, result_.kept_out).chi_square(one.hypothesis) /
+                       static_cast<double>(count(result_.kept_out));
+    }
+
+    // The fitted records alone leave the numbers uncertain, and a richer one lies beyond what they foretell: the first half
+    // of what was kept out is fitted too, and the second is the proof.
+    void share(Scored& last) {
+        std::vector<Evidence> fitted = result_.fitted;
+        for (auto& record : result_.kept_out) {
+            const std::size_t half = record.first + record.samples() / 2;
+            fitted.push_back(beginning(record, half));
+            record.first = half;
+        }
+        result_.shared = true;
+        for (Scored* one : {&result_.baseline, &last}) {
+            one->hypothesis = one->together;
+            ModelFit::Options options;
+            options.iterations = 10;
+            options.workers = control_.workers;
+            options.standard_errors = true;
+            ModelFit(machine_, fitted).fit(one->hypothesis, options);
+            const auto per_sample = [&](const std::vector<Evidence>& records) {
+                return ModelFit(machine_, records).chi_square(one->hypothesis) / static_cast<double>(count(records));
+            };
+            one->fitted = per_sample(result_.fitted);
+            one->kept_out = per_sample(result_.kept_out);
+        }
     }
 
     // An effect that another one makes needless goes.
     void prune(Scored& one) const {
-        for (std::size_t i = 0; one.hypothesis.effects.size() > 1 && i < one.hypothesis.effects.size();) {
-            Hypothesis without = one.hypothesis;
+        for (std::size_t i = 0; one.together.effects.size() > 1 && i < one.together.effects.size();) {
+            Hypothesis without = one.together;
             without.remove(i);
-            refine(without, 8, control_.workers);
+            refine(without, all_, 8, control_.workers);
             Scored simpler = scored(std::move(without));
             if (simpler.score < one.score + 10) {
                 one = std::move(simpler);
@@ -152,27 +257,29 @@ class Search {
         RunControl quiet;
         quiet.workers = control_.workers;
         for_each_index(pool.size(), quiet, "", [&](std::size_t i) {
-            refine(pool[i].hypothesis, 6, 1);
-            pool[i] = scored(std::move(pool[i].hypothesis));
+            refine(pool[i].together, all_, 6, 1);
+            pool[i] = scored(std::move(pool[i].together));
         });
         rank(pool);
         for (std::size_t i = 0; i < std::min<std::size_t>(pool.size(), 2); ++i) prune(pool[i]);
         rank(pool);
+        for (std::size_t i = 0; i < std::min(pool.size(), proven); ++i) prove(pool[i], control_.workers);
     }
 
     static void rank(std::vector<Scored>& pool) {
-        std::erase_if(pool, [](const Scored& one) { return !std::isfinite(one.hypothesis.chi_square); });
+        std::erase_if(pool, [](const Scored& one) { return !std::isfinite(one.together.chi_square); });
         std::stable_sort(pool.begin(), pool.end(), [](const Scored& a, const Scored& b) { return a.score < b.score; });
         // One hypothesis for each set of names: the form that does best.
         std::set<std::vector<std::string>> seen;
         std::erase_if(pool, [&](const Scored& one) { return !seen.insert(one.names()).second; });
     }
 
-    // The base with one more effect, every one that may be.
-    std::vector<Scored> extended(const Scored& base, std::size_t level) const {
-        const ModelFit fit(machine_, result_.fitted);
-        const MachineModel machine = fit.machine(base.hypothesis);
-        const Evidence& record = result_.fitted.front();
+    // The base with one more effect, every one that may be, or one of `only`.
+    std::vector<Scored> extended(const Scored& base, std::size_t level,
+                                 const std::optional<std::set<std::string>>& only) const {
+        const ModelFit lead(machine_, lead_records_);
+        const MachineModel machine = lead.machine(base.together);
+        const Evidence& record = lead_records_.front();
         const auto signals = simulated_signals(machine, record.measurement);
         // A model that cannot follow shows nothing: the machine at rest is as good a comparison.
         const SimulatedSignals still{std::vector<double>(record.measurement.size(), 0.0),
@@ -186,13 +293,15 @@ class Search {
         std::vector<std::shared_ptr<const Candidate>> list;
         for (auto& candidate : candidates({machine, record.measurement, residual, whitened, record.floor.innovation})) {
             if (std::find(present.begin(), present.end(), candidate.effect) != present.end()) continue;
+            if (only && !only->contains(candidate.effect)) continue;
             list.push_back(std::make_shared<const Candidate>(std::move(candidate)));
         }
         // Where each begins.
         std::vector<std::vector<Hypothesis>> begun(list.size());
         const std::string what = "effect " + std::to_string(level);
-        for_each_index(list.size(), control_, what + ": screening",
-                       [&](std::size_t i) { begun[i] = starts_of(base.hypothesis, list[i], fit); });
+        for_each_index(list.size(), control_, what + ": screening", [&](std::size_t i) {
+            begun[i] = list[i]->rugged ? grown_starts(base.together, list[i]) : starts_of(base.together, list[i], lead);
+        });
         std::vector<std::size_t> order;
         for (std::size_t i = 0; i < list.size(); ++i) {
             if (!begun[i].empty()) order.push_back(i);
@@ -202,45 +311,131 @@ class Search {
         });
         if (level > 1 && order.size() > screened_later) order.resize(screened_later);
         // All are fitted a little, the better ones more, the best to the end: none is judged before it has come down as
-        // far as others were let. A form that fell much in the last round may go on falling.
+        // far as others were let.
         std::vector<Hypothesis> running;
         for (const std::size_t i : order) running.insert(running.end(), begun[i].begin(), begun[i].end());
         for (const auto& [iterations, keep, factor] :
-             {std::tuple{2, std::size_t{16}, 30.0}, {4, std::size_t{8}, 10.0}, {25, std::size_t{6}, 3.0}}) {
-            const bool last = iterations == 25;
-            std::vector<Hypothesis> next = running;
-            for_each_index(next.size(), control_, what + (last ? ": refining" : ": fitting"), [&](std::size_t i) {
-                if (!next[i].converged) refine(next[i], iterations, 1, last);
+             {std::tuple{2, std::size_t{16}, 30.0}, {4, std::size_t{8}, 10.0}}) {
+            for_each_index(running.size(), control_, what + ": fitting", [&](std::size_t i) {
+                if (!running[i].converged) refine(running[i], lead_records_, iterations, 1, false);
             });
-            std::erase_if(next, [](const Hypothesis& h) { return !std::isfinite(h.chi_square); });
-            std::stable_sort(next.begin(), next.end(),
-                             [](const Hypothesis& a, const Hypothesis& b) { return a.chi_square < b.chi_square; });
-            if (next.empty()) return {};
-            std::size_t kept = 0;
-            while (kept < next.size() && (kept < 3 || next[kept].chi_square < factor * next.front().chi_square) &&
-                   kept < keep)
-                ++kept;
-            next.resize(kept);
-            running = std::move(next);
+            keep_best(running, keep, factor);
+            if (running.empty()) return {};
         }
+        // On all records. A hypothesis that in a round comes no tenth of its way to the best one is left where it is.
+        std::vector<char> stalled(running.size(), false);
+        for (int round = 0; round < 8; ++round) {
+            std::vector<double> before;
+            for (const auto& h : running) before.push_back(h.chi_square);
+            for_each_index(running.size(), control_, what + ": refining", [&](std::size_t i) {
+                if (!stalled[i]) refine(running[i], all_, 4, 1);
+            });
+            double best = std::numeric_limits<double>::infinity();
+            for (const auto& h : running) best = std::min(best, h.chi_square);
+            bool moving = false;
+            for (std::size_t i = 0; i < running.size(); ++i) {
+                const double distance = running[i].chi_square - best;
+                // The first round came from another set of records.
+                const bool slow = round > 0 && distance > 100 && before[i] - running[i].chi_square < 0.1 * distance;
+                stalled[i] = stalled[i] || running[i].converged || !std::isfinite(distance) || slow;
+                moving = moving || !stalled[i];
+            }
+            if (!moving) break;
+        }
+        keep_best(running, 6, 1e300);
         std::vector<Scored> done;
         for (auto& h : running) done.push_back(scored(std::move(h)));
         return done;
     }
 
+    // The best so many, within a factor of the best of all, three at least.
+    static void keep_best(std::vector<Hypothesis>& list, std::size_t most, double factor) {
+        std::erase_if(list, [](const Hypothesis& h) { return !std::isfinite(h.chi_square); });
+        std::stable_sort(list.begin(), list.end(),
+                         [](const Hypothesis& a, const Hypothesis& b) { return a.chi_square < b.chi_square; });
+        std::size_t kept = 0;
+        while (kept < std::min(list.size(), most) &&
+               (kept < 3 || list[kept].chi_square < factor * list.front().chi_square)) {
+            ++kept;
+        }
+        list.resize(kept);
+    }
+
+    static Hypothesis with(const Hypothesis& base, const std::shared_ptr<const Candidate>& candidate,
+                           const std::vector<double>& values) {
+        Hypothesis h = base;
+        h.effects.push_back(candidate);
+        h.values.insert(h.values.end(), values.begin(), values.end());
+        h.converged = h.settled = false;
+        return h;
+    }
+
+    // Where simulated and measured contacts drift apart, chi square over a whole record has a valley wherever some of them
+    // coincide. Over the first few it has one: the best points of a grid are fitted there, and followed on beginnings of the
+    // record that grow. Where noise decides sooner or later how the machine goes on, no numbers follow it to the end;
+    // those of the longest beginning that they follow are the ones.
+    std::vector<Hypothesis> grown_starts(const Hypothesis& base,
+                                         const std::shared_ptr<const Candidate>& candidate) const {
+        std::vector<Hypothesis> points;
+        for (const auto& values : candidate->probes) points.push_back(with(base, candidate, values));
+        const Evidence& record = lead_records_.front();
+        const ModelFit lead(machine_, lead_records_);
+        const auto gap = lead.errors(base);
+        const auto first = static_cast<std::size_t>(
+            std::find_if(gap.begin(), gap.end(), [](double e) { return std::abs(e) > shows; }) - gap.begin());
+        std::vector<Evidence> part;
+        std::optional<std::pair<Hypothesis, std::vector<Evidence>>> last; // that was followed
+        for (const auto& [samples, count, iterations] : beginnings) {
+            part = {beginning(record, first + samples)};
+            const ModelFit fit(machine_, part);
+            for (auto& h : points) h.chi_square = fit.chi_square(h);
+            keep_best(points, count, 1e300);
+            for (auto& h : points) refine(h, part, iterations, 1);
+            keep_best(points, count, 1e300);
+            keep_distinct(points);
+            const double without = fit.chi_square(base);
+            std::erase_if(points, [&](const Hypothesis& h) { return !(h.chi_square < worthwhile * without); });
+            if (points.empty()) return {};
+            if (points.front().chi_square < followed * static_cast<double>(fit.sample_count())) {
+                last.emplace(points.front(), part);
+            } else if (last) {
+                Hypothesis& h = last->first;
+                ModelFit::Options options;
+                options.standard_errors = true;
+                ModelFit(machine_, last->second).fit(h, options);
+                h.chi_square = lead.chi_square(h);
+                h.settled = true;
+                return {h};
+            }
+            if (first + samples >= record.measurement.size()) break;
+        }
+        for (auto& h : points) h.chi_square = lead.chi_square(h);
+        keep_best(points, candidate->tried, 1e300);
+        return points;
+    }
+
+    // Of a list that is sorted: fits that came to the same numbers count once.
+    static void keep_distinct(std::vector<Hypothesis>& list) {
+        std::vector<Hypothesis> distinct;
+        for (auto& h : list) {
+            const bool known = std::any_of(distinct.begin(), distinct.end(), [&](const Hypothesis& other) {
+                for (std::size_t i = 0; i < h.values.size(); ++i) {
+                    if (std::abs(h.values[i] - other.values[i]) > 1e-2 * std::abs(other.values[i])) return false;
+                }
+                return true;
+            });
+            if (!known) distinct.push_back(std::move(h));
+        }
+        list = std::move(distinct);
+    }
+
     std::vector<Hypothesis> starts_of(const Hypothesis& base, const std::shared_ptr<const Candidate>& candidate,
                                       const ModelFit& fit) const {
         std::vector<Hypothesis> points;
-        const auto at = [&](const std::vector<double>& values) {
-            Hypothesis h = base;
-            h.effects.push_back(candidate);
-            h.values.insert(h.values.end(), values.begin(), values.end());
-            return h;
-        };
         const std::vector<double> gap = candidate->size ? fit.errors(base) : std::vector<double>{};
         for (const auto& list : {candidate->starts, candidate->probes}) {
             for (const auto& values : list) {
-                Hypothesis h = at(values);
+                Hypothesis h = with(base, candidate, values);
                 if (!gap.empty()) {
                     const auto there = fit.errors(h);
                     if (there.empty()) continue;
@@ -261,16 +456,16 @@ class Search {
                 if (std::isfinite(h.chi_square)) points.push_back(std::move(h));
             }
         }
-        std::stable_sort(points.begin(), points.end(),
-                         [](const Hypothesis& a, const Hypothesis& b) { return a.chi_square < b.chi_square; });
-        if (points.size() > candidate->tried) points.resize(candidate->tried);
+        keep_best(points, candidate->tried, 1e300);
         return points;
     }
 
     const MachineModel& machine_;
     std::size_t max_effects_;
     const RunControl& control_;
-    std::vector<Evidence> all_records_;
+    std::vector<Evidence> all_; // records to fit and kept out
+    std::size_t lead_ = 0, lead_length_ = 0;
+    std::vector<Evidence> lead_records_; // of all_, so much of one
     SearchResult result_;
 };
 
@@ -288,12 +483,14 @@ double SearchResult::limit(const std::vector<Evidence>& records) {
 }
 
 bool SearchResult::explained_by_noise(const Scored& one) const {
-    return one.together_fitted < limit(fitted) && (kept_out.empty() || one.together_kept_out < limit(kept_out));
+    const double least = one.together.settled ? settled_limit : 0;
+    return one.together_fitted < std::max(limit(fitted), least) &&
+           (kept_out.empty() || one.together_kept_out < std::max(limit(kept_out), least));
 }
 
 std::vector<std::string> Scored::names() const {
     std::vector<std::string> list;
-    for (const auto& effect : hypothesis.effects) list.push_back(effect->effect);
+    for (const auto& effect : together.effects) list.push_back(effect->effect);
     std::sort(list.begin(), list.end());
     return list;
 }

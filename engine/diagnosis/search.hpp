@@ -8,15 +8,15 @@
 
 namespace tribode {
 
-// A hypothesis with its score on all records: those it was fitted to and those kept out of the fit.
+// A hypothesis with its score on all records: those to fit and those kept out of the fit. It is ranked by numbers that
+// suit all of them together, as a poor record leaves numbers uncertain and a rich one tells names apart; the proof is made
+// with numbers fitted to the first kind alone.
 struct Scored {
-    Hypothesis hypothesis;
-    double fitted = 0;   // chi square per sample on the fitted records: 1 where noise is all that is left
-    double kept_out = 0; // likewise on the records kept out, as the fit foretells them
-    // Likewise with numbers that suit all records together. A poor record leaves them uncertain, and then a rich one
-    // lies beyond what the fit foretold though nothing is missing.
-    double together_fitted = 0, together_kept_out = 0;
-    double score = 0; // chi square of all records with those numbers, and the penalty of the numbers that were free
+    Hypothesis together;                               // numbers that suit all records
+    double together_fitted = 0, together_kept_out = 0; // chi square per sample: 1 where noise is all that is left
+    double score = 0;                // chi square of all records, and the penalty of the numbers that were free
+    Hypothesis hypothesis;           // numbers of the fitted records
+    double fitted = 0, kept_out = 0; // chi square per sample with these: the latter is foretold by the fit
 
     std::vector<std::string> names() const;
 };
@@ -26,6 +26,8 @@ struct SearchResult {
     std::vector<Scored> ranking; // the best hypotheses with effects, best first, at the level at which the search ended
     std::vector<Scored> steps;   // the best one with one effect, with two, ...: how the gap shrank
     std::vector<Evidence> fitted, kept_out; // floors as those of the best hypothesis
+
+    bool shared = false; // the first half of what was kept out had to be fitted too
 
     // Chi square per sample up to which noise explains what is left of some records.
     static double limit(const std::vector<Evidence>& records);
