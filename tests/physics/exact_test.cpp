@@ -399,6 +399,106 @@ TEST(ExactAgainstErk, they_agree_on_thousands_of_random_machines) {
     EXPECT_LE(given_up, 4);
 }
 
+// One effect that keeps a machine piecewise affine, of the size of its forces and motions.
+void add_affine_effect(Dice& dice, RandomRun& run) {
+    const double force = largest(run.u), size = dice.over_decades(1e-6, 1e-3);
+    const auto add = [&](const char* name, const Json& parameters) {
+        run.machine["effects"].push_back({{"name", name}, {"parameters", parameters}});
+    };
+    switch (dice.whole(0, 5)) {
+    case 0: return add("spring_force", {{"k", force / size}, {"y0", dice.uniform(-1, 1) * size}});
+    case 1: return add("constant_force", {{"F", 0.5 * force * dice.uniform(-1, 1)}});
+    case 2: return add("dead_zone", {{"half_width", 0.5 * force * dice.uniform(0, 1)}});
+    case 3: return add("thrust_saturation", {{"limit", force * dice.uniform(0.2, 1)}});
+    case 4: return add("asymmetric_friction", {{"dF_pos", force * dice.over_decades(0.01, 1)}});
+    default:
+        run.machine["modes"] = Json::array();
+        return add("backlash", {{"gap_m", size},
+                                {"load_fraction", dice.uniform(0.2, 0.8)},
+                                {"contact_hz", dice.over_decades(20, 300)},
+                                {"contact_zeta", dice.over_decades(0.02, 0.5)},
+                                {"sensor", dice.chance(0.5) ? "motor" : "load"}});
+    }
+}
+
+TEST(ExactAgainstErk, they_agree_with_piecewise_affine_effects) {
+    long slipped = 0, given_up = 0;
+    for (unsigned seed = 1; seed <= 1000; ++seed) {
+        Dice dice(seed + 10000);
+        RandomRun run = random_run(seed);
+        run.machine["effects"] = Json::array();
+        add_affine_effect(dice, run);
+        const Simulation exact = simulated(run, exact_solver);
+        ASSERT_TRUE(exact.outcome.ok()) << "seed " << seed << ": " << exact.outcome.message << run.machine;
+        const double size = largest(exact.trace.x);
+        const Simulation erk = simulated(
+            run,
+            {.method = Method::erk, .relative_tolerance = 1e-10, .absolute_tolerance = std::max(1e-12 * size, 1e-24)});
+        if (!erk.outcome.ok()) {
+            ++given_up;
+            continue;
+        }
+        slipped += !exact.events.empty();
+        EXPECT_LE(largest_difference(exact.trace.x, erk.trace.x), 3e-8 * size)
+            << "seed " << seed << ", events " << exact.events.size() << " and " << erk.events.size() << ": "
+            << run.machine;
+    }
+    EXPECT_GT(slipped, 650);
+    EXPECT_LE(given_up, 3);
+}
+
+// ---- collocation
+
+// One effect that leaves a machine affine but for a smooth force.
+void add_smooth_effect(Dice& dice, RandomRun& run) {
+    const double force = largest(run.u), size = dice.over_decades(1e-5, 1e-2);
+    const double mass = 1 / run.machine["rigid_gain_per_kg"].get<double>();
+    const auto add = [&](const char* name, const Json& parameters) {
+        run.machine["effects"].push_back({{"name", name}, {"parameters", parameters}});
+    };
+    switch (dice.whole(0, 4)) {
+    case 0:
+        return add("force_ripple",
+                   {{"harmonics",
+                     {{{"F", 0.5 * force * dice.uniform(0, 1)}, {"period_m", size}, {"phase", dice.uniform(-3, 3)}}}}});
+    case 1: return add("cubic_stiffness", {{"k3", force / (size * size * size)}, {"y0", 0.1 * size}});
+    case 2: return add("quadratic_drag", {{"c", mass * dice.over_decades(0.1, 1000)}});
+    case 3:
+        return add("position_dependent_friction",
+                   {{"mode", "sine"}, {"a", 0.5}, {"period_m", size}, {"phase", dice.uniform(-3, 3)}});
+    default: return add("time_varying_friction", {{"kind", "sine"}, {"a", 0.5}, {"T", dice.over_decades(0.01, 10)}});
+    }
+}
+
+TEST(CollocationAgainstErk, they_agree_on_random_machines_with_smooth_forces) {
+    long slipped = 0, given_up = 0;
+    for (unsigned seed = 1; seed <= 1000; ++seed) {
+        Dice dice(seed + 20000);
+        RandomRun run = random_run(seed);
+        run.machine["effects"] = Json::array();
+        add_smooth_effect(dice, run);
+        const auto with = [&](Method method, double relative, double absolute) {
+            return simulated(
+                run,
+                {.method = method, .relative_tolerance = relative, .absolute_tolerance = std::max(absolute, 1e-24)});
+        };
+        const double size = largest(with(Method::collocation, 1e-6, 1e-9).trace.x);
+        const Simulation found = with(Method::collocation, 1e-9, 1e-11 * size),
+                         erk = with(Method::erk, 1e-10, 1e-12 * size);
+        ASSERT_TRUE(found.outcome.ok()) << "seed " << seed << ": " << found.outcome.message << run.machine;
+        if (!erk.outcome.ok()) {
+            ++given_up;
+            continue;
+        }
+        slipped += !found.events.empty();
+        EXPECT_LE(largest_difference(found.trace.x, erk.trace.x), 1e-6 * size)
+            << "seed " << seed << ", events " << found.events.size() << " and " << erk.events.size() << ": "
+            << run.machine;
+    }
+    EXPECT_GT(slipped, 650);
+    EXPECT_LE(given_up, 3);
+}
+
 // The same machines by the road of the oracle, which takes longer: those of few elements in open loop.
 TEST(ExactOracle, random_machines_are_those_of_the_oracle) {
     long compared = 0;
