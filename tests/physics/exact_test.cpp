@@ -449,9 +449,10 @@ TEST(ExactAgainstErk, they_agree_with_piecewise_affine_effects) {
 
 // ---- collocation
 
-// One effect that leaves a machine affine but for a smooth force.
+// One effect that leaves a machine affine but for a smooth force. A ripple of many wells over the way would make the run
+// chaotic: erk itself then goes elsewhere with each tolerance.
 void add_smooth_effect(Dice& dice, RandomRun& run) {
-    const double force = largest(run.u), size = dice.over_decades(1e-5, 1e-2);
+    const double force = largest(run.u), size = dice.over_decades(2e-4, 1e-2);
     const double mass = 1 / run.machine["rigid_gain_per_kg"].get<double>();
     const auto add = [&](const char* name, const Json& parameters) {
         run.machine["effects"].push_back({{"name", name}, {"parameters", parameters}});
