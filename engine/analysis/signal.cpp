@@ -12,25 +12,24 @@ namespace tribode {
 
 namespace {
 
-// One pair of poles of the filter, as a difference equation: y = b0 (x + 2 x1 + x2) - a1 y1 - a2 y2.
+// One pair of poles of a low-pass filter of gain one, as a difference equation:
+// y = b (x + 2 x1 + x2) - a1 y1 - a2 y2.
 struct Section {
-    double b0, a1, a2;
+    double b, a1, a2;
 
-    // Pair `k` of `order / 2`, with poles at equal angles on the circle of the corner.
-    Section(int k, int order, double corner_hz, double sample_time) {
-        const double w = std::tan(std::numbers::pi * corner_hz * sample_time);
-        const double damping = std::sin(std::numbers::pi * (2 * k + 1) / (2 * order)); // zeta of the pair
-        const double scale = 1 + 2 * damping * w + w * w;
-        b0 = w * w / scale;
-        a1 = 2 * (w * w - 1) / scale;
-        a2 = (1 - 2 * damping * w + w * w) / scale;
+    // s^2 + damping s + square over the rate s = (1 - 1/z)/(1 + 1/z), the bilinear transform.
+    Section(double damping, double square) {
+        const double scale = 1 + damping + square;
+        b = square / scale;
+        a1 = 2 * (square - 1) / scale;
+        a2 = (1 - damping + square) / scale;
     }
 
     // In place, from where the filter rests at the first value.
     void run(std::vector<double>& values) const {
-        double x1 = values.front(), x2 = x1, y1 = x1, y2 = x1; // the gain at zero frequency is one
+        double x1 = values.front(), x2 = x1, y1 = x1, y2 = x1;
         for (double& value : values) {
-            const double y = b0 * (value + 2 * x1 + x2) - a1 * y1 - a2 * y2;
+            const double y = b * (value + 2 * x1 + x2) - a1 * y1 - a2 * y2;
             x2 = x1;
             x1 = value;
             y2 = y1;
@@ -39,6 +38,28 @@ struct Section {
         }
     }
 };
+
+// Of a pair of poles on circle or ellipse, from the imaginary axis.
+double pole_angle(int pair, int order) { return std::numbers::pi * (2 * pair + 1) / (2 * order); }
+
+std::vector<double> forwards_and_backwards(std::span<const double> values, const std::vector<Section>& sections) {
+    const std::size_t n = values.size(), margin = 6 * sections.size();
+    if (n <= margin) {
+        throw InputError(fmt::format("a low-pass filter of order {} needs more than {} values, there are {}",
+                                     2 * sections.size(), margin, n));
+    }
+    std::vector<double> longer;
+    longer.reserve(n + 2 * margin);
+    for (std::size_t k = margin; k > 0; --k) longer.push_back(2 * values.front() - values[k]);
+    longer.insert(longer.end(), values.begin(), values.end());
+    for (std::size_t k = 1; k <= margin; ++k) longer.push_back(2 * values.back() - values[n - 1 - k]);
+    for (int direction = 0; direction < 2; ++direction) {
+        for (const auto& section : sections) section.run(longer);
+        std::reverse(longer.begin(), longer.end());
+    }
+    const auto first = longer.begin() + static_cast<std::ptrdiff_t>(margin);
+    return {first, first + static_cast<std::ptrdiff_t>(n)};
+}
 
 } // namespace
 
@@ -52,23 +73,30 @@ std::vector<double> zero_phase_low_pass(std::span<const double> values, double s
                                      "rate",
                                      corner_hz, 0.5 / sample_time));
     }
-    const auto margin = static_cast<std::size_t>(3 * (order + 1));
-    const std::size_t n = values.size();
-    if (n <= margin) {
-        throw InputError(
-            fmt::format("a low-pass filter of order {} needs more than {} values, there are {}", order, margin, n));
+    const double w = std::tan(std::numbers::pi * corner_hz * sample_time);
+    std::vector<Section> sections;
+    for (int k = 0; k < order / 2; ++k) sections.emplace_back(2 * std::sin(pole_angle(k, order)) * w, w * w);
+    return forwards_and_backwards(values, sections);
+}
+
+std::vector<double> decimated(std::span<const double> values, int factor) {
+    if (factor < 2) throw InputError(fmt::format("the factor of a decimation = {}, must be 2 or more", factor));
+    constexpr int order = 8;
+    const double dip = std::pow(10, -0.05 / 20); // the gain at zero frequency: the ripple ends low there
+    const double mu = std::asinh(1 / std::sqrt(1 / (dip * dip) - 1)) / order;
+    const double w = std::tan(std::numbers::pi * 0.4 / factor);
+    std::vector<Section> sections;
+    for (int k = 0; k < order / 2; ++k) {
+        const double real = w * std::sinh(mu) * std::sin(pole_angle(k, order));
+        const double imaginary = w * std::cosh(mu) * std::cos(pole_angle(k, order));
+        sections.emplace_back(2 * real, real * real + imaginary * imaginary);
     }
-    std::vector<double> longer;
-    longer.reserve(n + 2 * margin);
-    for (std::size_t k = margin; k > 0; --k) longer.push_back(2 * values.front() - values[k]);
-    longer.insert(longer.end(), values.begin(), values.end());
-    for (std::size_t k = 1; k <= margin; ++k) longer.push_back(2 * values.back() - values[n - 1 - k]);
-    for (int direction = 0; direction < 2; ++direction) {
-        for (int k = 0; k < order / 2; ++k) Section(k, order, corner_hz, sample_time).run(longer);
-        std::reverse(longer.begin(), longer.end());
-    }
-    const auto first = longer.begin() + static_cast<std::ptrdiff_t>(margin);
-    return {first, first + static_cast<std::ptrdiff_t>(n)};
+    const auto smooth = forwards_and_backwards(values, sections);
+    const auto step = static_cast<std::size_t>(factor);
+    std::vector<double> kept;
+    for (std::size_t k = (smooth.size() - 1) % step; k < smooth.size(); k += step)
+        kept.push_back(dip * dip * smooth[k]);
+    return kept;
 }
 
 std::vector<double> central_differences(std::span<const double> values, double sample_time) {

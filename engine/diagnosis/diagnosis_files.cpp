@@ -111,16 +111,43 @@ Plot response_plot(const Compared& c) {
     return plot;
 }
 
-Plot loop_plot(const Compared& c) {
+// What is left over as a force, without and with the effects found.
+struct Residuals {
+    ResidualForce before, after;
+    bool named; // whether there are effects
+
+    Residuals(const Diagnosis& d, const Compared& c)
+        : before(residual_force(d.before, c.measurement, {c.y_before, c.u_before})),
+          after(residual_force(d.after, c.measurement, {c.y_after, c.u_after})),
+          named(!d.effects.empty()) {}
+};
+
+// Thrust over position, and what it does besides moving the mass: friction, with its loop at every reversal.
+Plot loop_plot(const Compared& c, const Residuals& residuals) {
     Plot plot;
-    Panel loop;
-    loop.x_label = "Position [mm]";
+    Panel loop, friction;
+    loop.x_label = friction.x_label = "Position [mm]";
     loop.y_label = "Thrust reference [N]";
     loop.series = {
         {"measured", scaled(c.measurement.position(), 1e3), c.measurement.thrust, SeriesStyle::line, gray, 2.2},
-        {"before", scaled(c.y_before, 1e3), c.u_before, SeriesStyle::line, red, 0.9},
-        {"after", scaled(c.y_after, 1e3), c.u_after, SeriesStyle::line, blue, 0.9}};
-    plot.panels = {loop};
+        {"before", scaled(c.y_before, 1e3), c.u_before, SeriesStyle::line, red, 0.9}};
+    const auto& [before, after, named] = residuals;
+    friction.y_label = "Thrust less inertia [N]";
+    const auto position = scaled(before.position, 1e3);
+    // Measured, and with the force that the model lacks simulated.
+    const auto shown = [](const ResidualForce& r, double simulated) {
+        std::vector<double> f(r.force.size());
+        for (std::size_t k = 0; k < f.size(); ++k) f[k] = r.thrust[k] - r.inertial[k] + simulated * r.force[k];
+        return f;
+    };
+    friction.series = {{"measured", position, shown(before, 0), SeriesStyle::line, gray, 2.2},
+                       {"before", position, shown(before, 1), SeriesStyle::line, red, 0.9}};
+    if (named) {
+        loop.series.push_back({"after", scaled(c.y_after, 1e3), c.u_after, SeriesStyle::line, blue, 0.9});
+        friction.series.push_back(
+            {"after", scaled(after.position, 1e3), shown(after, 1), SeriesStyle::line, blue, 0.9});
+    }
+    plot.panels = {loop, friction};
     return plot;
 }
 
@@ -141,11 +168,11 @@ Plot spectrum_plot(const Compared& c, double sample_time) {
     return plot;
 }
 
-Plot force_plot(const Diagnosis& d, const Compared& c) {
-    const ResidualForce before = residual_force(d.before, c.measurement, {c.y_before, c.u_before});
-    const ResidualForce after = residual_force(d.after, c.measurement, {c.y_after, c.u_after});
+Plot force_plot(const Residuals& residuals) {
+    const auto& [before, after, named] = residuals;
     Plot plot;
-    plot.title = fmt::format("Force that the model lacks, below {:g} Hz", before.bandwidth);
+    plot.title = fmt::format("Force that the model lacks, below {:g} Hz; noise leaves {:.2g} N rms of it",
+                             before.bandwidth, before.noise);
     struct Axis {
         Coordinate coordinate;
         const char* label;
@@ -155,18 +182,35 @@ Plot force_plot(const Diagnosis& d, const Compared& c) {
          {Axis{Coordinate::position, "Position [mm]", 1e3},
           {Coordinate::velocity, "Velocity [mm/s]", 1e3},
           {Coordinate::since_reversal, "Distance since the last reversal [mm]", 1e3},
+          {Coordinate::thrust, "Thrust [N]", 1},
           {Coordinate::time, "Time [s]", 1}}) {
         Panel panel;
         panel.x_label = label;
         panel.y_label = "Force [N]";
-        const ForceCurve was = force_curve(before, coordinate, 80), is = force_curve(after, coordinate, 80);
+        const ForceCurve was = force_curve(before, coordinate, 80);
         panel.series = {{"before, forward", scaled(was.at, scale), was.forward, SeriesStyle::line, red},
-                        {"before, backward", scaled(was.at, scale), was.backward, SeriesStyle::dashed, red},
-                        {"after, forward", scaled(is.at, scale), is.forward, SeriesStyle::line, blue},
-                        {"after, backward", scaled(is.at, scale), is.backward, SeriesStyle::dashed, blue}};
+                        {"before, backward", scaled(was.at, scale), was.backward, SeriesStyle::dashed, red}};
+        if (named) {
+            const ForceCurve is = force_curve(after, coordinate, 80);
+            panel.series.push_back({"after, forward", scaled(is.at, scale), is.forward, SeriesStyle::line, blue});
+            panel.series.push_back({"after, backward", scaled(is.at, scale), is.backward, SeriesStyle::dashed, blue});
+        }
         plot.panels.push_back(std::move(panel));
     }
-    plot.height = 1700;
+    Panel spectrum;
+    spectrum.x_label = "Frequency [Hz]";
+    spectrum.y_label = "Amplitude of the force [N]";
+    spectrum.x_log = spectrum.y_log = true;
+    std::vector<double> frequency;
+    for (int i = 0; i < 200; ++i) frequency.push_back(0.3 * std::pow(before.bandwidth / 0.3, i / 199.0));
+    const auto add = [&](const char* name, const ResidualForce& r, const char* color) {
+        spectrum.series.push_back(
+            {name, frequency, amplitude_spectrum(r.force, r.sample_time, frequency), SeriesStyle::line, color});
+    };
+    add("before", before, red);
+    if (named) add("after", after, blue);
+    plot.panels.push_back(std::move(spectrum));
+    plot.height = 2400;
     return plot;
 }
 
@@ -196,11 +240,14 @@ ReportTable share_table(const Compared& c) {
 
 ReportTable ranking_table(const Diagnosis& d) {
     ReportTable table;
-    table.caption = "What each hypothesis leaves, in units of the errors that noise alone would leave";
-    table.columns = {{"effects"}, {"free numbers", "", 0}, {"fitted records"}, {"kept out"}};
+    table.caption =
+        "What each hypothesis leaves, in units of the errors that noise alone would leave; the score is chi "
+        "square of all records and the penalty of the free numbers, less that of the best";
+    table.columns = {{"effects"}, {"free numbers", "", 0}, {"fitted records"}, {"kept out"}, {"score above the best"}};
     const auto row = [&](const std::string& name, const Scored& one) {
         table.rows.push_back({name, static_cast<double>(one.hypothesis.parameter_count()), std::sqrt(one.fitted),
-                              std::sqrt(one.kept_out)});
+                              std::sqrt(one.kept_out),
+                              d.search.ranking.empty() ? 0 : one.score - d.search.ranking.front().score});
     };
     row("none", d.search.baseline);
     for (const auto& one : d.search.ranking) row(fmt::format("{}", fmt::join(one.names(), " + ")), one);
@@ -226,6 +273,7 @@ ReportTable parameter_table(const NamedEffect& effect) {
 Report report_of(const Diagnosis& d, const Json& summary) {
     const Compared& proof = d.kept_out.front();
     const double Ts = d.before.sample_time;
+    const Residuals residuals(d, proof);
     Report report;
     report.title = "Where model and measurement disagree";
     report.summary = sentence(d);
@@ -236,7 +284,7 @@ Report report_of(const Diagnosis& d, const Json& summary) {
                                 Figure{"residual_force",
                                        "Delayed thrust less modelled friction and inertia, measured less "
                                        "simulated: what pushes the machine and not the model.",
-                                       force_plot(d, proof)}}});
+                                       force_plot(residuals)}}});
     ReportSection names{"The name", {ranking_table(d)}};
     for (const auto& effect : d.effects) {
         names.blocks.push_back(Paragraph{fmt::format("{} with probability {:.2f}: {}.", effect.name, effect.probability,
@@ -255,8 +303,14 @@ Report report_of(const Diagnosis& d, const Json& summary) {
     if (d.next_experiment) names.blocks.push_back(Paragraph{"The experiment that would decide: " + *d.next_experiment});
     report.sections.push_back(std::move(names));
     report.sections.push_back({"Before and after",
-                               {Figure{"loop", "Thrust reference over position.", loop_plot(proof)},
+                               {Figure{"loop",
+                                       "Thrust over position, and what of it does not move the mass: friction and the "
+                                       "forces on the axis.",
+                                       loop_plot(proof, residuals)},
                                 Figure{"spectrum", "What is left over frequency.", spectrum_plot(proof, Ts)}}});
+    BulletList unseen;
+    unseen.items = untested(d);
+    report.sections.push_back({"What these records cannot show", {unseen}});
     ReportSection how{"How it was found", {}};
     how.blocks.push_back(
         Paragraph{fmt::format("Every effect was put into the machine, fitted to the records by simulation of the whole "

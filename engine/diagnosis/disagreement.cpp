@@ -161,6 +161,63 @@ ForceCurve force_curve(const ResidualForce& r, Coordinate coordinate, std::size_
     return curve;
 }
 
+std::vector<std::string> untested(const Diagnosis& d) {
+    constexpr double inf = std::numeric_limits<double>::infinity();
+    double thrust = 0, low = inf, high = -inf, fastest = 0, longest = 0, highest = 0;
+    std::size_t forward = 0, backward = 0, reversals = 0;
+    for (const auto* list : {&d.fitted, &d.kept_out}) {
+        for (const auto& c : *list) {
+            const double Ts = sample_time_of(c);
+            const auto& y = c.measurement.position();
+            const auto [least, most] = std::minmax_element(y.begin(), y.end());
+            low = std::min(low, *least);
+            high = std::max(high, *most);
+            for (const double u : c.measurement.thrust) thrust = std::max(thrust, std::abs(u));
+            longest = std::max(longest, static_cast<double>(y.size()) * Ts);
+            const Error e = error_of(c, Ts);
+            double peak = 0;
+            for (const double v : e.velocity) peak = std::max(peak, std::abs(v));
+            fastest = std::max(fastest, peak);
+            double sign = 0;
+            for (const double v : e.velocity) {
+                if (std::abs(v) < 0.02 * peak) continue;
+                ++(v > 0 ? forward : backward);
+                if (v * sign < 0) ++reversals;
+                sign = v > 0 ? 1 : -1;
+            }
+            // Up to which frequency the motion stands out of white noise of the floor's size, seen through a Hann window.
+            const double noise = 2.45 * c.gap.floor / std::sqrt(static_cast<double>(y.size()));
+            std::vector<double> frequency;
+            for (int i = 0; i < 200; ++i) frequency.push_back(std::pow(0.45 / Ts, i / 199.0));
+            const auto amplitude = amplitude_spectrum(y, Ts, frequency);
+            for (std::size_t i = 0; i < frequency.size(); ++i) {
+                if (amplitude[i] > 5 * noise) highest = std::max(highest, frequency[i]);
+            }
+        }
+    }
+    std::vector<std::string> list = {
+        fmt::format("The thrust stays within {:.3g} N: a saturation above shows nowhere.", thrust),
+        fmt::format(
+            "The axis moves between {:.4g} and {:.4g} mm: what lies outside, or changes little over {:.3g} mm, is "
+            "not seen.",
+            1e3 * low, 1e3 * high, 1e3 * (high - low)),
+        fmt::format("It moves at {:.3g} m/s at most: drag that begins above is not seen.", fastest),
+        fmt::format(
+            "The position stands out of the noise up to {:.3g} Hz: vibration modes and lags above are not seen.",
+            highest),
+        fmt::format("The longest record has {:.3g} s: what changes more slowly looks constant.", longest)};
+    const double moving = static_cast<double>(std::max<std::size_t>(forward + backward, 1));
+    if (static_cast<double>(std::min(forward, backward)) < 0.02 * moving) {
+        list.push_back(
+            "The axis moves in one direction only: a constant force, friction by direction and Coulomb friction "
+            "cannot be told apart.");
+    }
+    if (reversals < 2) {
+        list.push_back("The motion turns at most once: backlash and pre-sliding friction are hardly seen.");
+    }
+    return list;
+}
+
 std::string where_they_disagree(const Diagnosis& d) {
     const Compared& c = d.kept_out.empty() ? d.fitted.front() : d.kept_out.front();
     const double ratio = c.gap.before / c.gap.floor;

@@ -26,6 +26,9 @@ struct ForceCurve {
 enum class Coordinate { position, velocity, time, since_reversal, thrust };
 ForceCurve force_curve(const ResidualForce& residual, Coordinate coordinate, std::size_t bins);
 
+// What the records of a diagnosis cannot show, because it did not happen in them: a sentence each.
+std::vector<std::string> untested(const Diagnosis& diagnosis);
+
 // One paragraph on the record kept out: in which times, positions, velocities, directions and frequencies they disagree.
 std::string where_they_disagree(const Diagnosis& diagnosis);
 

@@ -493,6 +493,14 @@ Json low_pass(const Json& arguments) {
     return zero_phase_low_pass(values, sample_time, corner, order);
 }
 
+Json decimate(const Json& arguments) {
+    FieldReader fields(arguments, "tb.decimate");
+    const auto values = fields.numbers("values", "", Allowed::finite, {});
+    const int factor = static_cast<int>(fields.integer("factor", 2, 1000, 10));
+    fields.finish();
+    return decimated(values, factor);
+}
+
 Json derivative(const Json& arguments) {
     FieldReader fields(arguments, "tb.derivative");
     const auto values = fields.numbers("values", "", Allowed::finite, {});
@@ -794,6 +802,7 @@ void add_bindings(LuaState& lua, ScriptRun& run) {
     lua.add_function("fit_friction", identify_friction);
     lua.add_function("friction_force", friction_force);
     lua.add_function("low_pass", low_pass);
+    lua.add_function("decimate", decimate);
     lua.add_function("derivative", derivative);
     lua.add_function("least_squares", least_squares);
     lua.add_function("feedforward", feedforward);

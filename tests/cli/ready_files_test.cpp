@@ -7,6 +7,7 @@
 #include <cmath>
 #include <gtest/gtest.h>
 #include <map>
+#include <set>
 
 namespace tribode::cli {
 namespace {
@@ -147,6 +148,15 @@ const std::map<std::string, std::vector<std::string>> results = {
     {"first_script", {"hysteresis.csv", "hysteresis.png", "hysteresis.svg", "manifest.json"}},
 };
 
+// Scripts that need measurements which are not part of the project; see RealData.
+const std::set<std::string> needs_data = {"emps", "silverbox"};
+
+std::vector<std::string> scripts_without_data() {
+    auto files = ready_files("scripts");
+    std::erase_if(files, [](const std::string& file) { return needs_data.contains(fs::path(file).stem()); });
+    return files;
+}
+
 class ReadyScript : public ::testing::TestWithParam<std::string> {};
 
 TEST_P(ReadyScript, RunsQuicklyAndLeavesItsResults) {
@@ -186,7 +196,7 @@ TEST_P(ReadyScript, RunsQuicklyAndLeavesItsResults) {
     }
 }
 
-INSTANTIATE_TEST_SUITE_P(Scripts, ReadyScript, ::testing::ValuesIn(ready_files("scripts")), stem_of);
+INSTANTIATE_TEST_SUITE_P(Scripts, ReadyScript, ::testing::ValuesIn(scripts_without_data()), stem_of);
 INSTANTIATE_TEST_SUITE_P(Samples, ReadyScript, ::testing::ValuesIn(ready_files("docs/samples")), stem_of);
 
 // ---- models

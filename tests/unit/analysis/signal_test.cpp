@@ -6,6 +6,7 @@
 
 #include <cmath>
 #include <numbers>
+#include <utility>
 
 namespace tribode {
 namespace {
@@ -47,7 +48,30 @@ TEST(ZeroPhaseLowPass, RefusesWhatNoFilterIs) {
     const std::vector<double> values(100, 1.0);
     EXPECT_THROW(zero_phase_low_pass(values, Ts, 500), InputError);
     EXPECT_THROW(zero_phase_low_pass(values, Ts, 100, 3), InputError);
-    EXPECT_THROW(zero_phase_low_pass(std::vector<double>(15, 1.0), Ts, 100, 4), InputError);
+    EXPECT_THROW(zero_phase_low_pass(std::vector<double>(12, 1.0), Ts, 100, 4), InputError);
+}
+
+// Chebyshev's polynomial of order 8 by its recursion.
+double chebyshev(double x) {
+    double before = 1, now = x;
+    for (int n = 2; n <= 8; ++n) before = std::exchange(now, 2 * x * now - before);
+    return now;
+}
+
+TEST(Decimation, HasTheGainOfChebyshevTwiceAndKeepsTheLastValue) {
+    const double ripple = std::pow(10, 0.05 / 10) - 1;
+    for (const double f : {0.0, 10.0, 35.0, 40.0, 60.0}) {
+        const auto wave = [f](double t) { return std::cos(turn * f * t); };
+        const auto out = decimated(sampled(8003, wave), 10);
+        ASSERT_EQ(out.size(), 801u);
+        const double ratio = std::tan(turn / 2 * f * Ts) / std::tan(turn / 2 * 40 * Ts);
+        const double gain = 1 / (1 + ripple * std::pow(chebyshev(ratio), 2));
+        for (std::size_t k = 300; k < 500; ++k) {
+            EXPECT_NEAR(out[k], gain * wave((2 + 10 * static_cast<double>(k)) * Ts), 1e-9) << f;
+        }
+    }
+    EXPECT_THROW(decimated(std::vector<double>(100, 1.0), 1), InputError);
+    EXPECT_THROW(decimated(std::vector<double>(24, 1.0), 10), InputError);
 }
 
 TEST(CentralDifferences, AreExactForAParabolaInside) {
