@@ -322,7 +322,8 @@ int linearize_in_script(lua_State* lua, const Graph& symbols) {
               {"states", linear.states},       {"inputs", linear.inputs},
               {"outputs", linear.outputs},     {"sample_time_s", linear.sample_time},
               {"stable", linear.is_stable()},  {"rate_left", linear.rate_left},
-              {"jump_left", linear.jump_left}, {"poles", Json::array()}};
+              {"jump_left", linear.jump_left}, {"left_out", linear.left_out},
+              {"poles", Json::array()}};
     for (const auto& pole : linear.poles()) json["poles"].push_back({{"real", pole.real()}, {"imag", pole.imag()}});
     if (!frequency_hz.empty()) {
         const std::size_t input = chosen(fields, "input", linear.inputs);

@@ -195,8 +195,8 @@ EquationSystem::Sparse EquationSystem::sparse_jacobian(const std::vector<Term>& 
     return sparse;
 }
 
-EquationSystem::Update EquationSystem::update_of(const Equations::Assignments& set) const {
-    Update update;
+EquationSystem::Update EquationSystem::update_of(const std::string& name, const Equations::Assignments& set) const {
+    Update update{name, {}, {}};
     std::vector<Term> values;
     for (const auto& [target, value] : set) {
         update.targets.push_back(place_of(target));
@@ -241,9 +241,9 @@ void EquationSystem::make_tapes() {
     active_ = Tape(graph, inputs_, active);
     terms.insert(terms.end(), active.begin(), active.end());
     margin_ = Tape(graph, inputs_, terms);
-    for (const auto& when : equations_.whens) when_updates_.push_back(update_of(when.set));
+    for (const auto& when : equations_.whens) when_updates_.push_back(update_of(when.name, when.set));
     for (const auto& clock : equations_.clocks) {
-        clock_updates_.push_back(update_of(clock.set));
+        clock_updates_.push_back(update_of(clock.name, clock.set));
         auto& call = calls_.emplace_back();
         if (!clock.function) continue;
         call.emplace();
@@ -443,6 +443,7 @@ void EquationSystem::guards(double t, std::span<const double> x, const DiscreteS
     const double* values = held.values.data() + equations_.discrete.size();
     for (std::size_t i = 0; i < relations_.size(); ++i) {
         g[i] = held.active[i] == 0 ? 1 : values[i] != 0 ? g[i] : -g[i];
+        if (std::isnan(g[i])) g[i] = -1; // a step that leaves where it has a value must not pass over its fall
         if (g[i] < 0 && held.taken[i] == t && std::abs(held.taken_margin[i]) == -g[i]) g[i] = 0;
     }
     g.back() = held.restless ? -1 : 1;
@@ -482,6 +483,11 @@ bool EquationSystem::carry_out(const Update& update, SystemState& state) const {
     thread_local std::vector<double> values;
     values.resize(update.targets.size());
     update.tape.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, values);
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        if (std::isfinite(values[i])) continue;
+        throw InputError(fmt::format("{}: {} gets the value {} at t = {:.9g} s, must be finite", update.name,
+                                     equations_.graph->name(inputs_[update.targets[i]]), values[i], state.t));
+    }
     return write(update.targets, values, state);
 }
 
@@ -640,9 +646,12 @@ std::optional<AffinePattern> EquationSystem::affine_pattern(const DiscreteState&
     return pattern;
 }
 
-std::string EquationSystem::guard_name(GuardId guard, const SystemState&) const {
-    if (guard < relations_.size()) return "the relation " + relations_[guard].text;
-    return "the list of `when` conditions";
+std::string EquationSystem::guard_name(GuardId guard, const SystemState& state) const {
+    if (guard >= relations_.size()) return "the list of `when` conditions";
+    std::vector<double> margins(2 * relations_.size());
+    margins_of(state, margins);
+    return fmt::format("the relation {}{}", relations_[guard].text,
+                       std::isnan(margins[guard]) ? ", which has no value there," : "");
 }
 
 void EquationSystem::outputs(const SystemState& state, std::span<double> y) const {

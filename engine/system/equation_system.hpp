@@ -108,6 +108,7 @@ class EquationSystem final : public HybridSystem {
 
     // New values for places in (t, x, values of the memory).
     struct Update {
+        std::string name; // of the event or clock
         std::vector<std::size_t> targets;
         Tape tape;
     };
@@ -129,7 +130,7 @@ class EquationSystem final : public HybridSystem {
     void find_reach();
     void recognize_affine();
     Sparse sparse_jacobian(const std::vector<Term>& rows, std::vector<Term>& terms);
-    Update update_of(const Equations::Assignments& set) const;
+    Update update_of(const std::string& name, const Equations::Assignments& set) const;
     std::size_t place_of(Term target) const;
     static bool write(const std::vector<std::size_t>& places, std::span<const double> values, SystemState& state);
     bool carry_out(const Update& update, SystemState& state) const;

@@ -37,8 +37,13 @@ class Local {
         return result;
     }
 
-    // (terms x variables)
-    MatrixXd jacobian(const std::vector<Term>& terms, const std::vector<Term>& variables) const {
+    // (terms x variables); what rounds is taken by its mean slope.
+    MatrixXd jacobian(std::vector<Term> terms, const std::vector<Term>& variables) const {
+        for (auto rounded = roundings(terms); !rounded.empty(); rounded = roundings(terms)) {
+            Expressions::Replacement operands;
+            for (const Term term : rounded) operands[term] = graph_[term].a;
+            terms = graph_.substitute(terms, operands);
+        }
         MatrixXd matrix(static_cast<Index>(terms.size()), static_cast<Index>(variables.size()));
         for (std::size_t j = 0; j < variables.size(); ++j) {
             const auto column = values(graph_.derivatives(terms, variables[j]));
@@ -49,7 +54,26 @@ class Local {
         return matrix;
     }
 
+    std::vector<Term> roundings(const std::vector<Term>& terms) const { return all_of(terms, {Op::floor}); }
+
+    // The relations in the terms on whose edge the point lies.
+    std::vector<Term> edges(const std::vector<Term>& terms) const {
+        std::vector<Term> list = all_of(terms, {Op::less, Op::less_equal});
+        std::erase_if(list, [&](Term relation) {
+            const auto sides = values({graph_[relation].a, graph_[relation].b});
+            return sides[0] != sides[1];
+        });
+        return list;
+    }
+
   private:
+    std::vector<Term> all_of(const std::vector<Term>& terms, std::initializer_list<Op> kinds) const {
+        std::vector<Term> found = graph_.reachable(terms);
+        std::erase_if(found,
+                      [&](Term term) { return std::find(kinds.begin(), kinds.end(), graph_[term].op) == kinds.end(); });
+        return found;
+    }
+
     Expressions& graph_;
     std::vector<Term> symbols_;
     std::vector<double> values_;
@@ -115,11 +139,39 @@ std::vector<Firing> firings_of(const Equations& equations, double period) {
     return list;
 }
 
+// What is no part of the linear system, in words.
+std::vector<std::string> left_out(const Equations& equations, const OperatingPoint& point, const Local& local) {
+    auto& graph = *equations.graph;
+    std::vector<std::string> list;
+    Expressions::Replacement modes; // the events of other modes are none here
+    for (std::size_t i = 0; i < equations.discrete.size(); ++i) {
+        if (equations.discrete[i].modes.empty()) continue;
+        modes[equations.discrete[i].symbol] = graph.constant(point.discrete[i]);
+    }
+    for (const auto& when : equations.whens) {
+        const Term here = graph.substitute(std::vector{when.condition}, modes)[0];
+        if (!graph.is_constant(here, 0)) list.push_back(fmt::format("the event {}", when.name));
+    }
+    std::vector<Term> terms;
+    for (const auto& state : equations.states) terms.push_back(state.rate);
+    for (const auto& output : equations.outputs) terms.push_back(output.value);
+    for (const auto& clock : equations.clocks) {
+        for (const auto& [target, value] : clock.set) terms.push_back(value);
+        if (clock.function) terms.insert(terms.end(), clock.function->reads.begin(), clock.function->reads.end());
+    }
+    terms = graph.substitute(terms, modes);
+    for (const Term term : local.roundings(terms)) list.push_back(fmt::format("the steps of {}", graph.text(term)));
+    for (const Term term : local.edges(terms)) list.push_back(fmt::format("the other side of {}", graph.text(term)));
+    return list;
+}
+
 } // namespace
 
 Linearization linearize(const Equations& equations, const OperatingPoint& point) {
     const Local local(equations, point);
     Linearization made;
+    std::vector<Term> conditions;
+    for (const auto& when : equations.whens) conditions.push_back(when.condition);
     std::vector<Term> states, discrete, inputs, rates, outputs;
     for (const auto& state : equations.states) {
         states.push_back(state.symbol);
@@ -143,6 +195,7 @@ Linearization linearize(const Equations& equations, const OperatingPoint& point)
         }
         made.rate_left = std::max(made.rate_left, std::abs(rate[i]) / equations.states[i].nominal);
     }
+    made.left_out = left_out(equations, point, local);
     const MatrixXd a = local.jacobian(rates, states), b = local.jacobian(rates, inputs);
     made.d = local.jacobian(outputs, inputs);
     if (equations.clocks.empty()) {
@@ -170,7 +223,25 @@ Linearization linearize(const Equations& equations, const OperatingPoint& point)
         return static_cast<Index>(std::find(all.begin(), all.end(), symbol) - all.begin());
     };
     MatrixXd whole = MatrixXd::Identity(n + m + r, n + m + r);
+    // What the clocks of the period set at the point, one after another, and whether that is an event.
+    OperatingPoint after = point;
+    auto held = local.values(conditions);
+    const auto look_for_events = [&](const std::vector<Term>& targets, const std::vector<double>& values) {
+        for (std::size_t i = 0; i < targets.size(); ++i) {
+            const auto place = static_cast<std::size_t>(place_of(targets[i]));
+            (place < states.size() ? after.states[place] : after.discrete[place - states.size()]) = values[i];
+        }
+        const auto holds = Local(equations, after).values(conditions);
+        for (std::size_t i = 0; i < holds.size(); ++i) {
+            if (held[i] != 0 || holds[i] == 0) continue;
+            throw InputError(fmt::format("{}: a sample at this point makes the event {} happen, which no linear system "
+                                         "has; choose a point at rest",
+                                         equations.name, equations.whens[i].name));
+        }
+        held = holds;
+    };
     const auto jump = [&](const std::vector<Term>& targets, const MatrixXd& by_all, const std::vector<double>& values) {
+        look_for_events(targets, values);
         MatrixXd map = MatrixXd::Identity(n + m + r, n + m + r);
         for (std::size_t i = 0; i < targets.size(); ++i) {
             const Index place = place_of(targets[i]);

@@ -24,8 +24,8 @@ struct OperatingPoint {
 //     z[k+1] = A z[k] + B u[k],   y[k] = C z[k] + D u[k],   z = (x, d) - (x0, d0)
 //
 // Between the clocks the rates are linearized at the point and solved by the matrix exponential; at their instants what
-// they set is linearized, functions from outside by central differences with index 0. Events of `when` are left out: the
-// point must not lie at one. Conditions are as they are at the point.
+// they set is linearized, functions from outside by central differences with index 0. Conditions are as they are at the
+// point, rounding (floor) has the slope 1.
 struct Linearization {
     Eigen::MatrixXd a, b, c, d;
     double sample_time = 0; // T [s]; 0: continuous
@@ -33,6 +33,9 @@ struct Linearization {
     // How far the point is from rest: the greatest rate over its state's nominal value [1/s], and the greatest change of
     // a variable by a clock over its nominal value. Both are zero where the linear system means what it says.
     double rate_left = 0, jump_left = 0;
+    // What is no part of it: "the event impact" of a `when`, "the steps of floor(x)", "the other side of x < 0" where the
+    // point lies on that edge.
+    std::vector<std::string> left_out;
 
     std::vector<std::complex<double>> poles() const; // in s [1/s], or in z
     bool is_stable() const;                          // all poles left of the imaginary axis, or inside the unit circle
@@ -41,7 +44,8 @@ struct Linearization {
     std::complex<double> response(double frequency_hz, std::size_t input, std::size_t output) const;
 };
 
-// Throws InputError where the clocks have no common period of at most 1000 of the longest.
+// Throws InputError where the clocks have no common period of at most 1000 of the longest, and where a sample at the
+// point makes an event happen.
 Linearization linearize(const Equations& equations, const OperatingPoint& point);
 
 } // namespace tribode

@@ -298,6 +298,7 @@ std::string c_text(Op op, const std::string& a, const std::string& b, const std:
     case Op::exp: return fmt::format("exp({})", a);
     case Op::log: return fmt::format("log({})", a);
     case Op::sqrt: return fmt::format("sqrt({})", a);
+    case Op::floor: return fmt::format("floor({})", a);
     case Op::less: return fmt::format("{} < {}", a, b);
     case Op::less_equal: return fmt::format("{} <= {}", a, b);
     case Op::equal: return fmt::format("{} == {}", a, b);
@@ -317,7 +318,8 @@ std::string c_text(Op op, const std::string& a, const std::string& b, const std:
 const char* Tape::c_declarations() {
     return "#if __FLT_EVAL_METHOD__ != 0\n#error this machine does not round each operation to a double\n#endif\n"
            "double sin(double), cos(double), tan(double), asin(double), acos(double), atan(double), tanh(double);\n"
-           "double exp(double), log(double), sqrt(double), pow(double, double), atan2(double, double);\n";
+           "double exp(double), log(double), sqrt(double), floor(double), pow(double, double), atan2(double, "
+           "double);\n";
 }
 
 std::string Tape::c_function(const std::string& name, const std::array<std::size_t, most_parts>& parts) const {

@@ -180,7 +180,7 @@ Dimension Units::combined(Term term) const {
     case Op::less_equal:
     case Op::equal: return equal(node.a, node.b, "compares"), std::nullopt;
     case Op::select: return equal(node.b, node.c, "chooses between");
-    case Op::atan2: return equal(node.a, node.b, "compares"), Powers{};
+    case Op::atan2: return equal(node.a, node.b, "compares") ? Dimension(Powers{}) : std::nullopt;
     case Op::multiply:
     case Op::divide: {
         if (!at(node.a) || !at(node.b)) return std::nullopt;
@@ -202,8 +202,9 @@ Dimension Units::combined(Term term) const {
     case Op::atan:
     case Op::tanh:
     case Op::exp:
-    case Op::log: plain(node.a); return Powers{};
+    case Op::log: plain(node.a); return at(node.a);
     case Op::negate:
+    case Op::floor:
     case Op::no_event: return at(node.a);
     case Op::all:
     case Op::any:

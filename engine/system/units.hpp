@@ -23,8 +23,8 @@ std::string to_text(const Dimension& dimension); // "kg m/s2", "1"
 // Whether the two may stand for the same quantity.
 bool fit(const Dimension& a, const Dimension& b);
 
-// Units of expressions. A variable without a unit, the time and a number are of any unit; so is what is made of them by
-// products. Sums, comparisons and branches need equal units, functions plain numbers.
+// Units of expressions. A variable without a unit, the time and a number are of any unit; so are products with them and
+// functions of them. Sums, comparisons and branches need equal units, functions plain numbers.
 class Units {
   public:
     explicit Units(const Expressions& graph) : graph_(graph) {}

@@ -172,6 +172,17 @@ assert(not run.ok)
 assert(run.message:find "der%(x%) %(.*systems.lua:%d+%) is not a finite number at t = 0.66666", run.message)
 assert(run.t_end < 2 / 3 + 1e-6)
 
+-- Each method names the equation without a value, and where.
+for _, solver in ipairs { "erk", "adams", "cvode", "fixed" } do
+  run = tb.run_system {
+    system = tb.system { states = { x = 1, y = 0 }, der = function(s) return { x = -1, y = math.sqrt(s.x) } end },
+    duration_s = 2,
+    solver = solver,
+  }
+  assert(not run.ok and math.abs(run.t_end - 1) < 1e-4)
+  assert(run.message:find "der%(y%) %(.*systems.lua:%d+%) is not a finite number at t = 1", run.message)
+end
+
 -- Branches that cannot be recorded are refused, at their line.
 local function system_of(der) return function() tb.system { states = { x = 1, y = 0 }, der = der } end end
 refused("cannot be compared while equations are recorded", system_of(function(s)

@@ -68,6 +68,7 @@ TEST_F(CompiledC, RandomExpressionsHaveTheBitsOfTheirTape) {
         roots.push_back(graph.make(Op::all, less, graph.make(Op::no, more)));
         roots.push_back(graph.make(Op::any, less, graph.make(Op::equal, roots[7], roots[8])));
         roots.push_back(graph.make(Op::subtract, graph.constant(0.7), graph.make(Op::multiply, roots[9], roots[10])));
+        roots.push_back(graph.make(Op::floor, graph.make(Op::multiply, graph.constant(10), roots[11])));
         tapes.emplace_back(graph, variables, roots);
         program += tapes.back().c_function(fmt::format("f{}", seed), {1, 2, 0});
     }

@@ -291,6 +291,66 @@ TEST(EquationSystem, ARateThatIsNotFiniteIsNamed) {
     EXPECT_NEAR(system.not_finite()->t, 1, 1e-3);
 }
 
+// All right sides are the values before the event: two states change places.
+TEST_P(EveryMethod, NewValuesAreMadeOfThoseBeforeTheEvent) {
+    Writer w;
+    const Term x = w.state("x", 1), y = w.state("y", 7), n = w.discrete("n", 0);
+    w.rate(0, w.number(-1));
+    w.when(w.less(x, w.number(0.5)), {{x, y}, {y, x}, {n, w.add(n, y)}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(0.75).ok());
+    EXPECT_NEAR(run.state().x[0], 6.75, 1e-9);
+    EXPECT_NEAR(run.state().x[1], 0.5, 1e-9);
+    EXPECT_NEAR(system.discrete(run.state())[0], 7, 1e-9);
+}
+
+// Where steps lead beyond the place at which a condition has a value, its fall before that is found all the same.
+TEST(EquationSystem, AConditionWithoutAValueDoesNotHideItsCrossing) {
+    for (const Method method : {Method::erk, Method::adams, Method::bdf}) {
+        Writer w;
+        const Term x = w.state("x", 1), n = w.discrete("n", 0), v = w.discrete("v", -1);
+        w.rate(0, v);
+        const Term root = w.graph.make(Op::sqrt, x);
+        w.when(w.less(root, w.number(0.1)), {{n, w.add(n, w.number(1))}, {v, w.number(0)}});
+        const EquationSystem system(w.equations);
+        Simulator run(system, by(method));
+        const RunOutcome outcome = run.advance_to(2);
+        EXPECT_TRUE(outcome.ok()) << outcome.message;
+        EXPECT_EQ(system.discrete(run.state())[0], 1);
+        EXPECT_NEAR(run.state().x[0], 0.01, 1e-9);
+    }
+}
+
+TEST(EquationSystem, AConditionThatLosesItsValueEndsTheRunThereAndIsNamed) {
+    Writer w;
+    const Term x = w.state("x", 1);
+    w.rate(0, w.number(-1));
+    w.when(w.less(w.add(w.graph.make(Op::sqrt, x), w.number(1)), w.number(0.5)), {});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(Method::erk));
+    const RunOutcome outcome = run.advance_to(2);
+    EXPECT_FALSE(outcome.ok());
+    EXPECT_NEAR(outcome.t, 1, 1e-9);
+    EXPECT_NE(outcome.message.find("the relation 1 + sqrt(x) < 0.5, which has no value there,"), std::string::npos)
+        << outcome.message;
+}
+
+TEST(EquationSystem, ANewValueThatIsNotFiniteIsRefused) {
+    Writer w;
+    const Term x = w.state("x", 1), y = w.state("y", 0);
+    w.rate(0, w.number(-1));
+    w.when(w.less(x, w.number(0.5)), {{y, w.graph.make(Op::divide, w.number(1), y)}});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(Method::exact));
+    try {
+        run.advance_to(1);
+        ADD_FAILURE() << "y is " << run.state().x[1];
+    } catch (const InputError& error) {
+        EXPECT_STREQ(error.what(), "when 0: y gets the value inf at t = 0.5 s, must be finite");
+    }
+}
+
 TEST(EquationSystem, NamesStandOnce) {
     Writer w;
     w.state("x", 1);

@@ -98,5 +98,37 @@ TEST(Linearization, ClocksWithoutACommonPeriodAreRefused) {
     EXPECT_THROW(linearize(w.equations, {0, {}, {0}}), InputError);
 }
 
+// A rounded measurement still closes the loop; what is not in the linear system is told.
+TEST(Linearization, WhatIsLeftOutIsTold) {
+    Writer w;
+    const Term x = w.state("x", 0), u = w.discrete("u", 0), mode = w.discrete("mode", 0);
+    w.equations.discrete[1].modes = {"on", "off"};
+    const Term quantum = w.number(0.5);
+    const Term rounded = w.multiply(quantum, w.graph.make(Op::floor, w.multiply(w.number(2), x)));
+    const Term magnitude = w.where(w.less(x, w.number(0)), w.graph.make(Op::negate, x), x);
+    w.rate(0, w.add(w.add(u, magnitude), x));
+    w.equations.clocks.push_back({"controller", 0.1, 0, {{u, w.multiply(w.number(-3), rounded)}}, std::nullopt});
+    const auto in = [&](int number) { return w.graph.make(Op::equal, mode, w.number(number)); };
+    w.when(w.graph.make(Op::all, in(0), w.less(w.number(1), x)), {{mode, w.number(1)}});
+    w.when(w.graph.make(Op::all, in(1), w.less(x, w.number(1))), {{mode, w.number(0)}});
+    const Linearization linear = linearize(w.equations, {0, {0}, {0, 0}});
+    EXPECT_EQ(linear.left_out,
+              (std::vector<std::string>{"the event when 0", "the steps of floor(x*2)", "the other side of x < 0"}));
+    // x' = u + 2 x above zero, u = -3 x at each sample.
+    const double e = std::exp(0.2), wanted = e - 3 * (e - 1) / 2;
+    EXPECT_NEAR(linear.poles().back().real(), 1, 1e-14) << "the mode stays";
+    EXPECT_NEAR(linear.poles()[1].real(), wanted, 1e-14);
+    EXPECT_EQ(linearize(w.equations, {0, {-0.2}, {0, 1}}).left_out.size(), 2u);
+}
+
+TEST(Linearization, ASampleThatMakesAnEventHappenIsRefused) {
+    Writer w;
+    const Term n = w.discrete("n", 4), m = w.discrete("m", 0);
+    w.equations.clocks.push_back({"count", 0.1, 0, {{n, w.add(n, w.number(1))}}, std::nullopt});
+    w.when(w.graph.make(Op::less_equal, w.number(5), n), {{m, w.number(1)}});
+    EXPECT_EQ(linearize(w.equations, {0, {}, {1, 0}}).left_out, std::vector<std::string>{"the event when 0"});
+    EXPECT_THROW(linearize(w.equations, {0, {}, {4, 0}}), InputError);
+}
+
 } // namespace
 } // namespace tribode
