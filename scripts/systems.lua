@@ -11,6 +11,11 @@ local runs = {
   bouncing_ball = { duration = 3, panels = { { "h" }, { "v" } } },
   dc_motor = { duration = 0.01, panels = { { "i" }, { "duty", "saw" } } },
   inverted_pendulum = { duration = 5, panels = { { "phi", "x" }, { "u" } } },
+  paper_table = {
+    duration = 0.4,
+    panels = { { "plant.y" }, { "friction.friction", "amplifier.thrust" } },
+    inputs = { exc = function(t) return 15 * math.sin(20 * math.pi * t) end },
+  },
   robertson = { duration = 40, panels = { { "y1", "y3" }, { "y2" } }, solver = "cvode" },
   stick_slip = { duration = 5, panels = { { "x" }, { "v" } } },
   tank = { duration = 900, panels = { { "h" }, { "out" } } },

@@ -44,8 +44,9 @@ using AffinePattern = std::array<double, 3>;
 
 // What handling an event did to the right side.
 enum class EventEffect {
-    none,   // x and the derivative are as before: the integrator goes on
-    restart // x jumped, or the derivative or the guards changed: the integrator starts afresh
+    none,       // x and the derivative are as before: the integrator goes on
+    derivative, // the derivative changed, x and the guards did not: the integrator starts afresh
+    restart     // x jumped, or the guards changed: they are looked at again, and the integrator starts afresh
 };
 
 // A system of ordinary differential equations with events and sampled blocks:

@@ -2,6 +2,7 @@
 #include "base/error.hpp"
 #include "script/trampoline.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
 #include <lua.hpp>
@@ -191,13 +192,20 @@ int absolute(const Graph& symbols, lua_State* lua) {
 LuaState::StackFunction extreme(const Graph& symbols, bool least, const char* name) {
     return [symbols, least, name](lua_State* lua) {
         auto& graph = *symbols->graph;
-        Term result = value_at(lua, 1, graph, name);
-        for (int i = 2; i <= lua_gettop(lua); ++i) {
-            const Term other = value_at(lua, i, graph, name);
-            const Term nearer = least ? graph.make(Op::less, other, result) : graph.make(Op::less, result, other);
-            result = graph.make(Op::select, nearer, other, result);
+        std::vector<Term> left;
+        for (int i = 1; i <= std::max(lua_gettop(lua), 1); ++i) left.push_back(value_at(lua, i, graph, name));
+        // In pairs, so that no long chain waits for one another.
+        while (left.size() > 1) {
+            std::vector<Term> next;
+            for (std::size_t i = 0; i + 1 < left.size(); i += 2) {
+                const Term a = left[i], b = left[i + 1];
+                const Term nearer = least ? graph.make(Op::less, b, a) : graph.make(Op::less, a, b);
+                next.push_back(graph.make(Op::select, nearer, b, a));
+            }
+            if (left.size() % 2 == 1) next.push_back(left.back());
+            left = std::move(next);
         }
-        push_number_or_symbol(lua, graph, result);
+        push_number_or_symbol(lua, graph, left.front());
         return 1;
     };
 }

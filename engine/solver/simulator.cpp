@@ -128,13 +128,16 @@ void Simulator::handle_instant(bool guards_fell) {
     collect_due_clocks();
     if (observer_ && !due_.empty()) observer_->left_limit(state_);
 
-    bool ok = settle_guards(guards_fell ? &integrator_->fallen() : nullptr);
+    const bool ok = settle_guards(guards_fell ? &integrator_->fallen() : nullptr);
+    bool guards_changed = false;
     for (const auto& [id, k] : due_) {
-        if (system_.on_sample(id, k, state_) == EventEffect::restart) restart_needed_ = true;
+        const EventEffect effect = system_.on_sample(id, k, state_);
+        restart_needed_ = restart_needed_ || effect != EventEffect::none;
+        guards_changed = guards_changed || effect == EventEffect::restart;
         ++statistics_.samples;
         if (observer_) observer_->sampled(id, k, state_);
     }
-    if (ok && !due_.empty() && restart_needed_) settle_guards(nullptr);
+    if (ok && guards_changed) settle_guards(nullptr);
 }
 
 // Handles the guards reported by the integrator, if any, then all that are below zero, until none is.
@@ -177,7 +180,7 @@ bool Simulator::handle_guard(GuardId guard) {
                          system_.guard_name(guard, state_), chatter_limit, chatter_window, state_.t));
         return false;
     }
-    if (system_.on_crossing(guard, state_, events_) == EventEffect::restart) restart_needed_ = true;
+    if (system_.on_crossing(guard, state_, events_) != EventEffect::none) restart_needed_ = true;
     return true;
 }
 

@@ -39,11 +39,11 @@ EquationSystem::EquationSystem(Equations equations) : equations_(std::move(equat
                             "not negative",
                             equations_.name, clock.name, clock.period, clock.offset));
         }
-        clocks_.push_back({clock.name, clock.period, clock.offset});
     }
     put_in_parameters();
     hold_relations();
     mark_active();
+    join_clocks();
     make_tapes();
     recognize_affine();
 }
@@ -206,6 +206,58 @@ EquationSystem::Update EquationSystem::update_of(const std::string& name, const 
     return update;
 }
 
+// What each clock can change; and neighbours that always meet and cause no event become one.
+void EquationSystem::join_clocks() {
+    auto& graph = *equations_.graph;
+    std::vector<Term> moving = rates_, watched = conditions_;
+    for (const auto& relation : relations_) {
+        watched.push_back(relation.margin);
+        watched.push_back(relation.active);
+    }
+    const auto of_motion = graph.variables_of(moving), of_events = graph.variables_of(watched);
+    const auto of_conditions = graph.variables_of(conditions_);
+    const auto is_in = [](const std::vector<Term>& variables, Term term) {
+        return std::binary_search(variables.begin(), variables.end(), term);
+    };
+    const auto is_state = [&](Term term) {
+        return std::any_of(equations_.states.begin(), equations_.states.end(),
+                           [&](const auto& state) { return state.symbol == term; });
+    };
+    // A condition below no_event is looked at whenever it can be.
+    const bool polled = std::any_of(of_conditions.begin(), of_conditions.end(),
+                                    [&](Term term) { return term == equations_.time || is_state(term); });
+    std::vector<Equations::Clock> joined;
+    for (auto& clock : equations_.clocks) {
+        Reach reach{false, polled};
+        const auto add = [&](Term target) {
+            reach.motion = reach.motion || is_in(of_motion, target);
+            reach.events = reach.events || is_state(target) || is_in(of_events, target);
+        };
+        for (const auto& [target, value] : clock.set) add(target);
+        if (clock.function) std::for_each(clock.function->writes.begin(), clock.function->writes.end(), add);
+
+        const bool meet = !joined.empty() && joined.back().period == clock.period &&
+                          joined.back().offset == clock.offset && !joined.back().function && !clock.function;
+        if (!meet || reach.events || reach_.back().events) {
+            joined.push_back(std::move(clock));
+            reach_.push_back(reach);
+            continue;
+        }
+        // The second reads what the first has set.
+        auto& first = joined.back();
+        const Expressions::Replacement before(first.set.begin(), first.set.end());
+        for (auto& [target, value] : clock.set) {
+            value = graph.substitute(std::span(&value, 1), before)[0];
+            std::erase_if(first.set, [&](const auto& set) { return set.first == target; });
+        }
+        first.set.insert(first.set.end(), clock.set.begin(), clock.set.end());
+        first.name += ", " + clock.name;
+        reach_.back().motion = reach_.back().motion || reach.motion;
+    }
+    equations_.clocks = std::move(joined);
+    for (const auto& clock : equations_.clocks) clocks_.push_back({clock.name, clock.period, clock.offset});
+}
+
 void EquationSystem::make_tapes() {
     auto& graph = *equations_.graph;
     inputs_.push_back(equations_.time);
@@ -249,38 +301,6 @@ void EquationSystem::make_tapes() {
         call.emplace();
         for (const Term target : clock.function->writes) call->targets.push_back(place_of(target));
         call->reads = Tape(graph, inputs_, clock.function->reads);
-    }
-    find_reach();
-}
-
-void EquationSystem::find_reach() {
-    const auto& graph = *equations_.graph;
-    std::vector<Term> moving = rates_, watched = conditions_;
-    moving.insert(moving.end(), guard_terms_.begin(), guard_terms_.end());
-    for (const auto& relation : relations_) {
-        watched.push_back(relation.margin);
-        watched.push_back(relation.active);
-    }
-    const auto of_motion = graph.variables_of(moving), of_events = graph.variables_of(watched);
-    const auto of_conditions = graph.variables_of(conditions_);
-    const std::size_t first_value = 1 + equations_.states.size();
-    const auto is_in = [&](const std::vector<Term>& variables, std::size_t place) {
-        return std::binary_search(variables.begin(), variables.end(), inputs_[place]);
-    };
-    // A condition below no_event is looked at whenever it can be.
-    bool polled = false;
-    for (std::size_t place = 0; place < first_value; ++place) polled = polled || is_in(of_conditions, place);
-    for (std::size_t clock = 0; clock < clocks_.size(); ++clock) {
-        Reach reach{false, polled};
-        const auto add = [&](const std::vector<std::size_t>& places) {
-            for (const std::size_t place : places) {
-                reach.motion = reach.motion || place < first_value || is_in(of_motion, place);
-                reach.events = reach.events || is_in(of_events, place);
-            }
-        };
-        add(clock_updates_[clock].targets);
-        if (calls_[clock]) add(calls_[clock]->targets);
-        reach_.push_back(reach);
     }
 }
 
@@ -583,7 +603,9 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
         find_active(state);
         changed = changed || !memory.fired.empty() || memory.restless;
     }
-    return changed && (to_events || reach_[clock].motion) ? EventEffect::restart : EventEffect::none;
+    if (!changed) return EventEffect::none;
+    if (to_events) return EventEffect::restart;
+    return reach_[clock].motion ? EventEffect::derivative : EventEffect::none;
 }
 
 void EquationSystem::affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,

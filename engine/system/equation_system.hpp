@@ -118,7 +118,7 @@ class EquationSystem final : public HybridSystem {
         Tape reads;
     };
 
-    // What the values that a clock sets can change: the derivative or the guards, and whether an event comes.
+    // What the values that a clock sets can change: the derivative; states, guards and conditions.
     struct Reach {
         bool motion = false, events = false;
     };
@@ -126,8 +126,8 @@ class EquationSystem final : public HybridSystem {
     void put_in_parameters();
     void hold_relations();
     void mark_active();
+    void join_clocks();
     void make_tapes();
-    void find_reach();
     void recognize_affine();
     Sparse sparse_jacobian(const std::vector<Term>& rows, std::vector<Term>& terms);
     Update update_of(const std::string& name, const Equations::Assignments& set) const;

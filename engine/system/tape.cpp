@@ -7,6 +7,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <optional>
+#include <set>
 #include <tuple>
 #include <unordered_map>
 #include <utility>
@@ -159,12 +160,16 @@ class Program {
 
 } // namespace
 
-Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std::vector<Term>& outputs)
-    : input_count_(inputs.size()) {
+Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std::vector<Term>& outputs) {
     const Program program(graph, outputs);
     std::unordered_map<Term, std::uint32_t> place;
-    for (const Term input : inputs) place[input] = static_cast<std::uint32_t>(1 + place.size());
-    std::uint32_t next = static_cast<std::uint32_t>(1 + input_count_);
+    std::uint32_t next = 1;
+    const std::set<Term> leaves(program.leaves().begin(), program.leaves().end());
+    for (std::uint32_t i = 0; i < inputs.size(); ++i) {
+        if (!leaves.contains(inputs[i])) continue;
+        place[inputs[i]] = next++;
+        reads_.push_back(i);
+    }
     for (const Term leaf : program.leaves()) {
         if (graph[leaf].op == Op::constant) {
             place[leaf] = next++;
@@ -208,11 +213,14 @@ void Tape::interpret(std::initializer_list<std::span<const double>> inputs, std:
     }
     double* next = registers;
     *next++ = 1;
-    // Loops, because a call for a handful of numbers costs more than they do.
+    const std::uint32_t *read = reads_.data(), *last = read + reads_.size();
+    std::size_t first = 0; // of the part, among all inputs
     for (const auto part : inputs) {
-        for (const double value : part) *next++ = value;
+        for (; read != last && *read < first + part.size(); ++read) *next++ = part[*read - first];
+        first += part.size();
     }
-    assert(next == registers + 1 + input_count_ && outputs.size() == outputs_.size());
+    assert(read == last && outputs.size() == outputs_.size());
+    // A loop, because a call for a handful of numbers costs more than they do.
     for (const double value : constants_) *next++ = value;
 
     const Operands* operands = operands_.data();
@@ -267,6 +275,16 @@ void Tape::interpret(std::initializer_list<std::span<const double>> inputs, std:
         case static_cast<std::uint32_t>(Op::negate): run(count, [](double a, double, double) { return -a; }); break;
         case static_cast<std::uint32_t>(Op::select):
             run(count, [](double a, double b, double c) { return a != 0 ? b : c; });
+            break;
+        case static_cast<std::uint32_t>(Op::less): run(count, [](double a, double b, double) { return a < b; }); break;
+        case static_cast<std::uint32_t>(Op::less_equal):
+            run(count, [](double a, double b, double) { return a <= b; });
+            break;
+        case static_cast<std::uint32_t>(Op::equal):
+            run(count, [](double a, double b, double) { return a == b; });
+            break;
+        case static_cast<std::uint32_t>(Op::all):
+            run(count, [](double a, double b, double) { return a != 0 && b != 0; });
             break;
         default: run(count, [op = static_cast<Op>(code)](double a, double b, double c) { return apply(op, a, b, c); });
         }
@@ -324,10 +342,11 @@ const char* Tape::c_declarations() {
 
 std::string Tape::c_function(const std::string& name, const std::array<std::size_t, most_parts>& parts) const {
     std::vector<std::string> registers = {"1.0"};
-    for (std::size_t part = 0; part < parts.size(); ++part) {
-        for (std::size_t i = 0; i < parts[part]; ++i) registers.push_back(fmt::format("p{}[{}]", part, i));
+    for (const std::size_t read : reads_) {
+        std::size_t part = 0, place = read;
+        while (place >= parts[part]) place -= parts[part++];
+        registers.push_back(fmt::format("p{}[{}]", part, place));
     }
-    assert(registers.size() == 1 + input_count_);
     std::size_t constant_count = 0;
     const auto next_constant = [&] { return fmt::format("k[{}]", constant_count++); };
     for (std::size_t i = 0; i < constants_.size(); ++i) registers.push_back(next_constant());

@@ -40,12 +40,12 @@ class Tape {
     void use(CFunction function, std::shared_ptr<const void> owner);
 
     std::size_t output_count() const { return outputs_.size(); }
-    std::size_t instruction_count() const { return register_count_ - 1 - input_count_ - constants_.size(); }
+    std::size_t instruction_count() const { return register_count_ - 1 - reads_.size() - constants_.size(); }
 
   private:
     void interpret(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const;
 
-    // Registers: the number 1, inputs, constants, then the results of all instructions, in order.
+    // Registers: the number 1, the inputs that are read, constants, then the results of all instructions, in order.
     static constexpr std::uint32_t one = 0;
 
     struct Operands {
@@ -65,8 +65,9 @@ class Tape {
         std::uint32_t count, length;
     };
 
+    std::vector<std::uint32_t> reads_; // places of inputs, ascending
     std::vector<double> constants_;
-    std::size_t input_count_ = 0, register_count_ = 1;
+    std::size_t register_count_ = 1;
     std::vector<Run> runs_;
     std::vector<Operands> operands_; // of all operations
     std::vector<Summand> summands_;  // of all sums

@@ -39,15 +39,16 @@ return function(settings)
     if side < 0 then nearer, beyond, within = math.max, math.min, tb.greater_equal end
     return function(s)
       local reached = beyond(s.y, side > 0 and s.ahead or s.behind)
-      local force, stiffness, damping, next_limit = 0, 0, 0, side * far
+      local force, stiffness, damping, limits = 0, 0, 0, { side * far }
       for i, e in ipairs(elements) do
         local at = limit(s, i, side)
         local slips = within(at, reached)
         force = force + tb.where(slips, side * e.F, e.K * s["z" .. i])
         stiffness = stiffness + tb.where(slips, 0, e.K)
         damping = damping + tb.where(slips, 0, e.D or 0)
-        next_limit = nearer(next_limit, tb.where(slips, side * far, at))
+        limits[i + 1] = tb.where(slips, side * far, at)
       end
+      local next_limit = nearer(table.unpack(limits))
       return {
         force = force, stiffness = stiffness, damping = damping,
         ahead = side > 0 and next_limit or far, behind = side < 0 and next_limit or -far,
@@ -60,16 +61,15 @@ return function(settings)
     local passed = side > 0 and tb.less or tb.greater
     return function(s)
       local set = { reference = s.y, stiffness = stiffness_of_all, damping = damping_of_all }
-      local force, ahead, behind = 0, far, -far
+      local force, ahead, behind = 0, {}, {}
       for i, e in ipairs(elements) do
         local X, at = e.F / e.K, limit(s, i, side)
         local z = tb.where(passed(at, side > 0 and s.ahead or s.behind), side * X, s["z" .. i] + (s.y - s.reference))
         set["z" .. i] = z
         force = force + e.K * z
-        ahead = math.min(ahead, s.y + (X - z))
-        behind = math.max(behind, s.y - (X + z))
+        ahead[i], behind[i] = s.y + (X - z), s.y - (X + z)
       end
-      set.force, set.ahead, set.behind = force, ahead, behind
+      set.force, set.ahead, set.behind = force, math.min(table.unpack(ahead)), math.max(table.unpack(behind))
       return set
     end
   end

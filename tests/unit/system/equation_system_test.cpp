@@ -351,6 +351,40 @@ TEST(EquationSystem, ANewValueThatIsNotFiniteIsRefused) {
     }
 }
 
+// x' = u, u from a counter n: two clocks that meet. The second reads what the first has set, one clock or two.
+TEST(EquationSystem, ClocksThatMeetAndCauseNoEventAreOne) {
+    for (const bool watched : {false, true}) {
+        Writer w;
+        w.state("x", 0);
+        const Term n = w.discrete("n", 0), u = w.discrete("u", 0), past = w.discrete("past", 0);
+        w.rate(0, u);
+        w.equations.clocks.push_back({"count", 0.5, 0, {{n, w.add(n, w.number(1))}}, std::nullopt});
+        w.equations.clocks.push_back({"hold", 0.5, 0, {{u, w.multiply(n, w.number(2))}}, std::nullopt});
+        if (watched) w.when(w.less(w.number(2.5), n), {{past, w.number(1)}});
+        const EquationSystem system(w.equations);
+        EXPECT_EQ(system.clocks().size(), watched ? 2u : 1u);
+        Simulator run(system, by(Method::exact));
+        ASSERT_TRUE(run.advance_to(1.25).ok());
+        EXPECT_NEAR(run.state().x[0], 0.5 * 2 + 0.5 * 4 + 0.25 * 6, 1e-15);
+        EXPECT_EQ(system.discrete(run.state())[2], watched);
+        EXPECT_EQ(run.statistics().restarts, 3); // once an instant
+    }
+}
+
+// A clock whose values move nothing lets the integrator go on.
+TEST(EquationSystem, AClockThatChangesNoMotionRestartsNothing) {
+    Writer w;
+    w.state("x", 0);
+    const Term n = w.discrete("n", 0);
+    w.rate(0, w.number(1));
+    w.equations.clocks.push_back({"count", 0.1, 0, {{n, w.add(n, w.number(1))}}, std::nullopt});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(Method::erk));
+    ASSERT_TRUE(run.advance_to(0.95).ok());
+    EXPECT_EQ(system.discrete(run.state())[0], 10);
+    EXPECT_EQ(run.statistics().restarts, 1);
+}
+
 TEST(EquationSystem, NamesStandOnce) {
     Writer w;
     w.state("x", 1);
