@@ -160,6 +160,50 @@ std::vector<Sinusoid> sinusoids(const Signal& x, const Signal& target, const Sig
     return distinct;
 }
 
+struct MaxwellSlipBounds {
+    double least_level, most_level, least_reach, most_reach;
+    bool replace_coulomb;
+};
+
+// Elements of levels F and reaches X = F/K: numbers F, X of one after another.
+Candidate maxwell_slip(const MaxwellSlipBounds& bounds, const std::vector<double>& start) {
+    const std::size_t count = start.size() / 2;
+    Candidate candidate;
+    candidate.effect = "presliding_hysteresis";
+    candidate.form =
+        fmt::format("{} elements{}", count, bounds.replace_coulomb ? " in place of the Coulomb level" : "");
+    for (std::size_t i = 1; i <= count; ++i) {
+        candidate.parameters.push_back(
+            {fmt::format("elements[{}].F", i), bounds.least_level, bounds.most_level, true, 1e-3});
+        candidate.parameters.push_back(
+            {fmt::format("elements[{}].X", i), bounds.least_reach, bounds.most_reach, true, 1e-3});
+    }
+    candidate.make = [replace = bounds.replace_coulomb](std::span<const double> p) {
+        Json list = Json::array();
+        for (std::size_t i = 0; i + 1 < p.size(); i += 2) {
+            list.push_back({{"K", p[i] / p[i + 1]}, {"F", p[i]}, {"D", 0.0}});
+        }
+        return Json{{"elements", list}, {"replace_coulomb", replace}};
+    };
+    candidate.starts = {start};
+    // Each element in two, a factor of three apart: their loop is nearly that of the one.
+    candidate.richer = [bounds](std::span<const double> p) {
+        std::vector<std::vector<double>> starts;
+        for (std::size_t i = 0; i < p.size(); i += 2) {
+            std::vector<double> next(p.begin(), p.end());
+            next[i] /= 2;
+            next.push_back(next[i]);
+            next.push_back(std::min(next[i + 1] * std::sqrt(3.0), bounds.most_reach));
+            next[i + 1] = std::max(next[i + 1] / std::sqrt(3.0), bounds.least_reach);
+            starts.push_back(std::move(next));
+        }
+        Candidate more = maxwell_slip(bounds, starts.front());
+        more.starts = std::move(starts);
+        return std::make_shared<const Candidate>(std::move(more));
+    };
+    return candidate;
+}
+
 class Proposer {
   public:
     explicit Proposer(const Clues& clues)
@@ -382,30 +426,12 @@ class Proposer {
                 double sum = 0;
                 for (const auto& element : elements) sum += element.level;
                 if (elements.empty() || sum < 0.02 * typical_force()) continue;
-                Candidate candidate{
-                    "presliding_hysteresis",
-                    fmt::format("{} elements{}", elements.size(), replace ? " in place of the Coulomb level" : ""),
-                    {},
-                    {},
-                    {{}},
-                    {},
-                    {}};
-                for (std::size_t i = 0; i < elements.size(); ++i) {
-                    candidate.parameters.push_back(
-                        factor(fmt::format("elements[{}].F", i + 1), 1e-4 * sum, 3 * force()));
-                    candidate.parameters.push_back(
-                        factor(fmt::format("elements[{}].X", i + 1), 5e-8, std::max(stroke_, 1e-5)));
-                    candidate.starts[0].push_back(std::max(elements[i].level, 1e-3 * sum));
-                    candidate.starts[0].push_back(elements[i].limit());
+                std::vector<double> start;
+                for (const auto& element : elements) {
+                    start.push_back(std::max(element.level, 1e-3 * sum));
+                    start.push_back(element.limit());
                 }
-                candidate.make = [replace](std::span<const double> p) {
-                    Json list = Json::array();
-                    for (std::size_t i = 0; i + 1 < p.size(); i += 2) {
-                        list.push_back({{"K", p[i] / p[i + 1]}, {"F", p[i]}, {"D", 0.0}});
-                    }
-                    return Json{{"elements", list}, {"replace_coulomb", replace}};
-                };
-                add(std::move(candidate));
+                add(maxwell_slip({1e-4 * sum, 3 * force(), 5e-8, std::max(stroke_, 1e-5), replace}, start));
                 if (static_cast<int>(elements.size()) < count) break;
             }
         }
@@ -815,6 +841,7 @@ class Proposer {
                  probes,
                  {},
                  3,
+                 {},
                  true});
         }
     }

@@ -5,6 +5,7 @@
 #include "machine/machine_model.hpp"
 
 #include <functional>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -33,7 +34,9 @@ struct Candidate {
     std::vector<std::vector<double>> probes;
     std::optional<std::size_t> size;
     std::size_t tried = 2; // of starts and probes, the best so many are fitted
-    bool rugged = false;   // chi square has many valleys over a whole record: fitted on beginnings that grow
+    // A form of more numbers, with starts near these, for where they leave more than noise.
+    std::function<std::shared_ptr<const Candidate>(std::span<const double>)> richer = {};
+    bool rugged = false; // chi square has many valleys over a whole record: fitted on beginnings that grow
 
     Effect at(std::span<const double> values) const;
 };

@@ -136,9 +136,14 @@ class Verdict {
     double trust_in_part() const {
         const SearchResult& s = d_.search;
         const Scored& best = s.ranking.front();
-        const auto share = [](double before, double after) { return 1 - std::sqrt(after / before); };
-        if (s.kept_out.empty() || share(s.baseline.fitted, best.fitted) < 0.5 ||
-            share(s.baseline.kept_out, best.kept_out) < 0.5) {
+        if (s.kept_out.empty()) return 0;
+        // Records that show the gap must show it taken; on a poor one there may be none to take.
+        const double fitted = s.baseline.together_fitted, kept_out = s.baseline.together_kept_out;
+        const bool poor_fit = fitted < 2 * SearchResult::limit(s.fitted);
+        const bool poor_proof = kept_out < 2 * SearchResult::limit(s.kept_out);
+        const auto taken = [](double before, double after) { return 1 - std::sqrt(after / before) >= 0.5; };
+        if ((poor_fit && poor_proof) || (!poor_fit && !taken(fitted, best.together_fitted)) ||
+            (!poor_proof && !taken(kept_out, poor_fit ? best.together_kept_out : best.kept_out))) {
             return 0;
         }
         // The same effects fitted to the records kept out alone.
@@ -151,6 +156,7 @@ class Verdict {
         check.fit(other, options);
         std::size_t index = 0;
         for (const auto& effect : best.hypothesis.effects) {
+            if (poor_fit || poor_proof) break;          // nothing to compare with
             const auto& p = effect->parameters.front(); // its size
             const double a = best.hypothesis.values[index], b = other.values[index];
             if (std::abs(a - b) > 0.2 * std::max(std::abs(a), std::abs(b)) + p.step) return 0;

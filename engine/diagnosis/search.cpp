@@ -19,6 +19,7 @@ namespace {
 constexpr std::size_t beam_width = 3;       // hypotheses on which another effect is sought
 constexpr std::size_t screened_later = 12;  // candidates that are fitted for a second effect and more
 constexpr std::size_t proven = 3;           // of the ranking, with numbers from the fitted records alone
+constexpr int most_enriched = 4;            // times that a form is made richer
 constexpr std::size_t lead_samples = 10000; // of the record that is looked at first, where so many show the gap
 // A candidate of many valleys is found on beginnings of the record: samples from where the gap first shows, and of the
 // points so many of the best, fitted there by so many steps.
@@ -26,8 +27,8 @@ struct Beginning {
     std::size_t samples, points;
     int iterations;
 };
-constexpr Beginning beginnings[] = {{100, 16, 10}, {150, 12, 6}, {200, 10, 6}, {300, 8, 6},  {400, 8, 6},
-                                    {600, 6, 6},   {900, 5, 6},  {1400, 4, 6}, {2500, 4, 6}, {5000, 3, 6}};
+constexpr Beginning beginnings[] = {{100, 16, 4}, {100, 8, 8}, {150, 6, 6},  {200, 6, 6},  {300, 5, 6}, {400, 5, 6},
+                                    {600, 4, 6},  {900, 4, 6}, {1400, 4, 6}, {2500, 4, 6}, {5000, 3, 6}};
 constexpr double worthwhile = 0.8; // of what is left there without the candidate: points above are given up
 constexpr double followed = 1.5;   // chi square per sample up to which a beginning is simulated as it went
 // Chi square per sample up to which noise explains what a settled hypothesis leaves: a handful of seeds tells the spread of
@@ -82,7 +83,9 @@ class Search {
             std::optional<std::set<std::string>> enough; // effects of a hypothesis to which noise alone is left
             for (const auto& base : beam) {
                 // Another way to such a hypothesis, or a rival of it, has one of its effects.
-                for (auto& next : extended(base, level, enough)) pool.push_back(std::move(next));
+                double best = std::numeric_limits<double>::infinity();
+                for (const auto& one : pool) best = std::min(best, one.together.chi_square);
+                for (auto& next : extended(base, level, enough, best)) pool.push_back(std::move(next));
                 if (enough) continue;
                 for (const auto& one : pool) {
                     if (!adequate(one)) continue;
@@ -274,9 +277,10 @@ class Search {
         std::erase_if(pool, [&](const Scored& one) { return !seen.insert(one.names()).second; });
     }
 
-    // The base with one more effect, every one that may be, or one of `only`.
+    // The base with one more effect, every one that may be, or one of `only`. `best`: chi square of the best that another
+    // base has come to.
     std::vector<Scored> extended(const Scored& base, std::size_t level,
-                                 const std::optional<std::set<std::string>>& only) const {
+                                 const std::optional<std::set<std::string>>& only, double best) const {
         const ModelFit lead(machine_, lead_records_);
         const MachineModel machine = lead.machine(base.together);
         const Evidence& record = lead_records_.front();
@@ -330,7 +334,6 @@ class Search {
             for_each_index(running.size(), control_, what + ": refining", [&](std::size_t i) {
                 if (!stalled[i]) refine(running[i], all_, 4, 1);
             });
-            double best = std::numeric_limits<double>::infinity();
             for (const auto& h : running) best = std::min(best, h.chi_square);
             bool moving = false;
             for (std::size_t i = 0; i < running.size(); ++i) {
@@ -343,9 +346,37 @@ class Search {
             if (!moving) break;
         }
         keep_best(running, 6, 1e300);
+        if (!running.empty()) enrich(running.front());
         std::vector<Scored> done;
         for (auto& h : running) done.push_back(scored(std::move(h)));
         return done;
+    }
+
+    // Richer forms of the last effect, as long as more than noise is left and they take a good part of it.
+    void enrich(Hypothesis& h) const {
+        for (int more = 0; more < most_enriched; ++more) {
+            if (!h.effects.back()->richer || adequate(scored(h))) return;
+            const std::size_t before = h.values.size() - h.effects.back()->parameters.size();
+            const auto candidate = h.effects.back()->richer(std::span(h.values).subspan(before));
+            std::vector<Hypothesis> points;
+            for (const auto& start : candidate->starts) {
+                Hypothesis next = h;
+                next.effects.back() = candidate;
+                next.values.resize(before);
+                next.values.insert(next.values.end(), start.begin(), start.end());
+                points.push_back(std::move(next));
+            }
+            RunControl quiet;
+            quiet.workers = control_.workers;
+            for_each_index(points.size(), quiet, "",
+                           [&](std::size_t i) { refine(points[i], lead_records_, 4, 1, false); });
+            keep_best(points, 1, 1);
+            if (points.empty()) return;
+            Hypothesis& next = points.front();
+            refine(next, all_, 20, control_.workers);
+            if (!(next.chi_square < 0.95 * h.chi_square)) return;
+            h = std::move(next);
+        }
     }
 
     // The best so many, within a factor of the best of all, three at least.
