@@ -1,19 +1,14 @@
 #include "script/system_reader.hpp"
 #include "base/error.hpp"
-#include "base/field_reader.hpp"
-#include "base/random.hpp"
 #include "base/text.hpp"
-#include "script/trampoline.hpp"
-#include "script/value.hpp"
-#include "system/tape.hpp"
-#include "system/units.hpp"
+#include "script/equation_recorder.hpp"
+#include "script/table_fields.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
 #include <lua.hpp>
 #include <map>
-#include <set>
 
 namespace tribode {
 
@@ -28,95 +23,11 @@ int free_system(lua_State* lua) {
     return 0;
 }
 
-// What a function of equations sees as its argument: names, with a dot for each part they belong to, and terms.
-struct Scope {
-    std::vector<std::string> names;
-    std::vector<Term> terms;
-
-    void add(const std::string& name, Term term) {
-        names.push_back(name);
-        terms.push_back(term);
-    }
-};
-
 bool is_name(const std::string& text) {
     const auto good = [](unsigned char c) { return std::isalnum(c) || c == '_'; };
     return !text.empty() && !std::isdigit(static_cast<unsigned char>(text[0])) &&
            std::all_of(text.begin(), text.end(), good);
 }
-
-// `script.lua:7: ` of the function at `index`. [-0, +0]
-std::string line_of(lua_State* lua, int index) {
-    lua_Debug info;
-    lua_pushvalue(lua, index);
-    lua_getinfo(lua, ">S", &info);
-    return fmt::format("{}:{}: ", info.short_src, info.linedefined);
-}
-
-// One table `s` of a scope: nested by the dots, unknown names refused. [-0, +1]
-void push_scope(lua_State* lua, const Scope& scope, const std::function<void(std::size_t)>& push_value) {
-    lua_newtable(lua);
-    const int top = lua_gettop(lua);
-    for (std::size_t i = 0; i < scope.names.size(); ++i) {
-        lua_pushvalue(lua, top);
-        std::string_view rest = scope.names[i];
-        for (auto dot = rest.find('.'); dot != std::string_view::npos; dot = rest.find('.')) {
-            const std::string part(rest.substr(0, dot));
-            if (lua_getfield(lua, -1, part.c_str()) != LUA_TTABLE) {
-                lua_pop(lua, 1);
-                lua_newtable(lua);
-                lua_pushvalue(lua, -1);
-                lua_setfield(lua, -3, part.c_str());
-            }
-            lua_remove(lua, -2);
-            rest.remove_prefix(dot + 1);
-        }
-        push_value(i);
-        lua_setfield(lua, -2, std::string(rest).c_str());
-        lua_pop(lua, 1);
-    }
-    // Only now: the lookups above must find nothing quietly. Behind an empty table, so that an assignment is met.
-    const auto push_guarded = [&](int table) {
-        lua_createtable(lua, 0, 1);
-        lua_pushnil(lua);
-        push_function(lua, [names = scope.names](lua_State* state) -> int {
-            const std::string name = lua_isstring(state, 2) ? lua_tostring(state, 2) : luaL_typename(state, 2);
-            throw InputError(fmt::format("{} is not a variable of the system{}", name, suggestion(name, names)));
-        });
-        lua_setfield(lua, -2, "__index");
-        lua_setmetatable(lua, table);
-        lua_newtable(lua);
-        lua_createtable(lua, 0, 2);
-        lua_pushvalue(lua, table);
-        lua_setfield(lua, -2, "__index");
-        lua_pushnil(lua);
-        push_function(lua, [](lua_State*) -> int {
-            throw InputError("the variables of a system cannot be set here; a function returns a table of new values");
-        });
-        lua_setfield(lua, -2, "__newindex");
-        lua_setmetatable(lua, -2);
-    };
-    lua_pushnil(lua);
-    while (lua_next(lua, top)) {
-        if (lua_istable(lua, -1)) {
-            push_guarded(lua_gettop(lua));
-            lua_pushvalue(lua, -3);
-            lua_insert(lua, -2);
-            lua_rawset(lua, top);
-        }
-        lua_pop(lua, 1);
-    }
-    push_guarded(top);
-    lua_remove(lua, top);
-}
-
-// What a function returned, by name.
-struct Recorded {
-    std::string name, unit;
-    Term term = 0;
-    std::string what = {};    // for messages, with its line
-    Dimension dimension = {}; // of the term
-};
 
 class Reader {
   public:
@@ -125,7 +36,7 @@ class Reader {
           index_(lua_absindex(lua, index)),
           symbols_(symbols),
           graph_(*symbols->graph),
-          units_(graph_) {
+          recorder_(lua, graph_) {
         made_.graph = symbols->graph;
         made_.time = symbols->time;
     }
@@ -134,8 +45,8 @@ class Reader {
         const std::vector<std::string> known = {"name",    "parameters", "inputs", "states",  "discrete",
                                                 "modes",   "start_mode", "parts",  "connect", "der",
                                                 "outputs", "when",       "sample"};
-        check_keys(index_, known, "tb.system");
-        made_.name = field(index_, "name") ? text_field(index_, "name", "tb.system") : "system";
+        check_keys(lua_, index_, known, "tb.system");
+        made_.name = has_field(lua_, index_, "name") ? text_field(lua_, index_, "name", "tb.system") : "system";
         read_parts();
         read_variables();
         read_modes();
@@ -161,72 +72,6 @@ class Reader {
     }
 
   private:
-    // ---- fields ------------------------------------------------------------------------------------------------
-
-    // Whether the table has the field. [-0, +0]
-    bool field(int table, const char* key) const {
-        const bool there = lua_getfield(lua_, table, key) != LUA_TNIL;
-        lua_pop(lua_, 1);
-        return there;
-    }
-
-    void check_keys(int table, const std::vector<std::string>& known, const std::string& where) const {
-        if (!lua_istable(lua_, table)) {
-            throw InputError(fmt::format("{}: found a {}, must be a table", where, luaL_typename(lua_, table)));
-        }
-        lua_pushnil(lua_);
-        while (lua_next(lua_, table)) {
-            lua_pop(lua_, 1);
-            const std::string key = lua_type(lua_, -1) == LUA_TSTRING
-                                        ? lua_tostring(lua_, -1)
-                                        : fmt::format("an entry with a {} as key", luaL_typename(lua_, -1));
-            if (std::find(known.begin(), known.end(), key) != known.end() || FieldReader::is_note(key)) continue;
-            throw InputError(fmt::format("{}: {} is not a known field{}", where, key, suggestion(key, known)));
-        }
-    }
-
-    std::string text_field(int table, const char* key, const std::string& where) const {
-        lua_getfield(lua_, table, key);
-        if (lua_type(lua_, -1) != LUA_TSTRING) {
-            throw InputError(
-                fmt::format("{}: {} is {}, must be a text", where, key,
-                            lua_isnil(lua_, -1) ? "missing" : fmt::format("a {}", luaL_typename(lua_, -1))));
-        }
-        std::string text = lua_tostring(lua_, -1);
-        lua_pop(lua_, 1);
-        return text;
-    }
-
-    double number_field(int table, const char* key, const std::string& where, std::optional<double> fallback) const {
-        const int type = lua_getfield(lua_, table, key);
-        if (type == LUA_TNIL && fallback) {
-            lua_pop(lua_, 1);
-            return *fallback;
-        }
-        if (type != LUA_TNUMBER || !std::isfinite(lua_tonumber(lua_, -1))) {
-            throw InputError(fmt::format("{}: {} is {}, must be a finite number", where, key,
-                                         type == LUA_TNIL ? "missing" : "a " + std::string(luaL_typename(lua_, -1))));
-        }
-        const double number = lua_tonumber(lua_, -1);
-        lua_pop(lua_, 1);
-        return number;
-    }
-
-    // The names of a table's fields, sorted: Lua's own order differs from run to run.
-    std::vector<std::string> names_of(int table, const std::string& where) const {
-        std::vector<std::string> names;
-        lua_pushnil(lua_);
-        while (lua_next(lua_, table)) {
-            lua_pop(lua_, 1);
-            if (lua_type(lua_, -1) != LUA_TSTRING) {
-                throw InputError(fmt::format("{}: has a {} as key, must have names", where, luaL_typename(lua_, -1)));
-            }
-            names.emplace_back(lua_tostring(lua_, -1));
-        }
-        std::sort(names.begin(), names.end());
-        return names;
-    }
-
     struct Quantity {
         std::string name, unit;
         double value = 0, nominal = 1;
@@ -235,14 +80,14 @@ class Reader {
     // { x = 1, v = { start = 0, unit = "m/s" } }
     std::vector<Quantity> quantities(const char* key, const char* value_key, bool with_nominal) {
         std::vector<Quantity> list;
-        if (!field(index_, key)) return list;
+        if (!has_field(lua_, index_, key)) return list;
         lua_getfield(lua_, index_, key);
         const int table = lua_gettop(lua_);
         const std::string where = fmt::format("tb.system: {}", key);
         if (!lua_istable(lua_, table)) {
             throw InputError(fmt::format("{} is a {}, must be a table of names", where, luaL_typename(lua_, table)));
         }
-        for (const auto& name : names_of(table, where)) {
+        for (const auto& name : names_of(lua_, table, where)) {
             if (!is_name(name) || name == "t") {
                 throw InputError(fmt::format("{}: \"{}\" cannot be a name: letters, digits and _ make one, and t is "
                                              "the time",
@@ -254,18 +99,18 @@ class Reader {
                 std::vector<std::string> known = {value_key, "unit"};
                 if (with_nominal) known.emplace_back("nominal");
                 const int entry = lua_gettop(lua_);
-                check_keys(entry, known, place);
-                made.value = number_field(entry, value_key, place,
+                check_keys(lua_, entry, known, place);
+                made.value = number_field(lua_, entry, value_key, place,
                                           std::string(key) == "parameters" ? std::nullopt : std::optional<double>(0));
-                if (field(entry, "unit")) made.unit = text_field(entry, "unit", place);
-                made.nominal = number_field(entry, "nominal", place, 1.0);
+                if (has_field(lua_, entry, "unit")) made.unit = text_field(lua_, entry, "unit", place);
+                made.nominal = number_field(lua_, entry, "nominal", place, 1.0);
                 if (!(made.nominal > 0)) {
                     throw InputError(fmt::format("{}: nominal = {}, must be positive", place, to_text(made.nominal)));
                 }
                 lua_pop(lua_, 1);
             } else {
                 lua_pop(lua_, 1);
-                made.value = number_field(table, name.c_str(), where, std::nullopt);
+                made.value = number_field(lua_, table, name.c_str(), where, std::nullopt);
             }
             list.push_back(std::move(made));
         }
@@ -291,15 +136,16 @@ class Reader {
     }
 
     void read_modes() {
-        if (!field(index_, "modes")) {
-            if (field(index_, "start_mode")) throw InputError("tb.system: there is a start_mode, but no modes");
+        if (!has_field(lua_, index_, "modes")) {
+            if (has_field(lua_, index_, "start_mode"))
+                throw InputError("tb.system: there is a start_mode, but no modes");
             return;
         }
         lua_getfield(lua_, index_, "modes");
         if (!lua_istable(lua_, -1)) throw InputError("tb.system: modes must be a table of named modes");
-        modes_ = names_of(lua_gettop(lua_), "tb.system: modes");
+        modes_ = names_of(lua_, lua_gettop(lua_), "tb.system: modes");
         lua_pop(lua_, 1);
-        const std::string start = text_field(index_, "start_mode", "tb.system");
+        const std::string start = text_field(lua_, index_, "start_mode", "tb.system");
         const double first = mode_number(start, "tb.system: start_mode");
         mode_ = graph_.variable("mode");
         made_.discrete.push_back({"mode", "", first, mode_, modes_});
@@ -314,222 +160,15 @@ class Reader {
     }
 
     void make_scope() {
-        scope_.add("t", made_.time);
-        for (const auto& p : made_.parameters) scope_.add(p.name, p.symbol);
-        for (const auto& i : made_.inputs) scope_.add(i.name, i.symbol);
-        for (const auto& s : made_.states) scope_.add(s.name, s.symbol);
-        for (const auto& d : made_.discrete) scope_.add(d.name, d.symbol);
-        for (const auto& [name, stand_in] : part_outputs_) scope_.add(name, stand_in);
-        for (const Term variable : scope_.terms) units_.set(variable, unit_of(variable));
-    }
-
-    // ---- recording ---------------------------------------------------------------------------------------------
-
-    // Calls the function on top of the stack on symbolic values. `single`: it returns one value, else a table of them.
-    // [-1, +0]
-    std::vector<Recorded> record(const std::string& what, bool single) {
-        if (!lua_isfunction(lua_, -1)) {
-            throw InputError(
-                fmt::format("{} is a {}, must be a function of the system's variables", what, luaL_typename(lua_, -1)));
-        }
-        const int function = lua_gettop(lua_);
-        const std::string line = line_of(lua_, function);
-        lua_pushvalue(lua_, function);
-        push_scope(lua_, scope_, [&](std::size_t i) { push_symbol(lua_, scope_.terms[i]); });
-        lua_call(lua_, 1, 1);
-        std::vector<Recorded> recorded = returned(what, line, single);
-        lua_pop(lua_, 1);
-        for (auto& entry : recorded) check_units(entry, line + what);
-        compare(function, recorded, what, line, single);
-        lua_pop(lua_, 1);
-        return recorded;
-    }
-
-    void check_units(Recorded& entry, const std::string& what) {
-        entry.what = entry.name.empty() ? what : fmt::format("{}: {}", what, entry.name);
-        try {
-            entry.dimension = units_.of(entry.term);
-        } catch (const InputError& problem) {
-            throw InputError(fmt::format("{}: {}", entry.what, problem.what()));
-        }
-        require_unit(entry, dimension_of(entry.unit), "it");
-    }
-
-    void require_unit(const Recorded& entry, const Dimension& wanted, const char* what) const {
-        if (fit(entry.dimension, wanted)) return;
-        throw InputError(fmt::format("{}: {} must be in {}, but is in {}", entry.what, what, to_text(wanted),
-                                     to_text(entry.dimension)));
-    }
-
-    // What stands on top of the stack. [-0, +0]
-    std::vector<Recorded> returned(const std::string& what, const std::string& line, bool single) {
-        std::vector<Recorded> list;
-        if (single) {
-            list.push_back({"", "", result_at(lua_gettop(lua_), line + what)});
-            return list;
-        }
-        const int table = lua_gettop(lua_);
-        if (!lua_istable(lua_, table)) {
-            throw InputError(fmt::format("{}{} returns a {}, must return a table of named values", line, what,
-                                         luaL_typename(lua_, table)));
-        }
-        for (const auto& name : names_of(table, line + what)) {
-            Recorded entry{name, "", 0};
-            const std::string place = fmt::format("{}{}: {}", line, what, name);
-            if (lua_getfield(lua_, table, name.c_str()) == LUA_TTABLE) { // { value, unit = "N" }
-                const int pair = lua_gettop(lua_);
-                lua_rawgeti(lua_, pair, 1);
-                entry.term = result_at(lua_gettop(lua_), place);
-                lua_pop(lua_, 1);
-                if (field(pair, "unit")) entry.unit = text_field(pair, "unit", place);
-            } else {
-                entry.term = result_at(lua_gettop(lua_), place);
-            }
-            lua_pop(lua_, 1);
-            list.push_back(std::move(entry));
-        }
-        return list;
-    }
-
-    Term result_at(int index, const std::string& what) {
-        if (lua_isboolean(lua_, index)) return graph_.constant(lua_toboolean(lua_, index));
-        return term_at(lua_, index, graph_, what);
-    }
-
-    // The value of an entry of what a call on numbers returned. [-0, +0]
-    std::optional<double> number_returned(int result, const Recorded& entry, bool single) const {
-        const int top = lua_gettop(lua_);
-        lua_pushvalue(lua_, result);
-        if (!single) {
-            if (!lua_istable(lua_, -1)) return lua_settop(lua_, top), std::nullopt;
-            lua_getfield(lua_, -1, entry.name.c_str());
-            if (lua_istable(lua_, -1)) lua_rawgeti(lua_, -1, 1);
-        }
-        std::optional<double> value;
-        if (lua_isboolean(lua_, -1)) value = lua_toboolean(lua_, -1);
-        if (lua_type(lua_, -1) == LUA_TNUMBER) value = lua_tonumber(lua_, -1);
-        lua_settop(lua_, top);
-        return value;
-    }
-
-    // Calls the function on numbers and compares: at random points, and at points at which one variable, or all,
-    // have a value that a comparison in the function may name.
-    void compare(int function, const std::vector<Recorded>& recorded, const std::string& what, const std::string& line,
-                 bool single) {
-        std::vector<Term> terms;
-        for (const auto& entry : recorded) terms.push_back(entry.term);
-        const Tape tape(graph_, scope_.terms, terms);
-        const std::size_t count = scope_.terms.size();
-        std::vector<double> point(count), values(terms.size());
-        const auto randomize = [&](std::uint64_t draw) {
-            for (std::size_t i = 0; i < count; ++i) {
-                // Of all sizes, mostly near one; half of the points positive.
-                const double u = uniform(1, draw, i);
-                point[i] = (draw % 2 ? 2 * u : 4 * u - 2) * (draw % 5 == 4 ? 100 : 1);
-            }
+        recorder_.add("t", made_.time, "");
+        const auto add = [&](const auto& list) {
+            for (const auto& variable : list) recorder_.add(variable.name, variable.symbol, variable.unit);
         };
-        const auto check = [&] {
-            tape.evaluate({point}, values);
-            lua_pushvalue(lua_, function);
-            push_values(lua_, scope_, point);
-            // What fails on numbers, fails for reasons of the point.
-            if (lua_pcall(lua_, 1, 1, 0) != LUA_OK) return lua_pop(lua_, 1);
-            for (std::size_t i = 0; i < recorded.size(); ++i) {
-                const auto direct = number_returned(lua_gettop(lua_), recorded[i], single);
-                const bool same =
-                    direct && (std::abs(*direct - values[i]) <= 1e-6 * (std::abs(*direct) + std::abs(values[i])) ||
-                               !std::isfinite(*direct) || !std::isfinite(values[i]));
-                // Where large numbers cancel, sums taken in another order differ by more.
-                if (same || (direct && std::abs(*direct - values[i]) < 1e-9)) continue;
-                refuse_branch(function, what, line);
-            }
-            lua_pop(lua_, 1);
-        };
-        constexpr std::uint64_t random_points = 20;
-        for (std::uint64_t draw = 0; draw < random_points; ++draw) {
-            randomize(draw);
-            check();
-        }
-        for (const double value : compared_numbers(function)) {
-            std::fill(point.begin(), point.end(), value);
-            check();
-            for (std::size_t i = 0; i < count; ++i) {
-                randomize(random_points + i);
-                point[i] = value;
-                check();
-            }
-        }
-    }
-
-    // The text of the function, line by line; empty where its file cannot be read.
-    std::vector<std::string> source_of(int function, int& first_line) const {
-        lua_Debug info;
-        lua_pushvalue(lua_, function);
-        lua_getinfo(lua_, ">S", &info);
-        first_line = info.linedefined;
-        std::vector<std::string> lines;
-        if (info.source[0] != '@') return lines;
-        std::FILE* file = std::fopen(info.source + 1, "r");
-        if (!file) return lines;
-        std::string line;
-        int number = 1;
-        for (int c = std::fgetc(file); c != EOF && number <= info.lastlinedefined; c = std::fgetc(file)) {
-            if (c != '\n') {
-                line += static_cast<char>(c);
-                continue;
-            }
-            if (number++ >= info.linedefined) lines.push_back(line);
-            line.clear();
-        }
-        std::fclose(file);
-        return lines;
-    }
-
-    // Zero, one, and the numbers that stand in lines of the function with a comparison for equality.
-    std::vector<double> compared_numbers(int function) const {
-        std::set<double> numbers = {0, 1};
-        int first = 0;
-        for (const auto& line : source_of(function, first)) {
-            if (line.find("==") == std::string::npos && line.find("~=") == std::string::npos) continue;
-            for (std::size_t i = 0; i < line.size();) {
-                const auto c = static_cast<unsigned char>(line[i]);
-                const bool inside_name = i > 0 && (std::isalnum(static_cast<unsigned char>(line[i - 1])) ||
-                                                   line[i - 1] == '_' || line[i - 1] == '.');
-                char* end = nullptr;
-                const double value = std::isdigit(c) && !inside_name ? std::strtod(line.c_str() + i, &end) : 0;
-                if (!end || end == line.c_str() + i) {
-                    ++i;
-                    continue;
-                }
-                numbers.insert(value);
-                if (numbers.size() < 20) numbers.insert(-value);
-                i = static_cast<std::size_t>(end - line.c_str());
-            }
-        }
-        return {numbers.begin(), numbers.end()};
-    }
-
-    [[noreturn]] void refuse_branch(int function, const std::string& what, const std::string& line) const {
-        // The first line that decides something is the one to look at.
-        int first = 0;
-        std::string place = line;
-        const auto lines = source_of(function, first);
-        for (std::size_t i = 0; i < lines.size(); ++i) {
-            const std::string padded = " " + lines[i] + " ";
-            const auto has = [&](const char* text) { return padded.find(text) != std::string::npos; };
-            if (!has("==") && !has("~=") && !has(" if ") && !has(" and ") && !has(" or ") && !has(" not ") &&
-                !has(" while ")) {
-                continue;
-            }
-            place =
-                line.substr(0, line.rfind(':', line.size() - 3)) + fmt::format(":{}: ", first + static_cast<int>(i));
-            break;
-        }
-        throw InputError(
-            fmt::format("{}{} takes a branch on the value of a variable (==, if, and, or, not), which is not "
-                        "recorded; tb.where(tb.less(a, b), x, y) takes a branch in an equation, a `when` "
-                        "changes it at an event",
-                        place, what));
+        add(made_.parameters);
+        add(made_.inputs);
+        add(made_.states);
+        add(made_.discrete);
+        for (const auto& [name, stand_in] : part_outputs_) recorder_.add(name, stand_in, unit_of(stand_in));
     }
 
     // ---- equations ---------------------------------------------------------------------------------------------
@@ -540,7 +179,7 @@ class Reader {
         lua_getfield(lua_, table, "der");
         std::string line = lua_isfunction(lua_, -1) ? line_of(lua_, lua_gettop(lua_)) : "";
         if (line.ends_with(": ")) line.resize(line.size() - 2);
-        for (const auto& entry : record(what, false)) {
+        for (const auto& entry : recorder_.record(what, false)) {
             std::vector<std::string> known;
             std::optional<std::size_t> place;
             for (std::size_t i = part_states_; i < made_.states.size(); ++i) {
@@ -560,7 +199,7 @@ class Reader {
     }
 
     void read_rates() {
-        if (!field(index_, "der")) return;
+        if (!has_field(lua_, index_, "der")) return;
         for (const auto& [state, rate] : rates_at(index_, "tb.system: der")) rates_[state] = rate;
     }
 
@@ -573,9 +212,9 @@ class Reader {
             const std::string where = fmt::format("tb.system: modes.{}", modes_[m]);
             lua_getfield(lua_, modes, modes_[m].c_str());
             const int table = lua_gettop(lua_);
-            check_keys(table, {"der", "outputs", "when"}, where);
+            check_keys(lua_, table, {"der", "outputs", "when"}, where);
             by_mode.push_back(rates_);
-            if (field(table, "der")) {
+            if (has_field(lua_, table, "der")) {
                 for (const auto& [state, rate] : rates_at(table, where + ".der")) by_mode.back()[state] = rate;
             }
             read_when_list(table, where + ".when", m);
@@ -600,15 +239,15 @@ class Reader {
 
     Equations::Assignments assignments_at(int table, const std::string& what) {
         Equations::Assignments set;
-        if (field(table, "set")) {
+        if (has_field(lua_, table, "set")) {
             lua_getfield(lua_, table, "set");
-            for (const auto& entry : record(what + ".set", false)) {
+            for (const auto& entry : recorder_.record(what + ".set", false)) {
                 set.emplace_back(target(entry.name, what), entry.term);
                 require_unit(entry, dimension_of(unit_of(set.back().first)), "the new value");
             }
         }
-        if (field(table, "mode")) {
-            const double number = mode_number(text_field(table, "mode", what), what + ".mode");
+        if (has_field(lua_, table, "mode")) {
+            const double number = mode_number(text_field(lua_, table, "mode", what), what + ".mode");
             set.emplace_back(mode_, graph_.constant(number));
         }
         return set;
@@ -631,12 +270,12 @@ class Reader {
 
     // The list `when` of a table; in a mode, it holds there only.
     void read_when_list(int table, const std::string& where, std::optional<std::size_t> mode) {
-        if (!field(table, "when")) return;
+        if (!has_field(lua_, table, "when")) return;
         lua_getfield(lua_, table, "when");
         const int list = lua_gettop(lua_);
         if (!lua_istable(lua_, list)) throw InputError(fmt::format("{} must be a list of tables", where));
         const auto count = static_cast<lua_Integer>(lua_rawlen(lua_, list));
-        if (count == 0 && lua_next_any(list)) throw InputError(fmt::format("{} must be a list of tables", where));
+        if (count == 0 && has_entries(lua_, list)) throw InputError(fmt::format("{} must be a list of tables", where));
         for (lua_Integer i = 1; i <= count; ++i) {
             lua_rawgeti(lua_, list, i);
             read_when(lua_gettop(lua_), fmt::format("{}[{}]", where, i), mode);
@@ -645,24 +284,17 @@ class Reader {
         lua_pop(lua_, 1);
     }
 
-    bool lua_next_any(int table) const {
-        lua_pushnil(lua_);
-        if (!lua_next(lua_, table)) return false;
-        lua_pop(lua_, 2);
-        return true;
-    }
-
     void read_when(int table, const std::string& what, std::optional<std::size_t> mode) {
-        check_keys(table, {"name", "condition", "crossing", "direction", "set", "mode"}, what);
+        check_keys(lua_, table, {"name", "condition", "crossing", "direction", "set", "mode"}, what);
         Equations::When when;
-        when.name =
-            field(table, "name") ? text_field(table, "name", what) : fmt::format("when[{}]", made_.whens.size() + 1);
-        const bool crossing = field(table, "crossing");
-        if (crossing == field(table, "condition")) {
+        when.name = has_field(lua_, table, "name") ? text_field(lua_, table, "name", what)
+                                                   : fmt::format("when[{}]", made_.whens.size() + 1);
+        const bool crossing = has_field(lua_, table, "crossing");
+        if (crossing == has_field(lua_, table, "condition")) {
             throw InputError(fmt::format("{}: must have either a condition or a crossing", what));
         }
         lua_getfield(lua_, table, crossing ? "crossing" : "condition");
-        Term watched = record(what + (crossing ? ".crossing" : ".condition"), true)[0].term;
+        Term watched = recorder_.record(what + (crossing ? ".crossing" : ".condition"), true)[0].term;
         when.set = assignments_at(table, what);
         const auto add = [&](Term condition) {
             when.condition = mode ? graph_.make(Op::all, in_mode(*mode), condition) : condition;
@@ -670,7 +302,8 @@ class Reader {
         };
         const auto& node = graph_[watched];
         if (!crossing) {
-            if (field(table, "direction")) throw InputError(fmt::format("{}: direction belongs to a crossing", what));
+            if (has_field(lua_, table, "direction"))
+                throw InputError(fmt::format("{}: direction belongs to a crossing", what));
             if (!is_condition(node.op) && node.op != Op::constant) {
                 throw InputError(fmt::format("{}.condition returns the value {}, must return a condition, such as "
                                              "tb.less(s.x, 0)",
@@ -678,7 +311,8 @@ class Reader {
             }
             return add(watched);
         }
-        const std::string direction = field(table, "direction") ? text_field(table, "direction", what) : "falling";
+        const std::string direction =
+            has_field(lua_, table, "direction") ? text_field(lua_, table, "direction", what) : "falling";
         const Term zero = graph_.constant(0);
         if (direction != "falling" && direction != "rising" && direction != "both") {
             throw InputError(
@@ -690,9 +324,9 @@ class Reader {
 
     void read_outputs() {
         std::map<std::string, Equations::Output> always;
-        if (field(index_, "outputs")) {
+        if (has_field(lua_, index_, "outputs")) {
             lua_getfield(lua_, index_, "outputs");
-            for (const auto& entry : record("tb.system: outputs", false)) {
+            for (const auto& entry : recorder_.record("tb.system: outputs", false)) {
                 always[entry.name] = {entry.name, entry.unit, entry.term};
             }
         }
@@ -706,7 +340,7 @@ class Reader {
                 lua_pop(lua_, 3);
                 continue;
             }
-            for (const auto& entry : record(fmt::format("tb.system: modes.{}.outputs", mode), false)) {
+            for (const auto& entry : recorder_.record(fmt::format("tb.system: modes.{}.outputs", mode), false)) {
                 own[entry.name] = {entry.name, entry.unit, entry.term};
                 outputs.try_emplace(entry.name, own[entry.name]);
             }
@@ -731,12 +365,12 @@ class Reader {
     // ---- sample clocks -----------------------------------------------------------------------------------------
 
     void read_samples() {
-        if (!field(index_, "sample")) return;
+        if (!has_field(lua_, index_, "sample")) return;
         lua_getfield(lua_, index_, "sample");
         const int list = lua_gettop(lua_);
         if (!lua_istable(lua_, list)) throw InputError("tb.system: sample must be a list of tables");
         const auto count = static_cast<lua_Integer>(lua_rawlen(lua_, list));
-        if (count == 0 && lua_next_any(list)) throw InputError("tb.system: sample must be a list of tables");
+        if (count == 0 && has_entries(lua_, list)) throw InputError("tb.system: sample must be a list of tables");
         for (lua_Integer i = 1; i <= count; ++i) {
             lua_rawgeti(lua_, list, i);
             read_sample(lua_gettop(lua_), fmt::format("tb.system: sample[{}]", i));
@@ -746,18 +380,18 @@ class Reader {
     }
 
     void read_sample(int table, const std::string& what) {
-        check_keys(table, {"name", "period_s", "offset_s", "set", "mode", "call"}, what);
+        check_keys(lua_, table, {"name", "period_s", "offset_s", "set", "mode", "call"}, what);
         Equations::Clock clock;
-        clock.name =
-            field(table, "name") ? text_field(table, "name", what) : fmt::format("sample[{}]", made_.clocks.size() + 1);
-        clock.period = number_field(table, "period_s", what, std::nullopt);
-        clock.offset = number_field(table, "offset_s", what, 0.0);
+        clock.name = has_field(lua_, table, "name") ? text_field(lua_, table, "name", what)
+                                                    : fmt::format("sample[{}]", made_.clocks.size() + 1);
+        clock.period = number_field(lua_, table, "period_s", what, std::nullopt);
+        clock.offset = number_field(lua_, table, "offset_s", what, 0.0);
         if (!(clock.period > 0) || !(clock.offset >= 0)) {
             throw InputError(fmt::format("{}: period_s = {} s and offset_s = {} s, must be positive and not negative",
                                          what, to_text(clock.period), to_text(clock.offset)));
         }
         clock.set = assignments_at(table, what);
-        if (field(table, "call")) clock.function = called(table, what + ".call");
+        if (has_field(lua_, table, "call")) clock.function = called(table, what + ".call");
         made_.clocks.push_back(std::move(clock));
     }
 
@@ -769,21 +403,22 @@ class Reader {
             throw InputError(fmt::format("{} is a {}, must be a function", what, luaL_typename(lua_, -1)));
         }
         const std::string line = line_of(lua_, lua_gettop(lua_));
+        const Scope& scope = recorder_.scope();
         lua_pushvalue(lua_, -1);
         const int reference = luaL_ref(lua_, LUA_REGISTRYINDEX); // kept as long as the state
-        push_scope(lua_, scope_, [&](std::size_t i) { lua_pushnumber(lua_, start_of(scope_.terms[i])); });
+        push_scope(lua_, scope, [&](std::size_t i) { lua_pushnumber(lua_, start_of(scope.terms[i])); });
         lua_pushinteger(lua_, 0);
         lua_call(lua_, 2, 1);
         if (!lua_istable(lua_, -1)) {
             throw InputError(fmt::format("{}{} returns a {}, must return a table of named values", line, what,
                                          luaL_typename(lua_, -1)));
         }
-        const auto names = names_of(lua_gettop(lua_), line + what);
+        const auto names = names_of(lua_, lua_gettop(lua_), line + what);
         lua_pop(lua_, 1);
         Equations::Function function;
-        function.reads = scope_.terms;
+        function.reads = scope.terms;
         for (const auto& name : names) function.writes.push_back(target(name, line + what));
-        function.call = [symbols = symbols_, scope = scope_, names, reference,
+        function.call = [symbols = symbols_, scope, names, reference,
                          where = line + what](long k, std::span<const double> read, std::span<double> written) {
             lua_State* lua = symbols->running;
             const int top = lua_gettop(lua);
@@ -802,23 +437,6 @@ class Reader {
             lua_settop(lua, top);
         };
         return function;
-    }
-
-    // The table `s` of numbers at run time, without the refusals: it is made at each sample. [-0, +1]
-    static void push_values(lua_State* lua, const Scope& scope, std::span<const double> values) {
-        lua_createtable(lua, 0, static_cast<int>(values.size()));
-        for (std::size_t i = 0; i < values.size(); ++i) {
-            std::string_view rest = scope.names[i];
-            lua_pushvalue(lua, -1);
-            for (auto dot = rest.find('.'); dot != std::string_view::npos; dot = rest.find('.')) {
-                luaL_getsubtable(lua, -1, std::string(rest.substr(0, dot)).c_str());
-                lua_remove(lua, -2);
-                rest.remove_prefix(dot + 1);
-            }
-            lua_pushnumber(lua, values[i]);
-            lua_setfield(lua, -2, std::string(rest).c_str());
-            lua_pop(lua, 1);
-        }
     }
 
     double start_of(Term symbol) const {
@@ -840,11 +458,11 @@ class Reader {
     // ---- parts -------------------------------------------------------------------------------------------------
 
     void read_parts() {
-        if (!field(index_, "parts")) return;
+        if (!has_field(lua_, index_, "parts")) return;
         lua_getfield(lua_, index_, "parts");
         const int parts = lua_gettop(lua_);
         if (!lua_istable(lua_, parts)) throw InputError("tb.system: parts must be a table of named systems");
-        for (const auto& name : names_of(parts, "tb.system: parts")) {
+        for (const auto& name : names_of(lua_, parts, "tb.system: parts")) {
             if (!is_name(name) || name == "t")
                 throw InputError(fmt::format("tb.system: parts: \"{}\" cannot be a name", name));
             lua_getfield(lua_, parts, name.c_str());
@@ -910,9 +528,9 @@ class Reader {
     // Puts what is connected to the inputs of the parts in their place, in an order in which each is known before it
     // is needed.
     void wire() {
-        if (field(index_, "connect")) {
+        if (has_field(lua_, index_, "connect")) {
             lua_getfield(lua_, index_, "connect");
-            for (const auto& entry : record("tb.system: connect", false)) connect(entry);
+            for (const auto& entry : recorder_.record("tb.system: connect", false)) connect(entry);
         }
         Expressions::Replacement known;
         std::vector<Term> chain;
@@ -1015,9 +633,8 @@ class Reader {
     int index_;
     std::shared_ptr<Symbols> symbols_;
     Expressions& graph_;
-    Units units_;
+    EquationRecorder recorder_;
     Equations made_;
-    Scope scope_;
     std::vector<std::string> modes_;
     Term mode_ = 0;
     std::size_t part_states_ = 0;    // the states of parts come first

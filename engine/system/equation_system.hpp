@@ -51,8 +51,8 @@ class EquationSystem final : public HybridSystem {
     std::string guard_name(GuardId guard, const SystemState& state) const override;
 
     // From now on what a run evaluates most often is machine code, with the same bits. Throws Error where that cannot
-    // be had; then the tapes stay. Above most_compiled instructions it is not tried: a compiler takes minutes then.
-    static constexpr std::size_t most_compiled = 20'000;
+    // be had; then the tapes stay. Above most_compiled instructions it is not tried: a compiler takes many seconds then.
+    static constexpr std::size_t most_compiled = 5'000;
     void compile(const CCompiler& compiler);
 
     // One value per output of the equations.

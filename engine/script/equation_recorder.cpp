@@ -1,0 +1,302 @@
+#include "script/equation_recorder.hpp"
+#include "base/error.hpp"
+#include "base/random.hpp"
+#include "base/text.hpp"
+#include "script/symbols.hpp"
+#include "script/table_fields.hpp"
+#include "script/trampoline.hpp"
+#include "system/tape.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <fmt/format.h>
+#include <lua.hpp>
+#include <set>
+
+namespace tribode {
+
+std::string line_of(lua_State* lua, int index) {
+    lua_Debug info;
+    lua_pushvalue(lua, index);
+    lua_getinfo(lua, ">S", &info);
+    return fmt::format("{}:{}: ", info.short_src, info.linedefined);
+}
+
+void push_scope(lua_State* lua, const Scope& scope, const std::function<void(std::size_t)>& push_value) {
+    lua_newtable(lua);
+    const int top = lua_gettop(lua);
+    for (std::size_t i = 0; i < scope.names.size(); ++i) {
+        lua_pushvalue(lua, top);
+        std::string_view rest = scope.names[i];
+        for (auto dot = rest.find('.'); dot != std::string_view::npos; dot = rest.find('.')) {
+            const std::string part(rest.substr(0, dot));
+            if (lua_getfield(lua, -1, part.c_str()) != LUA_TTABLE) {
+                lua_pop(lua, 1);
+                lua_newtable(lua);
+                lua_pushvalue(lua, -1);
+                lua_setfield(lua, -3, part.c_str());
+            }
+            lua_remove(lua, -2);
+            rest.remove_prefix(dot + 1);
+        }
+        push_value(i);
+        lua_setfield(lua, -2, std::string(rest).c_str());
+        lua_pop(lua, 1);
+    }
+    // Only now: the lookups above must find nothing quietly. Behind an empty table, so that an assignment is met.
+    const auto push_guarded = [&](int table) {
+        lua_createtable(lua, 0, 1);
+        lua_pushnil(lua);
+        push_function(lua, [names = scope.names](lua_State* state) -> int {
+            const std::string name = lua_isstring(state, 2) ? lua_tostring(state, 2) : luaL_typename(state, 2);
+            throw InputError(fmt::format("{} is not a variable of the system{}", name, suggestion(name, names)));
+        });
+        lua_setfield(lua, -2, "__index");
+        lua_setmetatable(lua, table);
+        lua_newtable(lua);
+        lua_createtable(lua, 0, 2);
+        lua_pushvalue(lua, table);
+        lua_setfield(lua, -2, "__index");
+        lua_pushnil(lua);
+        push_function(lua, [](lua_State*) -> int {
+            throw InputError("the variables of a system cannot be set here; a function returns a table of new values");
+        });
+        lua_setfield(lua, -2, "__newindex");
+        lua_setmetatable(lua, -2);
+    };
+    lua_pushnil(lua);
+    while (lua_next(lua, top)) {
+        if (lua_istable(lua, -1)) {
+            push_guarded(lua_gettop(lua));
+            lua_pushvalue(lua, -3);
+            lua_insert(lua, -2);
+            lua_rawset(lua, top);
+        }
+        lua_pop(lua, 1);
+    }
+    push_guarded(top);
+    lua_remove(lua, top);
+}
+
+void push_values(lua_State* lua, const Scope& scope, std::span<const double> values) {
+    lua_createtable(lua, 0, static_cast<int>(values.size()));
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        std::string_view rest = scope.names[i];
+        lua_pushvalue(lua, -1);
+        for (auto dot = rest.find('.'); dot != std::string_view::npos; dot = rest.find('.')) {
+            luaL_getsubtable(lua, -1, std::string(rest.substr(0, dot)).c_str());
+            lua_remove(lua, -2);
+            rest.remove_prefix(dot + 1);
+        }
+        lua_pushnumber(lua, values[i]);
+        lua_setfield(lua, -2, std::string(rest).c_str());
+        lua_pop(lua, 1);
+    }
+}
+
+std::vector<Recorded> EquationRecorder::record(const std::string& what, bool single) {
+    if (!lua_isfunction(lua_, -1)) {
+        throw InputError(
+            fmt::format("{} is a {}, must be a function of the system's variables", what, luaL_typename(lua_, -1)));
+    }
+    const int function = lua_gettop(lua_);
+    const std::string line = line_of(lua_, function);
+    lua_pushvalue(lua_, function);
+    push_scope(lua_, scope_, [&](std::size_t i) { push_symbol(lua_, scope_.terms[i]); });
+    lua_call(lua_, 1, 1);
+    std::vector<Recorded> recorded = returned(what, line, single);
+    lua_pop(lua_, 1);
+    for (auto& entry : recorded) check_units(entry, line + what);
+    compare(function, recorded, what, line, single);
+    lua_pop(lua_, 1);
+    return recorded;
+}
+
+void EquationRecorder::check_units(Recorded& entry, const std::string& what) {
+    entry.what = entry.name.empty() ? what : fmt::format("{}: {}", what, entry.name);
+    try {
+        entry.dimension = units_.of(entry.term);
+    } catch (const InputError& problem) {
+        throw InputError(fmt::format("{}: {}", entry.what, problem.what()));
+    }
+    require_unit(entry, dimension_of(entry.unit), "it");
+}
+
+void require_unit(const Recorded& entry, const Dimension& wanted, const char* what) {
+    if (fit(entry.dimension, wanted)) return;
+    throw InputError(
+        fmt::format("{}: {} must be in {}, but is in {}", entry.what, what, to_text(wanted), to_text(entry.dimension)));
+}
+
+// What stands on top of the stack. [-0, +0]
+std::vector<Recorded> EquationRecorder::returned(const std::string& what, const std::string& line, bool single) {
+    std::vector<Recorded> list;
+    if (single) {
+        list.push_back({"", "", result_at(lua_gettop(lua_), line + what)});
+        return list;
+    }
+    const int table = lua_gettop(lua_);
+    if (!lua_istable(lua_, table)) {
+        throw InputError(fmt::format("{}{} returns a {}, must return a table of named values", line, what,
+                                     luaL_typename(lua_, table)));
+    }
+    for (const auto& name : names_of(lua_, table, line + what)) {
+        Recorded entry{name, "", 0};
+        const std::string place = fmt::format("{}{}: {}", line, what, name);
+        if (lua_getfield(lua_, table, name.c_str()) == LUA_TTABLE) { // { value, unit = "N" }
+            const int pair = lua_gettop(lua_);
+            lua_rawgeti(lua_, pair, 1);
+            entry.term = result_at(lua_gettop(lua_), place);
+            lua_pop(lua_, 1);
+            if (has_field(lua_, pair, "unit")) entry.unit = text_field(lua_, pair, "unit", place);
+        } else {
+            entry.term = result_at(lua_gettop(lua_), place);
+        }
+        lua_pop(lua_, 1);
+        list.push_back(std::move(entry));
+    }
+    return list;
+}
+
+Term EquationRecorder::result_at(int index, const std::string& what) {
+    if (lua_isboolean(lua_, index)) return graph_.constant(lua_toboolean(lua_, index));
+    return term_at(lua_, index, graph_, what);
+}
+
+// The value of an entry of what a call on numbers returned. [-0, +0]
+std::optional<double> EquationRecorder::number_returned(int result, const Recorded& entry, bool single) const {
+    const int top = lua_gettop(lua_);
+    lua_pushvalue(lua_, result);
+    if (!single) {
+        if (!lua_istable(lua_, -1)) return lua_settop(lua_, top), std::nullopt;
+        lua_getfield(lua_, -1, entry.name.c_str());
+        if (lua_istable(lua_, -1)) lua_rawgeti(lua_, -1, 1);
+    }
+    std::optional<double> value;
+    if (lua_isboolean(lua_, -1)) value = lua_toboolean(lua_, -1);
+    if (lua_type(lua_, -1) == LUA_TNUMBER) value = lua_tonumber(lua_, -1);
+    lua_settop(lua_, top);
+    return value;
+}
+
+// Calls the function on numbers and compares: at random points, and at points at which one variable, or all,
+// have a value that a comparison in the function may name.
+void EquationRecorder::compare(int function, const std::vector<Recorded>& recorded, const std::string& what,
+                               const std::string& line, bool single) {
+    std::vector<Term> terms;
+    for (const auto& entry : recorded) terms.push_back(entry.term);
+    const Tape tape(graph_, scope_.terms, terms);
+    const std::size_t count = scope_.terms.size();
+    std::vector<double> point(count), values(terms.size());
+    const auto randomize = [&](std::uint64_t draw) {
+        for (std::size_t i = 0; i < count; ++i) {
+            // Of all sizes, mostly near one; half of the points positive.
+            const double u = uniform(1, draw, i);
+            point[i] = (draw % 2 ? 2 * u : 4 * u - 2) * (draw % 5 == 4 ? 100 : 1);
+        }
+    };
+    const auto check = [&] {
+        tape.evaluate({point}, values);
+        lua_pushvalue(lua_, function);
+        push_values(lua_, scope_, point);
+        // What fails on numbers, fails for reasons of the point.
+        if (lua_pcall(lua_, 1, 1, 0) != LUA_OK) return lua_pop(lua_, 1);
+        for (std::size_t i = 0; i < recorded.size(); ++i) {
+            const auto direct = number_returned(lua_gettop(lua_), recorded[i], single);
+            const bool same =
+                direct && (std::abs(*direct - values[i]) <= 1e-6 * (std::abs(*direct) + std::abs(values[i])) ||
+                           !std::isfinite(*direct) || !std::isfinite(values[i]));
+            // Where large numbers cancel, sums taken in another order differ by more.
+            if (same || (direct && std::abs(*direct - values[i]) < 1e-9)) continue;
+            refuse_branch(function, what, line);
+        }
+        lua_pop(lua_, 1);
+    };
+    constexpr std::uint64_t random_points = 20;
+    for (std::uint64_t draw = 0; draw < random_points; ++draw) {
+        randomize(draw);
+        check();
+    }
+    for (const double value : compared_numbers(function)) {
+        std::fill(point.begin(), point.end(), value);
+        check();
+        for (std::size_t i = 0; i < count; ++i) {
+            randomize(random_points + i);
+            point[i] = value;
+            check();
+        }
+    }
+}
+
+// The text of the function, line by line; empty where its file cannot be read.
+std::vector<std::string> EquationRecorder::source_of(int function, int& first_line) const {
+    lua_Debug info;
+    lua_pushvalue(lua_, function);
+    lua_getinfo(lua_, ">S", &info);
+    first_line = info.linedefined;
+    std::vector<std::string> lines;
+    if (info.source[0] != '@') return lines;
+    std::FILE* file = std::fopen(info.source + 1, "r");
+    if (!file) return lines;
+    std::string line;
+    int number = 1;
+    for (int c = std::fgetc(file); c != EOF && number <= info.lastlinedefined; c = std::fgetc(file)) {
+        if (c != '\n') {
+            line += static_cast<char>(c);
+            continue;
+        }
+        if (number++ >= info.linedefined) lines.push_back(line);
+        line.clear();
+    }
+    std::fclose(file);
+    return lines;
+}
+
+// Zero, one, and the numbers that stand in lines of the function with a comparison for equality.
+std::vector<double> EquationRecorder::compared_numbers(int function) const {
+    std::set<double> numbers = {0, 1};
+    int first = 0;
+    for (const auto& line : source_of(function, first)) {
+        if (line.find("==") == std::string::npos && line.find("~=") == std::string::npos) continue;
+        for (std::size_t i = 0; i < line.size();) {
+            const auto c = static_cast<unsigned char>(line[i]);
+            const bool inside_name = i > 0 && (std::isalnum(static_cast<unsigned char>(line[i - 1])) ||
+                                               line[i - 1] == '_' || line[i - 1] == '.');
+            char* end = nullptr;
+            const double value = std::isdigit(c) && !inside_name ? std::strtod(line.c_str() + i, &end) : 0;
+            if (!end || end == line.c_str() + i) {
+                ++i;
+                continue;
+            }
+            numbers.insert(value);
+            if (numbers.size() < 20) numbers.insert(-value);
+            i = static_cast<std::size_t>(end - line.c_str());
+        }
+    }
+    return {numbers.begin(), numbers.end()};
+}
+
+void EquationRecorder::refuse_branch(int function, const std::string& what, const std::string& line) const {
+    // The first line that decides something is the one to look at.
+    int first = 0;
+    std::string place = line;
+    const auto lines = source_of(function, first);
+    for (std::size_t i = 0; i < lines.size(); ++i) {
+        const std::string padded = " " + lines[i] + " ";
+        const auto has = [&](const char* text) { return padded.find(text) != std::string::npos; };
+        if (!has("==") && !has("~=") && !has(" if ") && !has(" and ") && !has(" or ") && !has(" not ") &&
+            !has(" while ")) {
+            continue;
+        }
+        place = line.substr(0, line.rfind(':', line.size() - 3)) + fmt::format(":{}: ", first + static_cast<int>(i));
+        break;
+    }
+    throw InputError(fmt::format("{}{} takes a branch on the value of a variable (==, if, and, or, not), which is not "
+                                 "recorded; tb.where(tb.less(a, b), x, y) takes a branch in an equation, a `when` "
+                                 "changes it at an event",
+                                 place, what));
+}
+
+} // namespace tribode

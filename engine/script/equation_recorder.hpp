@@ -1,0 +1,78 @@
+#pragma once
+#include "system/units.hpp"
+
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+struct lua_State;
+
+namespace tribode {
+
+// What a function of equations sees as its argument: names, with a dot for each part they belong to, and terms.
+struct Scope {
+    std::vector<std::string> names;
+    std::vector<Term> terms;
+
+    void add(const std::string& name, Term term) {
+        names.push_back(name);
+        terms.push_back(term);
+    }
+};
+
+// `script.lua:7: ` of the function at `index`. [-0, +0]
+std::string line_of(lua_State* lua, int index);
+
+// One table `s` of a scope: nested by the dots, unknown names refused. [-0, +1]
+void push_scope(lua_State* lua, const Scope& scope, const std::function<void(std::size_t)>& push_value);
+
+// The table `s` of numbers at run time, without the refusals: it is made at each sample. [-0, +1]
+void push_values(lua_State* lua, const Scope& scope, std::span<const double> values);
+
+// What a function returned, by name.
+struct Recorded {
+    std::string name, unit;
+    Term term = 0;
+    std::string what = {};    // for messages, with its line
+    Dimension dimension = {}; // of the term
+};
+
+// Throws InputError where the term has another unit; `what` of the entry it is, as "the derivative".
+void require_unit(const Recorded& entry, const Dimension& wanted, const char* what);
+
+// Makes terms of Lua functions of equations. A function is called once on symbolic values, and then on numbers: where
+// these say something else than what was recorded, it has a branch that cannot be, and is refused.
+class EquationRecorder {
+  public:
+    EquationRecorder(lua_State* lua, Expressions& graph) : lua_(lua), graph_(graph), units_(graph) {}
+
+    void add(const std::string& name, Term term, const std::string& unit) {
+        scope_.add(name, term);
+        units_.set(term, unit);
+    }
+    const Scope& scope() const { return scope_; }
+
+    // What the function on top of the stack returns: one value (`single`), or a table of them by name. [-1, +0]
+    // Throws InputError, which begins with the line of the function and `what`.
+    std::vector<Recorded> record(const std::string& what, bool single);
+
+  private:
+    void check_units(Recorded& entry, const std::string& what);
+    std::vector<Recorded> returned(const std::string& what, const std::string& line, bool single);
+    Term result_at(int index, const std::string& what);
+    std::optional<double> number_returned(int result, const Recorded& entry, bool single) const;
+    void compare(int function, const std::vector<Recorded>& recorded, const std::string& what, const std::string& line,
+                 bool single);
+    std::vector<std::string> source_of(int function, int& first_line) const;
+    std::vector<double> compared_numbers(int function) const;
+    [[noreturn]] void refuse_branch(int function, const std::string& what, const std::string& line) const;
+
+    lua_State* lua_;
+    Expressions& graph_;
+    Units units_;
+    Scope scope_;
+};
+
+} // namespace tribode
