@@ -151,12 +151,7 @@ Json statistics_of(const RunStatistics& s) {
 }
 
 Json to_json(const SystemRun& run, const Equations& equations) {
-    Json json{{"t", run.table["t"].values}, {"values", Json::object()}, {"columns", Json::array()}};
-    for (const auto& column : run.table.columns) {
-        if (column.name != "t") json["values"][column.name] = column.values;
-        json["columns"].push_back({{"name", column.name}, {"unit", column.unit}, {"values", column.values}});
-    }
-    json["final"] = Json::object();
+    Json json{{"final", Json::object()}};
     for (std::size_t i = 0; i < equations.states.size(); ++i) {
         json["final"][equations.states[i].name] = run.final_states[i];
     }
@@ -180,6 +175,30 @@ Json to_json(const SystemRun& run, const Equations& equations) {
     json["t_end"] = run.outcome.t;
     json["statistics"] = statistics_of(run.statistics);
     return json;
+}
+
+// t, values and columns of the table on top. They are long, so they are handed over as they are, and once: a list of
+// `values` and that of its column are the same. [-0, +0]
+void add_lists(lua_State* lua, const Table& table) {
+    lua_newtable(lua);
+    lua_createtable(lua, static_cast<int>(table.columns.size()), 0);
+    const int columns = lua_gettop(lua), values = columns - 1, result = columns - 2;
+    for (std::size_t i = 0; i < table.columns.size(); ++i) {
+        const Column& column = table.columns[i];
+        lua_createtable(lua, static_cast<int>(column.values.size()), 0);
+        for (std::size_t k = 0; k < column.values.size(); ++k) {
+            lua_pushnumber(lua, column.values[k]);
+            lua_rawseti(lua, -2, static_cast<lua_Integer>(k) + 1);
+        }
+        lua_pushvalue(lua, -1);
+        lua_setfield(lua, column.name == "t" ? result : values, column.name.c_str());
+        push(lua, {{"name", column.name}, {"unit", column.unit}});
+        lua_insert(lua, -2);
+        lua_setfield(lua, -2, "values");
+        lua_rawseti(lua, columns, static_cast<lua_Integer>(i) + 1);
+    }
+    lua_setfield(lua, result, "columns");
+    lua_setfield(lua, result, "values");
 }
 
 // Where the functions of a system are called while it runs.
@@ -247,6 +266,7 @@ int run_in_script(lua_State* lua, ScriptRun& run, const Graph& symbols) {
                    {"outcome", result.outcome.message},
                    {"statistics", statistics_of(result.statistics)}});
     push(lua, to_json(result, system.equations()));
+    add_lists(lua, result.table);
     return 1;
 }
 

@@ -16,7 +16,11 @@ return function(settings)
   local own, other = at_load and load or motor, at_load and motor or load
   local reduced, w = 1 / (load + motor), 2 * math.pi * settings.contact_hz
   local stiffness, damping = reduced * w * w, 2 * settings.contact_zeta * w * reduced
-  local half = settings.gap_m / 2
+  local half = settings.gap_m / 2 -- [m]
+  local parameters = {
+    own = { value = own, unit = "1/kg" }, beside = { value = other, unit = "1/kg" },
+    stiffness = { value = stiffness, unit = "N/m" }, damping = { value = damping, unit = "N s/m" },
+  }
 
   local function ahead(own_value, other_value) -- of the motor's over the load's
     return at_load and other_value - own_value or own_value - other_value
@@ -24,7 +28,7 @@ return function(settings)
   local function distance(s) return ahead(s.position, s.other) end
   local function contact(side)
     return function(s)
-      return stiffness * (distance(s) - side * half) + damping * ahead(s.velocity, s.other_velocity)
+      return s.stiffness * (distance(s) - side * half) + s.damping * ahead(s.velocity, s.other_velocity)
     end
   end
   -- What acts on the driven point, friction apart, and on the other body, under the contact's force.
@@ -38,9 +42,9 @@ return function(settings)
         local push, beside = pushes(s, pressed(s))
         return {
           position = s.velocity,
-          velocity = tb.where(tb.greater(s.held, 0), 0, own * (push - s.friction)),
+          velocity = tb.where(tb.greater(s.held, 0), 0, s.own * (push - s.friction)),
           other = s.other_velocity,
-          other_velocity = other * beside,
+          other_velocity = s.beside * beside,
         }
       end,
       outputs = function(s) return { push = { (pushes(s, pressed(s))), unit = "N" } } end,
@@ -67,13 +71,14 @@ return function(settings)
       },
       {
         name = "presses",
-        crossing = function(s) return half * stiffness * 1e-9 - side * contact(side)(s) end,
+        crossing = function(s) return half * s.stiffness * 1e-9 - side * contact(side)(s) end,
         mode = "pressing_" .. name,
       },
     })
   end
   return tb.system {
     name = "plant with backlash",
+    parameters = parameters,
     inputs = { thrust = { unit = "N" }, force = { unit = "N" }, friction = { unit = "N" }, held = 0 },
     states = {
       position = { unit = "m" }, velocity = { unit = "m/s", nominal = 100 },

@@ -17,6 +17,12 @@ function make.pid(settings, period)
   local a = filter > 0 and math.exp(-2 * math.pi * filter * period) or 0
   return tb.system {
     name = "PID controller",
+    parameters = {
+      kp = { value = settings.kp, unit = "N/m" },
+      ki = { value = settings.ki, unit = "N/(m s)" },
+      kd = { value = settings.kd, unit = "N s/m" },
+      period = { value = period, unit = "s" },
+    },
     inputs = inputs,
     discrete = {
       commanded = { unit = "N" }, integral = { unit = "N" }, derivative = { unit = "m/s" }, error = { unit = "m" },
@@ -28,11 +34,11 @@ function make.pid(settings, period)
         period_s = period,
         set = function(s)
           local e = s.r - s.measured
-          local integral = s.integral + settings.ki * period * e
-          local derivative = a * s.derivative + (1 - a) * (e - s.error) / period
+          local integral = s.integral + s.ki * s.period * e
+          local derivative = a * s.derivative + (1 - a) * (e - s.error) / s.period
           return {
             error = e, integral = integral, derivative = derivative,
-            commanded = settings.kp * e + integral + settings.kd * derivative + s.exc,
+            commanded = s.kp * e + integral + s.kd * derivative + s.exc,
           }
         end,
       },
@@ -49,6 +55,11 @@ function make.cascade(settings, period)
   for i = 1, delay do discrete["u" .. i] = { unit = "N" } end
   return tb.system {
     name = "cascade controller",
+    parameters = {
+      kp = { value = settings.kp, unit = "1/s" },
+      kv = { value = settings.kv, unit = "N s/m" },
+      period = { value = period, unit = "s" },
+    },
     inputs = inputs,
     discrete = discrete,
     outputs = outputs,
@@ -60,7 +71,7 @@ function make.cascade(settings, period)
           local begun = tb.greater(s.begun, 0)
           local position, last_mean = tb.where(begun, s.position, s.measured), tb.where(begun, s.mean, s.measured)
           local mean = (s.measured + position) / 2
-          local u = settings.kv * (settings.kp * (s.r - s.measured) - (mean - last_mean) / period)
+          local u = s.kv * (s.kp * (s.r - s.measured) - (mean - last_mean) / s.period)
           if settings.limit then u = math.max(-settings.limit, math.min(settings.limit, u)) end
           local set = { begun = 1, position = s.measured, mean = mean }
           set.commanded = (delay > 0 and s["u" .. delay] or u) + s.exc

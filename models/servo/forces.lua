@@ -4,7 +4,8 @@
 --   force_ripple: sum of F sin(2 pi y/period_m + phase);  periodic_disturbance: F sin(2 pi freq_hz t + phase)
 --   own_force: what its text returns
 --
--- A sine of the time is carried by two states, so that the axis stays affine. in: y [m], v [m/s]; out: force [N].
+-- A sine of the time is carried by two states, so that the axis stays affine. Inside, all are plain numbers, as in the
+-- text of a user. in: y [m], v [m/s]; out: force [N].
 local tb = require "tribode"
 
 -- The text of an own_force as a function of named values.
@@ -90,7 +91,8 @@ function make.system(effects)
   end
   return tb.system {
     name = "forces",
-    inputs = { y = { unit = "m" }, v = { unit = "m/s" } },
+    parameters = { newton = { value = 1, unit = "N" } },
+    inputs = { y = 0, v = 0 },
     states = states,
     der = function(s)
       local rates = {}
@@ -104,7 +106,7 @@ function make.system(effects)
     outputs = function(s)
       local sum = 0
       for i, force in ipairs(forces) do sum = sum + force.force(s, own(s, i)) end
-      return { force = { sum, unit = "N" } }
+      return { force = { s.newton * sum, unit = "N" } }
     end,
   }
 end

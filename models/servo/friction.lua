@@ -75,25 +75,24 @@ return function(settings)
   end
 
   local function smooth(s, viscous)
-    local sum = (settings.viscous + viscous) * s.v
+    local sum = (s.viscous + viscous) * s.v
     if #elements > 0 then sum = sum + s.force + s.stiffness * (s.y - s.reference) + s.damping * s.v end
     return sum
   end
   -- In slip; the integrator may look a little beyond the reversal.
   local function level(s, added)
-    local drop = settings.static - settings.coulomb
-    if drop ~= 0 then
-      drop = drop * math.exp(-(tb.no_event(math.abs(s.v)) / settings.velocity) ^ settings.exponent)
-    end
-    return settings.coulomb + drop + added
+    if settings.static == settings.coulomb then return s.coulomb + added end
+    local ratio = tb.no_event(math.abs(s.v)) / s.velocity
+    return s.coulomb + (s.static - s.coulomb) * math.exp(-ratio ^ settings.exponent) + added
   end
   local function total(s, way)
-    if way == "stick" then return factor(s.t, s.y) * smooth(s, 0) end
+    local scale = factor(s.t, s.y / s.metre)
+    if way == "stick" then return scale * smooth(s, 0) end
     local direction, side = forward, 1
     if way == "backward" then direction, side = backward, -1 end
     local viscous = is_dry and direction.viscous or 0
     local dry = is_dry and side * level(s, direction.level) or 0
-    return factor(s.t, s.y) * (smooth(s, viscous) + dry)
+    return scale * (smooth(s, viscous) + dry)
   end
 
   -- ---- events -----------------------------------------------------------------------------------------------------
@@ -115,7 +114,7 @@ return function(settings)
   local function release(side, added)
     return function(s)
       local pushed = side * (s.push - total(s, "stick"))
-      return tb.greater(pushed, factor(s.t, s.y) * (settings.static + added + margin))
+      return tb.greater(pushed, factor(s.t, s.y / s.metre) * (s.static + added + margin))
     end
   end
   local modes = {
@@ -168,6 +167,13 @@ return function(settings)
   local has_modes = is_dry or #elements > 0
   return tb.system {
     name = "friction",
+    parameters = {
+      viscous = { value = settings.viscous, unit = "N s/m" },
+      coulomb = { value = settings.coulomb, unit = "N" },
+      static = { value = settings.static, unit = "N" },
+      velocity = { value = settings.velocity, unit = "m/s" },
+      metre = { value = 1, unit = "m" },
+    },
     inputs = inputs,
     discrete = discrete,
     modes = has_modes and modes or nil,

@@ -19,14 +19,18 @@ end
 -- rigid_gain = k0 [m/(N s^2)], modes = { { gain = k_j, freq_hz =, zeta = }, … }
 return function(settings)
   local modes = settings.modes
-  local gain = settings.rigid_gain + sum_of(modes, function(_, mode) return mode.gain end)
-  local function pull(s) -- r_j
-    return function(j, mode)
-      local w = 2 * math.pi * mode.freq_hz
-      return 2 * mode.zeta * w * s["w" .. j] + w * w * s["q" .. j]
-    end
+  local parameters = { k0 = { value = settings.rigid_gain, unit = "1/kg" } }
+  for j, mode in ipairs(modes) do
+    local w = 2 * math.pi * mode.freq_hz
+    parameters["k" .. j] = { value = mode.gain, unit = "1/kg" }
+    parameters["damping" .. j] = { value = 2 * mode.zeta * w, unit = "1/s" }
+    parameters["stiffness" .. j] = { value = w * w, unit = "1/s2" }
   end
-  local function restoring(s) return sum_of(modes, pull(s)) / gain end
+  local function gain(s) return s.k0 + sum_of(modes, function(j) return s["k" .. j] end) end
+  local function pull(s) -- r_j
+    return function(j) return s["damping" .. j] * s["w" .. j] + s["stiffness" .. j] * s["q" .. j] end
+  end
+  local function restoring(s) return sum_of(modes, pull(s)) / gain(s) end
 
   local states = { position = { unit = "m" }, velocity = { unit = "m/s", nominal = 100 } }
   for j in ipairs(modes) do
@@ -35,16 +39,17 @@ return function(settings)
   end
   return tb.system {
     name = "plant",
+    parameters = parameters,
     inputs = { thrust = { unit = "N" }, force = { unit = "N" }, friction = { unit = "N" }, held = 0 },
     states = states,
     der = function(s)
       local held = tb.greater(s.held, 0)
       local effective = tb.where(held, restoring(s), s.thrust + s.force - s.friction)
       local pulls = sum_of(modes, pull(s))
-      local rates = { position = s.velocity, velocity = tb.where(held, 0, gain * effective - pulls) }
-      for j, mode in ipairs(modes) do
+      local rates = { position = s.velocity, velocity = tb.where(held, 0, gain(s) * effective - pulls) }
+      for j in ipairs(modes) do
         rates["q" .. j] = s["w" .. j]
-        rates["w" .. j] = mode.gain * effective - pull(s)(j, mode)
+        rates["w" .. j] = s["k" .. j] * effective - pull(s)(j)
       end
       return rates
     end,
@@ -61,7 +66,7 @@ return function(settings)
         condition = function(s) return tb.greater(s.held, 0) end,
         set = function(s)
           local set = { velocity = 0 }
-          for j, mode in ipairs(modes) do set["w" .. j] = s["w" .. j] - mode.gain * (s.velocity / gain) end
+          for j in ipairs(modes) do set["w" .. j] = s["w" .. j] - s["k" .. j] * (s.velocity / gain(s)) end
           return set
         end,
       },

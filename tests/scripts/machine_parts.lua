@@ -164,6 +164,15 @@ agrees("many effects", axis {
   { name = "encoder_periodic_error", parameters = cases.encoder_periodic_error },
 }, { samples = 250, solver = "exact", within = 1e-13 })
 
+-- Factors of one, which are folded away, leave the units as they are.
+agrees("ones", axis({
+  { name = "position_dependent_friction", parameters = { mode = "gradient", a = 1, period_m = 1 } },
+  { name = "force_ripple", parameters = { harmonics = { { F = 1, period_m = 2 * math.pi } } } },
+  { name = "stribeck_friction", parameters = { dFs = 1, velocity = 1 } },
+  { name = "own_force", parameters = { force = "return -math.sin(y)" } },
+}, { rigid_gain_per_kg = 1, friction = { coulomb = 1, viscous = 1 }, modes = {} }),
+  { samples = 250, solver = "erk", tolerance = 1e-10, within = 1e-12 })
+
 -- ---- a part of one's own ------------------------------------------------------------------------------------------
 
 -- A force law in the place of the forces of the machine is that of own_force.
