@@ -119,8 +119,14 @@ for number, group in ipairs(groups) do
     names[#names + 1], group_of[#group_of + 1] = name, number
     rms_y[#rms_y + 1], rms_u[#rms_u + 1] = math.sqrt(sum_y / #after.y), math.sqrt(sum_u / #after.y)
     peak_y[#peak_y + 1] = peak
-    panels[#panels + 1] = { title = name .. ": " .. described[name].equation, x_label = label,
+    local title = name .. ": " .. described[name].equation
+    -- What hardly changes is shown beside zero.
+    local low, high = math.huge, -math.huge
+    for _, value in ipairs(shown.y) do low, high = math.min(low, value), math.max(high, value) end
+    local size = math.max(math.abs(low), math.abs(high))
+    panels[#panels + 1] = { title = #title < 120 and title or name, x_label = label,
       y_label = group.thrust and "Thrust with - without [N]" or "Position with - without [um]", legend = "none",
+      y_range = high - low < 0.1 * size and { -1.2 * size, 1.2 * size } or nil,
       series = { { name = name, x = shown.x, y = shown.y, style = "points" } } }
     print(string.format("%-28s rms %9.3f um, largest %9.3f um, thrust rms %7.3f N", name, 1e6 * rms_y[#rms_y],
       1e6 * peak, rms_u[#rms_u]))
