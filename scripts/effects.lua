@@ -1,5 +1,6 @@
 -- What each effect does to a machine: the same input with and without it, and the difference, drawn against what the
--- effect depends on. One plot per group of effects.
+-- effect depends on, after the start has died away. Of friction and forces the thrust is drawn that they cost, of the
+-- others the position. One plot per group of effects.
 --
 --   tribode run scripts/effects.lua -D machine=models/bare_mass.lua
 --
@@ -17,7 +18,7 @@ local option = tb.options {
 
 -- Every kind with values one could meet, in groups that share a plot.
 local groups = {
-  { name = "friction", effects = {
+  { name = "friction", thrust = true, effects = {
     { "coulomb_friction", { dF = 5 } },
     { "viscous_friction", { dD = 40 } },
     { "stribeck_friction", { dFs = 3, velocity = 0.01 } },
@@ -26,7 +27,7 @@ local groups = {
     { "position_dependent_friction", { mode = "sine", a = 0.5, period_m = 0.02 } },
     { "time_varying_friction", { kind = "exp", a = 0.8, T = 1 } },
   } },
-  { name = "forces", effects = {
+  { name = "forces", thrust = true, effects = {
     { "force_ripple", { harmonics = { { F = 3, period_m = 0.012 } } } },
     { "constant_force", { F = 4 } },
     { "spring_force", { k = 300 } },
@@ -105,19 +106,28 @@ for number, group in ipairs(groups) do
     local before = run(base)
     base[#base + 1] = { name = name, parameters = parameters }
     local after = run(base)
-    local sum_y, sum_u, peak, micrometres = 0, 0, 0, {}
+    local x, label = along(described[name].drawn_against, after)
+    local begin = label == "Time [s]" and 1 or #after.y // 3
+    local sum_y, sum_u, peak, shown = 0, 0, 0, { x = {}, y = {} }
     for k = 1, #after.y do
       local dy, du = after.y[k] - before.y[k], after.u[k] - before.u[k]
       sum_y, sum_u, peak = sum_y + dy ^ 2, sum_u + du ^ 2, math.max(peak, math.abs(dy))
-      micrometres[k] = 1e6 * dy
+      if k >= begin then
+        shown.x[#shown.x + 1], shown.y[#shown.y + 1] = x[k], group.thrust and du or 1e6 * dy
+      end
     end
     names[#names + 1], group_of[#group_of + 1] = name, number
     rms_y[#rms_y + 1], rms_u[#rms_u + 1] = math.sqrt(sum_y / #after.y), math.sqrt(sum_u / #after.y)
     peak_y[#peak_y + 1] = peak
-    local x, label = along(described[name].drawn_against, after)
-    panels[#panels + 1] = { title = name .. ": " .. described[name].equation, x_label = label,
-      y_label = "Position with - without [um]", legend = "none",
-      series = { { name = name, x = x, y = micrometres, style = "points" } } }
+    local title = name .. ": " .. described[name].equation
+    -- What hardly changes is shown beside zero.
+    local low, high = math.huge, -math.huge
+    for _, value in ipairs(shown.y) do low, high = math.min(low, value), math.max(high, value) end
+    local size = math.max(math.abs(low), math.abs(high))
+    panels[#panels + 1] = { title = #title < 120 and title or name, x_label = label,
+      y_label = group.thrust and "Thrust with - without [N]" or "Position with - without [um]", legend = "none",
+      y_range = high - low < 0.1 * size and { -1.2 * size, 1.2 * size } or nil,
+      series = { { name = name, x = shown.x, y = shown.y, style = "points" } } }
     print(string.format("%-28s rms %9.3f um, largest %9.3f um, thrust rms %7.3f N", name, 1e6 * rms_y[#rms_y],
       1e6 * peak, rms_u[#rms_u]))
   end

@@ -53,7 +53,13 @@ local function dynamics(record)
   local function rate(values) return tb.derivative { values = values, sample_time_s = Ts } end
   local q = tb.low_pass { values = record.y, sample_time_s = Ts, corner_hz = 100 }
   local v = rate(q)
-  return { t = record.t, q = q, v = v, a = rate(v), force = record.u }
+  -- Distance since the velocity last turned.
+  local since, from = {}, q[1]
+  for k = 1, #q do
+    if k > 1 and sign(v[k]) ~= sign(v[k - 1]) then from = q[k] end
+    since[k] = math.abs(q[k] - from)
+  end
+  return { t = record.t, q = q, v = v, a = rate(v), since = since, force = record.u }
 end
 
 -- A term along a record, as the estimator sees it.
@@ -190,7 +196,8 @@ end
 -- ---- what is left -------------------------------------------------------------------------------------------------
 
 -- Terms put beside friction by direction, one at a time: how much of the residual each takes, by inverse dynamics on
--- both records. A pitch is sought over the range of a screw.
+-- both records. A pitch is sought over the range of a screw, the way over which friction builds up over that of
+-- bearings.
 local last = models[#models]
 local function candidate(name, list)
   local columns, other = columns_of(train, last.terms), columns_of(pulses, last.terms)
@@ -215,7 +222,7 @@ local leftovers = {
   candidate("friction that grows with position", { function(s, k) return s.q[k] * sign(s.v[k]) end }),
   candidate("friction that grows with time", { function(s, k) return s.t[k] * sign(s.v[k]) end }),
   candidate("drag", { function(s, k) return s.v[k] * math.abs(s.v[k]) end }),
-  candidate("friction more at low speed (8 mm/s)",
+  candidate("friction other at low speed (8 mm/s)",
     { function(s, k) return sign(s.v[k]) * math.exp(-math.abs(s.v[k]) / 8e-3) end }),
   candidate("friction with the load", { function(s, k) return math.abs(s.a[k]) * sign(s.v[k]) end }),
 }
@@ -228,6 +235,13 @@ for i, pitch in ipairs(pitches) do
   if not best or one.train < best.train then best = one end
 end
 leftovers[#leftovers + 1] = best
+local build_up
+for _, length in ipairs(tb.logspace(1e-5, 3e-3, tb.quick and 4 or 12)) do
+  local one = candidate(string.format("friction that builds up over %.3f mm after a reversal", 1e3 * length),
+    { function(s, k) return sign(s.v[k]) * math.exp(-s.since[k] / length) end })
+  if not build_up or one.train < build_up.train then build_up = one end
+end
+leftovers[#leftovers + 1] = build_up
 
 -- ---- showing ------------------------------------------------------------------------------------------------------
 

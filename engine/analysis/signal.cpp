@@ -131,7 +131,9 @@ LinearFit linear_fit(const std::vector<std::vector<double>>& columns, std::span<
         if (scale[j] > 0) matrix.col(j) /= scale[j];
     }
     const Eigen::Map<const Eigen::VectorXd> wanted(values.data(), rows);
-    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(matrix);
+    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(rows, count);
+    qr.setThreshold(1e-12); // of columns of length one: above what rounding leaves of a column that is a sum of others
+    qr.compute(matrix);
     if (qr.rank() < count) throw InputError("the columns of a linear fit depend on one another");
     const Eigen::VectorXd solution = qr.solve(wanted);
     const Eigen::VectorXd residual = wanted - matrix * solution;

@@ -166,11 +166,14 @@ std::string script_of(const Plot& plot, double height, const std::string& termin
     for (const auto& panel : plot.panels) {
         for (const auto& name : panel.y_names) longest = std::max(longest, name.size());
     }
+    // A title above a panel stands clear of the label below the one before.
+    const bool titled =
+        std::any_of(plot.panels.begin(), plot.panels.end(), [](const auto& p) { return !p.title.empty(); });
     const double left = std::clamp((60 + 8 * static_cast<double>(longest)) / plot.width, 0.095, 0.5);
     text += fmt::format("set multiplot layout {},1 title {} noenhanced font ',15' margins {},0.975,{},{} "
                         "spacing 0,{}\n",
                         panels, quoted(plot.title), to_text(left), to_text(60 / height), to_text(1 - 90 / height),
-                        to_text(panels > 1 ? 85 / height : 0));
+                        to_text(panels > 1 ? (titled ? 105 : 85) / height : 0));
     for (std::size_t p = 0; p < plot.panels.size(); ++p) {
         const auto& panel = plot.panels[p];
         text += panel.title.empty() ? "unset title\n" : fmt::format("set title {} noenhanced\n", quoted(panel.title));

@@ -36,7 +36,7 @@ TEST(RealData, InverseDynamicsAndTheClosedLoopGiveBackTheNumbersOfTheRig) {
         local r, pulses, nothing = {}, {}, {}
         for k = 1, 4000 do
             local t = (k - 1) * 1e-3
-            r[k] = 0.06 * math.sin(2 * math.pi * 0.8 * t) * math.min(t, 1) + 0.003 * math.sin(2 * math.pi * 5 * t)
+            r[k] = 0.06 * math.sin(2 * math.pi * 0.8 * t) * math.min(t, 1) + 0.001 * math.sin(2 * math.pi * 5 * t) * math.min(t, 1)
             nothing[k], pulses[k] = 0, k % 1000 < 50 and 20 or 0
         end
         for name, exc in pairs { train = nothing, test_pulses = pulses } do
@@ -54,11 +54,11 @@ TEST(RealData, InverseDynamicsAndTheClosedLoopGiveBackTheNumbersOfTheRig) {
     const Json models = Json::parse(text_of(folder / "out/emps.json"))["models"];
     const Json& whole = models[3];
     for (const auto& [name, truth] : {std::pair{"M", 90.0}, {"Fv", 230.0}, {"Fc", 18.0}, {"offset", -4.0}}) {
-        // Hold and differences cost inverse dynamics a little; the simulation knows of both.
-        EXPECT_NEAR(whole["values"][name].get<double>() / truth, 1, 0.05) << name;
-        EXPECT_NEAR(whole["loop"]["values"][name].get<double>() / truth, 1, 0.005) << name;
+        // Hold and differences cost inverse dynamics something; the simulation knows of both.
+        EXPECT_NEAR(whole["values"][name].get<double>() / truth, 1, 0.08) << name;
+        EXPECT_NEAR(whole["loop"]["values"][name].get<double>() / truth, 1, 1e-3) << name;
     }
-    EXPECT_GT(models[0]["train"].get<double>(), 3 * whole["train"].get<double>());
+    EXPECT_GT(models[0]["train"].get<double>(), 1.5 * whole["train"].get<double>());
     // What is on both sides alike is no friction by direction.
     const Json& sides = models[4]["loop"]["values"];
     EXPECT_NEAR(sides["Fv+"].get<double>() / sides["Fv-"].get<double>(), 1, 0.02);

@@ -109,6 +109,8 @@ TEST(LinearFit, FindsCoefficientsWithinTheErrorsItStates) {
 TEST(LinearFit, RefusesWhatHasNoAnswer) {
     const std::vector<double> one = {1, 2, 3}, twice = {2, 4, 6};
     EXPECT_THROW(linear_fit({one, twice}, one), InputError);
+    const auto wave = sampled(4000, [](double t) { return std::sin(9.3 * t); });
+    EXPECT_THROW(linear_fit({wave, wave}, wave), InputError);
     EXPECT_THROW(linear_fit({{1, 2}}, one), InputError);
     EXPECT_THROW(linear_fit({}, one), InputError);
     EXPECT_THROW(linear_fit({one, twice, one}, one), InputError);

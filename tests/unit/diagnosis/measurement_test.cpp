@@ -64,6 +64,36 @@ TEST(Measurement, AControllerThatDoesNotFitIsRefused) {
     EXPECT_NE(refusal(good(), other).find("controller does not make the recorded u"), std::string::npos);
 }
 
+TEST(Measurement, ThrustLoggedASampleEarlierOrLaterIsNoOtherController) {
+    const Table table = good();
+    const auto& u = table.columns[2].values;
+    const auto at = [&](std::size_t k) { return u[std::min(k, u.size() - 1)]; };
+    EXPECT_EQ(refusal(changed(table, "u", [&](std::size_t k, double) { return at(k + 1); })), "");
+    EXPECT_EQ(refusal(changed(table, "u", [&](std::size_t k, double) { return k > 0 ? at(k - 1) : 0; })), "");
+    EXPECT_NE(refusal(changed(table, "u", [&](std::size_t k, double) { return at(k + 4); })), "");
+}
+
+TEST(Measurement, PositionsRoundedOnceMoreInTheFileAreNoOtherController) {
+    // Every fifth value is one step of the encoder off.
+    EXPECT_EQ(refusal(changed(good(), "y", [](std::size_t k, double y) { return k % 5 == 0 ? y + 1e-7 : y; })), "");
+}
+
+// Moves with rests between, seen by a coarse encoder: it says the same value at each end for long.
+TEST(Measurement, AMachineThatRestsAtBothEndsIsNotClipped) {
+    DriveRecord moves = sine_record(0.01, 1, 3);
+    for (std::size_t k = 0; k < moves.t.size(); ++k) {
+        const double s = std::clamp(2 * std::sin(2 * std::numbers::pi * moves.t[k]), -1.0, 1.0);
+        moves.reference[k] = 0.005 * s * (1.5 - 0.5 * s * s);
+    }
+    Json coarse = small_axis();
+    coarse["encoder_resolution_m"] = 5e-6;
+    EXPECT_EQ(refusal(measured(coarse, Json::array(), moves, 1), coarse), "");
+    // The same with the ends cut off while the reference goes on.
+    const Table cut = changed(measured(coarse, Json::array(), sine_record(0.02, 1, 3), 1), "y",
+                              [](std::size_t, double y) { return std::clamp(y, 0.005, 0.015); });
+    EXPECT_NE(refusal(cut, coarse).find("clipped"), std::string::npos);
+}
+
 TEST(Measurement, AnotherSampleTimeIsRefused) {
     EXPECT_NE(refusal(changed(good(), "t", [](std::size_t, double t) { return 2 * t; })), "");
 }
