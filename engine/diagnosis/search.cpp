@@ -113,7 +113,10 @@ class Search {
             const bool better =
                 pool.front().score < before.score - 30 &&
                 (result_.kept_out.empty() || pool.front().kept_out < 0.97 * before.kept_out || adequate(pool.front()));
-            if (!better && level > 1) break;
+            // While more than noise is left it must take half of what the effects before it left, too: what a model that
+            // stays imperfect lacks is not made up of small pieces of this and that.
+            const bool halved = pool.front().score < before.score / 4;
+            if (level > 1 && (!better || (!halved && !adequate(pool.front())))) break;
             result_.ranking = pool;
             result_.steps.push_back(pool.front());
             if (!better || adequate(pool.front())) break;

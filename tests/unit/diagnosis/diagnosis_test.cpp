@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <gtest/gtest.h>
+#include <numbers>
 
 namespace tribode {
 namespace {
@@ -56,6 +57,34 @@ TEST(Diagnosis, AHiddenRippleIsNamedWithItsPitch) {
     ASSERT_EQ(d.effects[0].name, "force_ripple");
     EXPECT_NEAR(d.effects[0].parameters["harmonics"][0]["period_m"].get<double>(), 0.004, 1e-6);
     EXPECT_NEAR(d.effects[0].parameters["harmonics"][0]["F"].get<double>(), 1.2, 0.02);
+}
+
+TEST(Diagnosis, ABacklashIsFoundThoughNoiseDecidesWhereTheBodiesMeet) {
+    Json truth = small_axis();
+    truth["friction"]["coulomb"] = 0;
+    const MachineModel machine = MachineModel::from_description(truth, "case");
+    const Json hidden = Json::parse(R"([{"name": "backlash", "parameters": {"gap_m": 3e-5, "load_fraction": 0.4,
+        "contact_hz": 210, "contact_zeta": 0.15, "sensor": "motor"}}])");
+    const auto record = [&](double phase, std::uint64_t seed) {
+        DriveRecord drive = sine_record(0, 1, 2);
+        for (std::size_t k = 0; k < drive.t.size(); ++k) {
+            for (const double f : {7.0, 19.0, 43.0, 83.0, 131.0}) {
+                drive.excitation[k] += 10 * std::sin(2 * std::numbers::pi * f * drive.t[k] + phase * f);
+            }
+        }
+        return measurement_from_table(measured(truth, hidden, drive, seed), machine, "case");
+    };
+    DiagnosisOptions options;
+    options.max_effects = 1;
+    RunControl control;
+    control.workers = 2;
+    const Diagnosis d = diagnose(machine, {record(1, 1)}, record(2, 2), options, control);
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects[0].name, "backlash");
+    EXPECT_EQ(d.effects[0].parameters["sensor"], "motor");
+    // Some contacts are followed only, so the numbers are known to a few per cent.
+    EXPECT_NEAR(d.effects[0].parameters["gap_m"].get<double>(), 3e-5, 2e-6);
+    EXPECT_NEAR(d.effects[0].parameters["load_fraction"].get<double>(), 0.4, 0.03);
 }
 
 TEST(Diagnosis, ACoarseEncoderShowsInItsValues) {

@@ -94,6 +94,16 @@ TEST(Measurement, AMachineThatRestsAtBothEndsIsNotClipped) {
     EXPECT_NE(refusal(cut, coarse).find("clipped"), std::string::npos);
 }
 
+TEST(Measurement, AControllerThatHadOtherDigitsOfTheEncoderFits) {
+    // As a drive that counts half steps: u was made of them, the record has y in whole ones.
+    Json coarse = small_axis();
+    coarse["encoder_resolution_m"] = 2e-7;
+    const Table table = changed(good(), "y", [](std::size_t, double y) { return 2e-7 * std::floor(y / 2e-7 + 0.5); });
+    EXPECT_EQ(refusal(table, coarse), "");
+    coarse["encoder_resolution_m"] = 1e-9;
+    EXPECT_NE(refusal(table, coarse), "") << "a finer encoder has no such digits";
+}
+
 TEST(Measurement, AnotherSampleTimeIsRefused) {
     EXPECT_NE(refusal(changed(good(), "t", [](std::size_t, double t) { return 2 * t; })), "");
 }
