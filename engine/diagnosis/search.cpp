@@ -433,10 +433,16 @@ class Search {
             if (points.front().chi_square < followed * static_cast<double>(fit.sample_count())) {
                 last.emplace(points.front(), part);
             } else if (last) {
-                Hypothesis& h = last->first;
+                // Errors of the numbers by what noise leaves of this machine: more than of one without contacts.
+                auto& [h, beginning_followed] = *last;
+                const MachineModel machine = lead.machine(h);
+                for (auto& one : beginning_followed) {
+                    if (const auto floor = noise_floor(machine, one.measurement, {})) one.floor = *floor;
+                }
                 ModelFit::Options options;
+                options.iterations = 0;
                 options.standard_errors = true;
-                ModelFit(machine_, last->second).fit(h, options);
+                ModelFit(machine_, beginning_followed).fit(h, options);
                 h.chi_square = lead.chi_square(h);
                 h.settled = true;
                 return {h};
