@@ -1,7 +1,7 @@
 -- The Silverbox [Wigren 2013], a real circuit that behaves as a mass on a hardening spring: from a linear oscillator to
 -- the cubic spring and to a quadratic one beside it, fitted by simulation to the first part of the multisine and judged
--- on its last quarter and on the arrow, a noise that grows beyond what the fit has seen. Then the diagnosis is asked
--- what the linear oscillator lacks.
+-- on its last quarter and on the arrow, a noise that grows beyond what the fit has seen. With -D diagnose=true the
+-- diagnosis is asked what the linear oscillator lacks.
 --
 --   tribode run scripts/silverbox.lua -D data=/data/silverbox -o results/silverbox
 --
@@ -15,7 +15,7 @@ local simulation_fit = require "lib.simulation_fit"
 local option = tb.options {
   data = { default = "", help = "folder of the measured record" },
   fitted = { default = tb.quick and 2000 or 12000, help = "samples of the multisine that are fitted" },
-  diagnose = { default = not tb.quick, help = "whether the diagnosis is asked too" },
+  diagnose = { default = false, help = "whether the diagnosis is asked too; it takes long" },
 }
 if option.data == "" then
   error("-D data= is missing: the folder of the Silverbox benchmark, silverbox.csv with the columns t_s, u_V, y_V; the "
