@@ -24,14 +24,14 @@ local function unit(n)
   return start
 end
 
-local function heat(t, y)
+local function heat(_, y)
   local rates = {}
   for i = 1, #y do rates[i] = (y[i - 1] or 0) - 2 * y[i] + (y[i + 1] or 0) end
   return rates
 end
 
 -- Five outer planets in the coordinates of the sun; y: places, then velocities.
-local function planets(t, y)
+local function planets(_, y)
   local k2 = 2.95912208286
   local m0, m = 1.00000597682, {
     0.000954786104043, 0.000285583733151, 0.0000437273164546, 0.0000517759138449, 0.00000277777777778,
