@@ -416,8 +416,8 @@ end
 local best = moves.paper.Proposed
 local worst_paper = moves.paper["FRA-2"].rmse_um > moves.paper["FRA-1"].rmse_um
 
--- What is left around the first mode after the move. While friction holds the driven point, the rest of the table swings
--- at the antiresonance of the plant, not at its resonance.
+-- What is left around the first mode after the move. While friction holds the driven point, the rest of the table
+-- swings at the antiresonance of the plant, not at its resonance.
 local vibration, peak_hz = {}, nil
 for i, series in ipairs(results(positioning, "spectrum.plot.json").panels[1].series) do
   vibration[i] = 0
@@ -447,8 +447,8 @@ section "Positioning: Figs. 15 to 17 and Table IV" {
   compare("Fig. 17: FRA-1 leaves a 34 Hz vibration", "34 Hz", text("%.2f um at %.0f Hz", vibration[1], peak_hz),
     vibration[1] > 3 * vibration[3],
     text("FRA-1 leaves %.2f um of the first mode, FRA-2 %.2f um and the proposed model %.2f um. The peak is at " ..
-      "%.1f Hz: with the driven point held, the table swings at its antiresonance, %.1f Hz.", vibration[1], vibration[2],
-      vibration[3], peak_hz, antiresonance_hz)),
+      "%.1f Hz: with the driven point held, the table swings at its antiresonance, %.1f Hz.", vibration[1],
+      vibration[2], vibration[3], peak_hz, antiresonance_hz)),
   {
     table = {
       caption = "Table IV: 0.5 mm in 50 ms, RMSE over 0.3 s, models of Table III and models identified here",
