@@ -95,13 +95,15 @@ local models = {
   { name = "cubic and quadratic", reached = { 0.302, 0.388 },
     terms = { "gain", "frequency", "damping", "offset", "cubic", "quadratic" } },
 }
-local values = start_of(parts.train)
+local start = start_of(parts.train)
 for i, model in ipairs(models) do
   -- The spring that begins with a tenth of the linear one's stiffness at 0.1 V.
-  if i == 2 then values.cubic = (2 * math.pi * values.frequency) ^ 2 / values.gain * 0.1 / 0.1 ^ 2 end
-  if i == 3 then values.quadratic = 1e-3 end
-  model.fit = simulation_fit(values, model.terms, function(v) return left(v, parts.train) end)
-  values = model.fit.values
+  if i == 2 then start.cubic = (2 * math.pi * start.frequency) ^ 2 / start.gain * 0.1 / 0.1 ^ 2 end
+  if i == 3 then start.quadratic = 1e-3 end
+  model.fit = simulation_fit(start, model.terms, function(v) return left(v, parts.train) end)
+  local values = model.fit.values
+  start = {}
+  for name, value in pairs(values) do start[name] = value end
   model.errors, model.left = {}, {}
   for name, signals in pairs(parts) do
     model.left[name] = left(values, signals)
@@ -124,9 +126,7 @@ if option.diagnose then
       { name = "u", unit = "N", values = u }, { name = "y", unit = "m", values = y } } }
     return name
   end
-  local linear = models[1].fit.values
-  local machine = machine_of { gain = linear.gain, frequency = linear.frequency, damping = linear.damping,
-    offset = linear.offset }
+  local machine = machine_of(models[1].fit.values)
   machine.noise_rms_m = 3e-4
   machine.tolerance = { ["modes.gain"] = 0.05, ["modes.freq_hz"] = 0.05, ["modes.zeta"] = 0.2 }
   diagnosis = tb.diagnose { machine = machine, data = { piece("fitted.csv", 40550) },
