@@ -168,7 +168,7 @@ void check_controller(const Measurement& m, const MachineModel& machine, const s
                       "unit, or u and y in each other's place");
     }
     // What is left of u should be an excitation of its own. One that carries the rounding of y was made by a
-    // controller of other gains; one that carries a part of it, and is as small, of other digits of y.
+    // controller of other gains, or the log has another instant or other digits than the controller had.
     const double shared = std::abs(correlation(fine_part(excitation), fine_part(output)));
     if (shared > 0.4 && !differs_by_the_log(m, output, machine)) {
         refuse(where, fmt::format("the machine's controller does not make the recorded u from r and y: what is left is "

@@ -14,7 +14,7 @@ namespace tribode {
 //     2. the guards that fell are handled in declared order; then all guards are looked at again, and those below
 //        zero handled, round after round, until none is (bounded: a system that never comes to rest is chattering)
 //     3. the clocks that are due fire in declared order; the observer sees (x+, d+) after each
-//     4. step 2 again: a sample may have changed a force
+//     4. step 2 again, where a sample said that x or the guards have changed
 //     5. the integrator restarts if a handler said that anything it depends on has changed
 //     6. integrate to the next sample instant or the end, stopping at the first guard that falls
 //
