@@ -133,9 +133,9 @@ std::string to_text(const Dimension& dimension) {
         if (std::abs(power) != 1) side += to_text(std::abs(power));
     }
     if (below.empty()) return above.empty() ? "1" : above;
-    if (above.empty()) above = "1";
-    return below.find(' ') == std::string::npos ? fmt::format("{}/{}", above, below)
-                                                : fmt::format("{}/({})", above, below);
+    const std::string_view numerator = above.empty() ? std::string_view("1") : above;
+    return below.find(' ') == std::string::npos ? fmt::format("{}/{}", numerator, below)
+                                                : fmt::format("{}/({})", numerator, below);
 }
 
 bool fit(const Dimension& a, const Dimension& b) { return !a || !b || *a == *b; }

@@ -2,6 +2,7 @@
 #include "unit/script/temporary_folder.hpp"
 
 #include <csignal>
+#include <fmt/format.h>
 #include <fstream>
 #include <gtest/gtest.h>
 #include <random>
@@ -118,7 +119,7 @@ TEST_F(BatchCommands, TheMergedBytesAreTheSameForAnyNumberOfWorkersAndShards) {
     expect_done({"run", "one", "-j", "1"});
     const std::string wanted = merged("one");
     for (const auto& [workers, shards] : {std::pair{2, 7}, {7, 40}}) {
-        const std::string name = "b" + std::to_string(shards);
+        const std::string name = fmt::format("b{}", shards);
         plan(120, "1000", shards, name);
         expect_done({"run", name, "-j", std::to_string(workers)});
         EXPECT_EQ(merged(name), wanted) << workers << " workers, " << shards << " shards";
@@ -134,7 +135,7 @@ TEST_F(BatchCommands, TwoHundredKillsChangeNoByte) {
     std::mt19937 random(20);
     int kills = 0, parents = 0;
     for (int batch = 1; kills < 200; ++batch) {
-        const std::string name = "b" + std::to_string(batch);
+        const std::string name = fmt::format("b{}", batch);
         plan(400, "300000", 13, name);
         for (bool complete = false; !complete;) {
             const auto program = begin({"batch", "resume", name, "-j", "2", "--quiet"});
