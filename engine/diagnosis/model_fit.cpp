@@ -275,8 +275,8 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
             Eigen::VectorXd step(n);
             for (Eigen::Index i = 0; i < n; ++i) {
                 const auto& c = moved[static_cast<std::size_t>(i)];
-                // A factor of e^1.5 in one step is as far as differences can be trusted.
-                const double most = c.logarithmic ? 1.5 : 1e9;
+                // A factor of e^1.5 or a standard deviation in one step is as far as differences can be trusted.
+                const double most = c.logarithmic ? 1.5 : c.field ? 1 : 1e9;
                 const double here = c.read(h);
                 const double there = std::clamp(here - std::clamp(change[i], -most, most), c.low, c.high);
                 c.write(next, there);

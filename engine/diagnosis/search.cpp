@@ -29,8 +29,9 @@ struct Beginning {
 };
 constexpr Beginning beginnings[] = {{100, 16, 4}, {100, 8, 8}, {150, 6, 6},  {200, 6, 6},  {300, 5, 6}, {400, 5, 6},
                                     {600, 4, 6},  {900, 4, 6}, {1400, 4, 6}, {2500, 4, 6}, {5000, 3, 6}};
-constexpr double worthwhile = 0.8; // of what is left there without the candidate: points above are given up
-constexpr double followed = 1.5;   // chi square per sample up to which a beginning is simulated as it went
+constexpr std::size_t grown_from = 400; // samples of the first beginning on which uncertain fields are found
+constexpr double worthwhile = 0.8;      // of what is left there without the candidate: points above are given up
+constexpr double followed = 1.5;        // chi square per sample up to which a beginning is simulated as it went
 // Chi square per sample up to which noise explains what a settled hypothesis leaves: a handful of seeds tells the spread of
 // ways that noise has parted only roughly, and the beginning was followed.
 constexpr double settled_limit = 3;
@@ -72,8 +73,14 @@ class Search {
         set_floors(machine_);
         Hypothesis none;
         none.nominal.assign(ModelFit(machine_, all_).fields().size(), 0.0);
-        refine(none, all_, 30, control_.workers);
-        result_.baseline = scored(none);
+        Hypothesis straight = none;
+        refine(straight, all_, 30, control_.workers);
+        result_.baseline = scored(std::move(straight));
+        if (!adequate(result_.baseline) && !none.nominal.empty()) {
+            grow(none, control_.workers);
+            Scored grown = scored(std::move(none));
+            if (grown.score < result_.baseline.score) result_.baseline = std::move(grown);
+        }
         prove(result_.baseline, control_.workers);
         if (adequate(result_.baseline)) return;
         choose_lead(result_.baseline.together);
@@ -188,6 +195,26 @@ class Search {
         options.workers = workers;
         options.move_fields = move_fields;
         ModelFit(machine_, records).fit(h, options);
+    }
+
+    // Numbers that are far off have valleys of chi square over a whole record, as a mode's phase that runs round. On
+    // beginnings of the records that double, each fit ends near enough to the bottom of the next.
+    void grow(Hypothesis& h, unsigned workers) const {
+        std::vector<std::size_t> first;
+        std::size_t longest = 0;
+        for (const auto& record : all_) {
+            const std::vector<Evidence> alone{record};
+            const auto e = ModelFit(machine_, alone).errors(h);
+            const auto shown = std::find_if(e.begin(), e.end(), [](double white) { return std::abs(white) > shows; });
+            first.push_back(static_cast<std::size_t>(shown == e.end() ? 0 : shown - e.begin()));
+            longest = std::max(longest, record.measurement.size());
+        }
+        for (std::size_t samples = grown_from; samples < longest; samples *= 2) {
+            std::vector<Evidence> part;
+            for (std::size_t i = 0; i < all_.size(); ++i) part.push_back(beginning(all_[i], first[i] + samples));
+            refine(h, part, 8, workers);
+        }
+        refine(h, all_, 30, workers);
     }
 
     Scored scored(Hypothesis h) const {

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <gtest/gtest.h>
 #include <numbers>
+#include <utility>
 
 namespace tribode {
 namespace {
@@ -109,6 +110,38 @@ TEST(Diagnosis, AFieldWithinItsToleranceIsNoEffect) {
     EXPECT_EQ(diagnosed(Json::array(), believed).verdict, "nothing_missing");
     believed.erase("tolerance");
     EXPECT_NE(diagnosed(Json::array(), believed).verdict, "nothing_missing");
+}
+
+TEST(Diagnosis, FieldsAreFoundWhereAModeRunsRoundWithinItsTolerance) {
+    Json believed = small_axis();
+    believed["modes"] = Json::parse(R"([{"gain": 0.006, "freq_hz": 73, "zeta": 0.003}])");
+    believed["controller"] =
+        Json::parse(R"({"type": "pid", "kp": 11000, "ki": 60000, "kd": 500, "derivative_filter_hz": 400})");
+    Json real = believed;
+    const auto off = [&](Json& field, const char* name, double deviation, double deviations) {
+        field = field.get<double>() * (1 + deviation * deviations);
+        believed["tolerance"][name] = deviation;
+    };
+    off(real["friction"]["coulomb"], "friction.coulomb", 0.09, 0.6);
+    off(real["friction"]["viscous"], "friction.viscous", 0.14, -0.3);
+    off(real["rigid_gain_per_kg"], "rigid_gain_per_kg", 0.05, 1.5);
+    off(real["modes"][0]["gain"], "modes.gain", 0.07, -0.6);
+    off(real["modes"][0]["freq_hz"], "modes.freq_hz", 0.03, 1.9);
+    off(real["modes"][0]["zeta"], "modes.zeta", 0.15, 1.4);
+    const MachineModel machine = MachineModel::from_description(believed, "case");
+    // A multisine about the mode, which goes round with a phase of its own after a second.
+    const auto record = [&](double phase, std::uint64_t seed) {
+        DriveRecord drive = sine_record(0.01, 0.5, 4);
+        for (std::size_t k = 0; k < drive.t.size(); ++k) {
+            for (const double f : {5.0, 12.0, 23.0, 41.0, 57.0, 69.0, 72.0, 77.0, 83.0, 110.0}) {
+                drive.excitation[k] += 3 * std::sin(2 * std::numbers::pi * f * drive.t[k] + phase * f);
+            }
+        }
+        return measurement_from_table(measured(real, Json::array(), drive, seed), machine, "case");
+    };
+    const Diagnosis d = diagnose(machine, {record(1, 1)}, record(2, 2), {}, {});
+    EXPECT_EQ(d.verdict, "nothing_missing");
+    EXPECT_NEAR(d.before.modes[0].freq_hz, real["modes"][0]["freq_hz"].get<double>(), 0.05);
 }
 
 TEST(Diagnosis, WhatIsNoKnownEffectIsNotNamedWithConfidence) {
