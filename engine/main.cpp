@@ -76,6 +76,13 @@ class ProgressDisplay {
                                  terminal_ && !last ? "" : "\n")
                          .c_str());
         std::fflush(stderr);
+        open_ = terminal_ && !last;
+    }
+
+    // So that what is said next stands in a line of its own.
+    void close_line() {
+        if (open_) std::fputc('\n', stderr);
+        open_ = false;
     }
 
   private:
@@ -83,14 +90,16 @@ class ProgressDisplay {
     std::string what_;
     std::chrono::steady_clock::time_point start_, shown_;
     std::size_t first_ = 0, done_ = 0, tenth_ = 0;
+    bool open_ = false; // the bar stands in an unfinished line
 };
+
+ProgressDisplay display;
 
 struct Common {
     bool quiet = false;
     unsigned workers = std::max(1u, std::thread::hardware_concurrency());
 
     RunControl control() const {
-        static ProgressDisplay display;
         RunControl control;
         control.stop = &stop_requested;
         control.workers = workers;
@@ -448,6 +457,7 @@ struct BatchCommand {
 
 int report(const std::string& problem, ExitCode code) {
     std::fflush(stdout);
+    display.close_line();
     std::fprintf(stderr, "tribode: %s\n", problem.c_str());
     return code;
 }

@@ -97,6 +97,7 @@ class Verdict {
             last.iterations = 10;
             last.standard_errors = true;
             last.workers = control_.workers;
+            last.stop = control_.stop;
             if (s.shared) {
                 best.standard_errors = s.ranking.front().hypothesis.standard_errors;
             } else {
@@ -152,6 +153,7 @@ class Verdict {
         ModelFit::Options options;
         options.iterations = 8;
         options.workers = control_.workers;
+        options.stop = control_.stop;
         options.move_fields = false;
         check.fit(other, options);
         std::size_t index = 0;
@@ -384,13 +386,19 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     d.described_resolution = described;
     d.search = search_effects(coarse, std::move(fit_records), std::move(proof), options.max_effects, control);
     Verdict verdict(coarse, d, control);
-    verdict.decide(encoder);
+    try {
+        verdict.decide(encoder);
+    } catch (const EndedEarly&) {
+        throw EndedEarly(fmt::format("interrupted, nothing is written; so far {}", d.search.found_so_far()));
+    }
     for (const auto& record : d.search.fitted) d.fitted.push_back(compared(record, d.before, d.after));
     for (const auto& record : d.search.kept_out) d.kept_out.push_back(compared(record, d.before, d.after));
     d.fitted_gap = total(d.fitted);
     d.kept_out_gap = total(d.kept_out);
     d.where = where_they_disagree(d);
-    d.next_experiment = next_experiment(d, control);
+    RunControl whole = control; // with the verdict made, the rest takes moments
+    whole.stop = nullptr;
+    d.next_experiment = next_experiment(d, whole);
     return d;
 }
 

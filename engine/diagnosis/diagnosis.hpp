@@ -58,7 +58,7 @@ struct Diagnosis {
 
 // Finds where a machine and its measured records disagree and which effect it lacks. `kept_out`: a record for the proof
 // alone; without it the last third of the first record is that. Throws InputError where a record and the machine have
-// nothing to do with each other.
+// nothing to do with each other, EndedEarly with what is known so far on a stop request.
 Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted, std::optional<Measurement> kept_out,
                    const DiagnosisOptions& options, const RunControl& control);
 

@@ -412,8 +412,9 @@ void write_diagnosis(const Diagnosis& d, const Json& summary, RunFolder& folder,
     table.add("u_after", "N", proof.u_after);
     table.add("y_after", "m", proof.y_after);
     folder.write("validate.csv", to_csv(table));
-    for (const auto& image : write_report(folder.path("report.html"), report_of(d, summary), control))
-        folder.add(image);
+    RunControl whole = control;
+    whole.stop = nullptr;
+    for (const auto& image : write_report(folder.path("report.html"), report_of(d, summary), whole)) folder.add(image);
     folder.add("report.html");
     folder.write_json("diagnosis.json", summary);
 }

@@ -12,7 +12,8 @@ Json diagnosis_json(const Diagnosis& diagnosis, const std::vector<std::string>& 
 // The description of the machine with the effects found, as Lua that returns it.
 std::string machine_lua(const Json& description);
 
-// Writes machine.json, machine.lua, validate.csv, report.html with its images, and diagnosis.json last.
+// Writes machine.json, machine.lua, validate.csv, report.html with its images, and diagnosis.json last: all of them, a
+// stop request waits.
 void write_diagnosis(const Diagnosis& diagnosis, const Json& summary, RunFolder& folder, const RunControl& control);
 
 // The same in a few lines for a terminal.

@@ -232,8 +232,10 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
         return;
     }
     Eigen::MatrixXd jacobian(static_cast<Eigen::Index>(e.size()), n);
-    RunControl workers;
-    workers.workers = options.workers;
+    const RunControl workers{.stop = options.stop, .progress = {}, .workers = options.workers};
+    const auto go_on = [&] {
+        if (workers.stop_requested()) throw EndedEarly("a fit was interrupted");
+    };
     const auto differentiate = [&] {
         for_each_index(moved.size(), workers, "", [&](std::size_t i) {
             Hypothesis there = h;
@@ -250,6 +252,7 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
             if (column.empty()) column = e;
             jacobian.col(static_cast<Eigen::Index>(i)) = (mapped(column) - mapped(e)) / step;
         });
+        go_on();
     };
     double damping = 1e-3;
     // Where there are many numbers, a Jacobian is carried on for a few steps by Broyden's secants.
@@ -270,6 +273,7 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
             Eigen::MatrixXd damped = normal;
             for (Eigen::Index i = 0; i < n; ++i)
                 damped(i, i) += damping * normal(i, i) + 1e-12 * normal.trace() / static_cast<double>(n) + 1e-300;
+            go_on();
             const Eigen::VectorXd change = damped.ldlt().solve(gradient);
             Hypothesis next = h;
             Eigen::VectorXd step(n);

@@ -5,6 +5,7 @@
 #include "diagnosis/noise_floor.hpp"
 #include "machine/machine_model.hpp"
 
+#include <atomic>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -73,8 +74,9 @@ class ModelFit {
         bool standard_errors = false; // at the end
         double tolerance = 1e-5;      // relative fall of chi square at which it has converged
         unsigned workers = 1;         // for the differences
+        const std::atomic<bool>* stop = nullptr;
     };
-    // Of a settled hypothesis chi square alone is found.
+    // Of a settled hypothesis chi square alone is found. Throws EndedEarly on a stop request.
     void fit(Hypothesis& h, const Options& options) const;
 
   private:

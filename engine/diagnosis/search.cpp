@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <limits>
 #include <optional>
 #include <set>
@@ -61,10 +63,14 @@ class Search {
     }
 
     SearchResult run() {
-        search();
-        Scored& last = result_.ranking.empty() ? result_.baseline : result_.ranking.front();
-        if (adequate(last) && last.kept_out > SearchResult::limit(result_.kept_out) && !last.together.settled)
-            share(last);
+        try {
+            search();
+            Scored& last = result_.ranking.empty() ? result_.baseline : result_.ranking.front();
+            if (adequate(last) && last.kept_out > SearchResult::limit(result_.kept_out) && !last.together.settled)
+                share(last);
+        } catch (const EndedEarly&) {
+            throw EndedEarly(fmt::format("interrupted, nothing is written; so far {}", result_.found_so_far()));
+        }
         return std::move(result_);
     }
 
@@ -186,6 +192,10 @@ class Search {
         if (lead_length_ > 0) lead_records_.push_back(beginning(all_[lead_], lead_length_));
     }
 
+    void go_on() const {
+        if (control_.stop_requested()) throw EndedEarly("a search was interrupted");
+    }
+
     bool adequate(const Scored& one) const { return result_.explained_by_noise(one); }
 
     void refine(Hypothesis& h, const std::vector<Evidence>& records, int iterations, unsigned workers,
@@ -194,6 +204,7 @@ class Search {
         options.iterations = iterations;
         options.workers = workers;
         options.move_fields = move_fields;
+        options.stop = control_.stop;
         ModelFit(machine_, records).fit(h, options);
     }
 
@@ -260,6 +271,7 @@ class Search {
             ModelFit::Options options;
             options.iterations = 10;
             options.workers = control_.workers;
+            options.stop = control_.stop;
             options.standard_errors = true;
             ModelFit(machine_, fitted).fit(one->hypothesis, options);
             const auto per_sample = [&](const std::vector<Evidence>& records) {
@@ -354,6 +366,7 @@ class Search {
         for_each_index(list.size(), control_, what + ": screening", [&](std::size_t i) {
             begun[i] = list[i]->rugged ? grown_starts(base.together, list[i]) : starts_of(base.together, list[i], lead);
         });
+        go_on();
         std::vector<std::size_t> order;
         for (std::size_t i = 0; i < list.size(); ++i) {
             if (!begun[i].empty()) order.push_back(i);
@@ -372,6 +385,7 @@ class Search {
                 // With the uncertain fields, which the baseline may have bent so far that the effect alone gains little.
                 if (!running[i].converged) refine(running[i], lead_records_, iterations, 1);
             });
+            go_on();
             keep_best(running, keep, factor);
             if (running.empty()) return {};
         }
@@ -383,6 +397,7 @@ class Search {
             for_each_index(running.size(), control_, what + ": refining", [&](std::size_t i) {
                 if (!stalled[i]) refine(running[i], all_, 4, 1);
             });
+            go_on();
             for (const auto& h : running) best = std::min(best, h.chi_square);
             bool moving = false;
             for (std::size_t i = 0; i < running.size(); ++i) {
@@ -468,7 +483,10 @@ class Search {
         for (const auto& [samples, count, iterations] : beginnings) {
             part = {beginning(record, first + samples)};
             const ModelFit fit(machine_, part);
-            for (auto& h : points) h.chi_square = fit.chi_square(h);
+            for (auto& h : points) {
+                go_on();
+                h.chi_square = fit.chi_square(h);
+            }
             keep_best(points, count, 1e300);
             for (auto& h : points) refine(h, part, iterations, 1);
             keep_best(points, count, 1e300);
@@ -521,6 +539,7 @@ class Search {
         const std::vector<double> gap = candidate->size ? fit.errors(base) : std::vector<double>{};
         for (const auto& list : {candidate->starts, candidate->probes}) {
             for (const auto& values : list) {
+                go_on();
                 Hypothesis h = with(base, candidate, values);
                 if (!gap.empty()) {
                     const auto there = fit.errors(h);
@@ -572,6 +591,17 @@ bool SearchResult::explained_by_noise(const Scored& one) const {
     const double least = one.together.settled ? settled_limit : 0;
     return one.together_fitted < std::max(limit(fitted), least) &&
            (kept_out.empty() || one.together_kept_out < std::max(limit(kept_out), least));
+}
+
+std::string SearchResult::found_so_far() const {
+    if (!std::isfinite(baseline.together.chi_square)) return "no hypothesis has been fitted";
+    std::string text =
+        fmt::format("without an effect {:.4g} times the noise is left", std::sqrt(baseline.together_fitted));
+    for (const auto& step : steps) {
+        text +=
+            fmt::format(", with {} {:.4g} times", fmt::join(step.names(), " and "), std::sqrt(step.together_fitted));
+    }
+    return text;
 }
 
 std::vector<std::string> Scored::names() const {

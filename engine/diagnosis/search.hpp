@@ -32,10 +32,12 @@ struct SearchResult {
     // Chi square per sample up to which noise explains what is left of some records.
     static double limit(const std::vector<Evidence>& records);
     bool explained_by_noise(const Scored& one) const;
+    // Part of a sentence, for a search that is ended early: what is left without an effect, with one, with two.
+    std::string found_so_far() const;
 };
 
 // Looks for the effects that a machine lacks: all of them one at a time by full simulation, the best ones refined, and
-// as long as more than noise is left another one on top of the best three.
+// as long as more than noise is left another one on top of the best three. Throws EndedEarly on a stop request.
 SearchResult search_effects(const MachineModel& machine, std::vector<Evidence> fitted, std::vector<Evidence> kept_out,
                             std::size_t max_effects, const RunControl& control);
 

@@ -3,6 +3,7 @@
 #include "unit/script/temporary_folder.hpp"
 
 #include <cmath>
+#include <csignal>
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <numbers>
@@ -19,9 +20,9 @@ class Diagnosis : public ::testing::Test {
         folder.write("nominal.json", axis.dump());
     }
 
-    void reference(const std::string& name, double amplitude, double frequency) {
+    void reference(const std::string& name, double amplitude, double frequency, int samples = 4000) {
         std::string rows = "t,r\n";
-        for (int k = 0; k < 4000; ++k) {
+        for (int k = 0; k < samples; ++k) {
             const double t = k * 5e-4;
             rows += fmt::format("{},{}\n", t, amplitude * (1 - std::cos(2 * std::numbers::pi * frequency * t)) / 2);
         }
@@ -85,6 +86,22 @@ TEST_F(Diagnosis, ACoarserEncoderIsReadFromItsValues) {
     ASSERT_EQ(found["verdict"], "effect_found");
     EXPECT_EQ(found["effects"][0]["name"], "encoder_quantization");
     EXPECT_NEAR(found["effects"][0]["parameters"]["resolution_m"].get<double>(), 2e-6, 1e-12);
+}
+
+// A long record keeps the search busy; the signal comes while effects are tried.
+TEST_F(Diagnosis, CtrlCSaysWhatIsKnownAndWritesNothing) {
+    reference("slow.csv", 0.012, 1.5, 30000);
+    measure(Json::parse(R"([{"name": "quadratic_drag", "parameters": {"c": 300}}])"));
+    Program program({"diagnose", "--machine", "nominal.json", "--data", "ident.csv", "-o", "out"},
+                    {.folder = folder.path(), .errors_to_terminal = true});
+    ASSERT_TRUE(program.wait_until([&] { return program.err().find("screening") != std::string::npos; }));
+    program.send(SIGINT);
+    const auto ending = program.finish();
+    EXPECT_EQ(ending.exit_code, 3);
+    EXPECT_NE(ending.err.find("\ntribode: interrupted, nothing is written; so far without an effect "),
+              std::string::npos)
+        << ending.err;
+    EXPECT_EQ(files_in(folder / "out"), std::vector<std::string>{});
 }
 
 // ---- scoring
