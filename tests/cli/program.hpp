@@ -15,7 +15,7 @@ struct Surroundings {
     std::size_t largest_file = 0;       // limit of a file's size [bytes]; 0: none
     bool as_nobody = false;             // a superuser gives up all rights first
     bool errors_to_terminal = false;    // standard error is a terminal
-    std::chrono::seconds patience{120}; // then the program is killed
+    std::chrono::minutes patience{15}; // a program that hangs is killed then
 };
 
 // How it ended.
