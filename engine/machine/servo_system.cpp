@@ -157,29 +157,28 @@ EventEffect ServoSystem::on_sample(ClockId clock, long k, SystemState& state) co
     case controller: return control(k, s);
     default: {
         if (k < hold_lag_) return EventEffect::none;
-        const EventEffect effect = apply_hold(k - hold_lag_, state.t, s);
-        if (effect == EventEffect::restart) plant_.refresh_sines(state.t, state.x);
-        return effect;
+        if (!apply_hold(k - hold_lag_, state.t, s)) return EventEffect::none;
+        const bool jumped = plant_.refresh_sines(state.t, state.x);
+        return jumped || plant_.guards_see_input() ? EventEffect::restart : EventEffect::derivative;
     }
     }
 }
 
 EventEffect ServoSystem::control(long k, State& s) const {
     s.detected = s.encoder_ring[static_cast<std::size_t>(k) % s.encoder_ring.size()];
-    std::array<double, 4> coefficients{};
+    auto& held = s.hold_ring[static_cast<std::size_t>(k) % s.hold_ring.size()];
     if (const auto* open = std::get_if<OpenLoop>(&drive_)) {
-        coefficients = open->thrust(k);
-        s.thrust = coefficients[0];
+        held = open->thrust(k);
+        s.thrust = held[0];
     } else {
         const ClosedLoop& loop = std::get<ClosedLoop>(drive_);
         const LoopInput input = loop.input(k);
         s.reference = input.reference;
         if (s.friction_model) s.friction_fed_back = loop.friction_feedback * s.friction_model->step(s.detected);
         s.thrust = controller_.step(s.controller, s.reference, s.detected) + input.excitation + s.friction_fed_back;
-        coefficients[0] = s.thrust;
+        held = {s.thrust, 0, 0, 0};
     }
-    if (amplifier_.shapes()) coefficients = amplified(coefficients);
-    s.hold_ring[static_cast<std::size_t>(k) % s.hold_ring.size()] = coefficients;
+    if (amplifier_.shapes()) held = amplified(held);
     if (process_noise_rms_ == 0) return EventEffect::none;
     s.plant.disturbance = process_noise_rms_ * standard_normal(seed_, process_noise, static_cast<std::uint64_t>(k));
     return EventEffect::restart;
@@ -195,13 +194,14 @@ std::array<double, 4> ServoSystem::amplified(const std::array<double, 4>& u) con
     return {start, from, 3 * rise - 2 * from - to, from + to - 2 * rise};
 }
 
-EventEffect ServoSystem::apply_hold(long k, double t, State& s) const {
+// Whether that changes the thrust.
+bool ServoSystem::apply_hold(long k, double t, State& s) const {
     const auto& coefficients = s.hold_ring[static_cast<std::size_t>(k) % s.hold_ring.size()];
     const bool constant = coefficients[1] == 0 && coefficients[2] == 0 && coefficients[3] == 0;
     HeldInput& input = s.plant.input;
-    if (constant && input.rate == 0 && input.coefficient[0] == coefficients[0]) return EventEffect::none;
+    if (constant && input.rate == 0 && input.coefficient[0] == coefficients[0]) return false;
     input = {coefficients, t, constant ? 0.0 : 1 / sample_time_};
-    return EventEffect::restart;
+    return true;
 }
 
 } // namespace tribode

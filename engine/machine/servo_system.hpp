@@ -106,7 +106,7 @@ class ServoSystem final : public HybridSystem {
     double detect(double position, long k) const;
     std::array<double, 4> amplified(const std::array<double, 4>& u) const;
     EventEffect control(long k, State& s) const;
-    EventEffect apply_hold(long k, double t, State& s) const;
+    bool apply_hold(long k, double t, State& s) const;
 
     ServoPlant plant_;
     Amplifier amplifier_;

@@ -101,6 +101,8 @@ class ServoPlant {
     // False where a force does not know its slopes.
     bool jacobian(double t, std::span<const double> x, const State& s, std::span<double> matrix) const;
     void guards(double t, std::span<const double> x, const State& s, std::span<double> g) const;
+    // Whether a jump of the input makes one of a guard: of the force that holds an axis without a lag.
+    bool guards_see_input() const { return has_dry_ && corner_ == 0; }
     // Driven point, modes and current loop without any friction.
     void linear_part(std::span<double> matrix) const;
     std::optional<std::string> why_not_affine() const;

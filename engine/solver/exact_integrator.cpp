@@ -1,11 +1,12 @@
 #include "solver/exact_integrator.hpp"
 #include "base/error.hpp"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <fmt/format.h>
+#include <limits>
 
 namespace tribode {
 
@@ -125,7 +126,9 @@ namespace {
 // operations the results are the same bits whichever instructions the processor has. With a size known (Fixed > 0) the
 // loops unroll and matrices stay in registers. Matrices have a column of zeros for each number that pads a column.
 using Block = double __attribute__((vector_size(64), aligned(8), may_alias));
+using Bits = long long __attribute__((vector_size(64)));
 constexpr std::size_t block_size = 8;
+constexpr long long not_sign = std::numeric_limits<long long>::max(); // all bits of a number but that of its sign
 
 const Block& block(const double* at) { return *reinterpret_cast<const Block*>(at); }
 Block& block(double* at) { return *reinterpret_cast<Block*>(at); }
@@ -146,71 +149,98 @@ template <std::size_t FixedHeight, std::size_t FixedColumns>
     }
 }
 
+// 1/((n+1)(n+2))
+constexpr auto reciprocals = [] {
+    std::array<double, most_coefficients> values{};
+    for (std::size_t n = 0; n < values.size(); ++n) values[n] = 1 / static_cast<double>((n + 1) * (n + 2));
+    return values;
+}();
+
 // From c_0 and c_1 on, c_{n+1} = h/(n+1) A c_n, until two terms in a row are below half a unit in the last place of
-// the largest so far, which begins with what `largest` holds. Returns the last n, or 0 where most_terms do not do. Even
-// and odd terms go each their own way by the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two chains that do not wait
-// for one another. Where nothing is left of two terms but an eigenvector of A (`shape`, of eigenvalue `rate`, 1 at state
-// `lag`), numbers take the place of A.
+// the largest of the first ones, `least` at least. Returns the last n, or 0 where most_terms do not do. Even and odd terms
+// go each their own way by the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two chains that do not wait for one
+// another. Where nothing is left of two terms but an eigenvector of A, of eigenvalue `rate`, numbers take its place.
 template <std::size_t Fixed>
-[[gnu::always_inline]] inline int expand(const double* a, const double* square, const double* shape, double rate,
-                                         std::size_t lag, std::size_t states, std::size_t any_height, double h,
-                                         int most_terms, double* terms, double* largest, double* travel) {
+[[gnu::always_inline]] inline int expand(const double* a, const double* square, double rate, const double* least,
+                                         std::size_t states, std::size_t any_height, double h, int most_terms,
+                                         double* terms, double* limit) {
     const std::size_t height = Fixed ? Fixed : any_height;
-    const auto multiply_by = [&](const double* matrix, int from, int to) {
-        multiply<Fixed, Fixed>(matrix, height, height, terms + static_cast<std::size_t>(from) * height,
-                               terms + static_cast<std::size_t>(to) * height);
-    };
     const auto term = [&](int n) { return terms + static_cast<std::size_t>(n) * height; };
-    const auto scale = [&](int n, double factor) {
+    const auto scale = [&](int from, double factor, int to) {
         for (std::size_t row = 0; row < height; row += block_size) {
-            const Block value = block(term(n) + row) * factor;
-            block(term(n) + row) = value;
-            const Block size = value < 0 ? -value : value;
-            block(largest + row) = size > block(largest + row) ? size : block(largest + row);
-            block(travel + row) += size;
+            block(term(to) + row) = block(term(from) + row) * factor;
         }
     };
     // From the last state on: the amplifier's, where there is one, which is slow to end.
     const auto small = [&](int n) {
         std::size_t state = states;
-        while (state > 0 && std::abs(term(n)[state - 1]) <= half_ulp * largest[state - 1]) --state;
+        while (state > 0 && std::abs(term(n)[state - 1]) <= limit[state - 1]) --state;
         return state == 0;
     };
-    const auto is_eigenvector = [&](int n) {
+    const auto decays = [&](int n, double factor) {
         std::size_t state = 0;
-        const double* c = term(n);
-        while (state < states && std::abs(c[state] - shape[state] * c[lag]) <= half_ulp * largest[state]) ++state;
+        while (state < states && std::abs(term(n + 2)[state] - factor * term(n)[state]) <= limit[state]) ++state;
         return state == states;
     };
-    for (std::size_t row = 0; row < height; row += block_size) {
-        const Block size = block(terms + row) < 0 ? -block(terms + row) : block(terms + row);
-        block(largest + row) = size > block(largest + row) ? size : block(largest + row);
-        block(travel + row) = Block{};
-    }
-    scale(1, 1.0);
-    multiply_by(a, 1, 2);
-    scale(2, h / 2);
-    constexpr int least_terms = 6; // no step of interest ends before; looking costs as much as a term
-    bool last_was_small = false, only_decay = false;
+    multiply<Fixed, Fixed>(a, height, height, term(1), term(2));
+    scale(2, h / 2, 2);
+    constexpr int first_terms = 4;
+    bool only_decay = false;
     for (int n = 1; n + 3 <= most_terms; n += 2) {
+        const double even = h * h * reciprocals[static_cast<std::size_t>(n)];
+        const double odd = h * h * reciprocals[static_cast<std::size_t>(n) + 1];
         if (only_decay) {
-            for (std::size_t row = 0; row < 2 * height; row += block_size) {
-                block(term(n + 2) + row) = block(term(n) + row) * (rate * rate);
-            }
+            scale(n, rate * rate * even, n + 2);
+            scale(n + 1, rate * rate * odd, n + 3);
         } else {
-            multiply_by(square, n, n + 2);
-            multiply_by(square, n + 1, n + 3);
+            multiply<Fixed, Fixed>(square, height, height, term(n), term(n + 2));
+            multiply<Fixed, Fixed>(square, height, height, term(n + 1), term(n + 3));
+            scale(n + 2, even, n + 2);
+            scale(n + 3, odd, n + 3);
         }
-        scale(n + 2, h * h / ((n + 1) * (n + 2)));
-        scale(n + 3, h * h / ((n + 2) * (n + 3)));
-        if (n < least_terms) continue;
-        const bool first = small(n + 2);
-        if (first && last_was_small) return n + 2;
-        last_was_small = small(n + 3);
-        if (first && last_was_small) return n + 3;
-        if (!only_decay && rate != 0) only_decay = is_eigenvector(n + 2) && is_eigenvector(n + 3);
+        if (n + 3 == first_terms) {
+            for (std::size_t row = 0; row < height; row += block_size) {
+                Block largest = block(least + row);
+                for (int k = 0; k <= first_terms; ++k) {
+                    const Block size = (Block)((Bits)block(term(k) + row) & not_sign);
+                    largest = size > largest ? size : largest;
+                }
+                block(limit + row) = half_ulp * largest;
+            }
+            continue;
+        }
+        if (small(n + 2) && small(n + 3)) return n + 3;
+        if (!only_decay && rate != 0) only_decay = decays(n, rate * rate * even) && decays(n + 1, rate * rate * odd);
     }
     return 0;
+}
+
+// The sum of all terms, x at the step's end, and of the sizes of those after the first; small ones come first.
+template <std::size_t Fixed>
+[[gnu::always_inline]] inline void sum_up(const double* terms, int order, std::size_t any_height, double* end,
+                                          double* travel) {
+    const std::size_t height = Fixed ? Fixed : any_height;
+    for (std::size_t row = 0; row < height; row += block_size) {
+        const auto term = [&](int n) -> const Block& {
+            return block(terms + static_cast<std::size_t>(n) * height + row);
+        };
+        Block even{}, odd{}, even_sizes{}, odd_sizes{};
+        int n = order;
+        if (n % 2 == 0) {
+            even = term(n--);
+            even_sizes = (Block)((Bits)even & not_sign);
+        }
+        for (; n > 1; n -= 2) {
+            const Block a = term(n), b = term(n - 1);
+            odd += a;
+            even += b;
+            odd_sizes += (Block)((Bits)a & not_sign);
+            even_sizes += (Block)((Bits)b & not_sign);
+        }
+        const Block first = term(1);
+        block(travel + row) = odd_sizes + even_sizes + (Block)((Bits)first & not_sign);
+        block(end + row) = term(0) + (odd + even + first);
+    }
 }
 
 // sum c_n s^n, even and odd powers apart
@@ -245,12 +275,19 @@ multiply_columns(const double* matrix, std::size_t height, std::size_t columns, 
 }
 
 [[gnu::target_clones("avx512f", "avx2", "default")]] int
-expand_columns(const double* a, const double* square, const double* shape, double rate, std::size_t lag,
-               std::size_t states, std::size_t height, double h, int most_terms, double* terms, double* largest,
-               double* travel) {
+expand_columns(const double* a, const double* square, double rate, const double* least, std::size_t states,
+               std::size_t height, double h, int most_terms, double* terms, double* limit) {
     switch (height) {
-    case 8: return expand<8>(a, square, shape, rate, lag, states, 8, h, most_terms, terms, largest, travel);
-    default: return expand<0>(a, square, shape, rate, lag, states, height, h, most_terms, terms, largest, travel);
+    case 8: return expand<8>(a, square, rate, least, states, 8, h, most_terms, terms, limit);
+    default: return expand<0>(a, square, rate, least, states, height, h, most_terms, terms, limit);
+    }
+}
+
+[[gnu::target_clones("avx512f", "avx2", "default")]] void sum_columns(const double* terms, int order,
+                                                                      std::size_t height, double* end, double* travel) {
+    switch (height) {
+    case 8: return sum_up<8>(terms, order, 8, end, travel);
+    default: return sum_up<0>(terms, order, height, end, travel);
     }
 }
 
@@ -276,6 +313,8 @@ ExactIntegrator::ExactIntegrator(const HybridSystem& system)
       terms_((most_terms + 1) * height_),
       work_(height_),
       least_(height_),
+      limit_(height_),
+      end_(height_),
       travel_(height_),
       moved_(leap_height_),
       speed_(height_),
@@ -293,28 +332,46 @@ ExactIntegrator::ExactIntegrator(const HybridSystem& system)
 
 void ExactIntegrator::restart(SystemState& state) {
     state_ = &state;
-    const auto key = system_.affine_pattern(*state.discrete);
-    if (!key) {
+    const auto numbers = system_.affine_pattern(*state.discrete);
+    if (!numbers) {
         pattern_ = nullptr;
         return;
     }
-    if (pattern_ && *key == key_) return;
-    key_ = *key;
+    const auto key = std::bit_cast<Key>(*numbers); // by bits each number is like itself, one that is none too
+    if (pattern_ && key == key_) return;
+    key_ = key;
     auto known = patterns_.find(key_);
     if (known == patterns_.end()) {
-        // Patterns that never come again must not fill the memory.
-        if (patterns_.size() == most_patterns) patterns_.clear();
-        known = patterns_.emplace(key_, make_pattern()).first;
+        if (patterns_.size() < most_patterns) {
+            known = patterns_.try_emplace(key_).first;
+            oldest_.push_back(key_);
+        } else {
+            // Patterns that never come again must not fill the memory, nor keep it busy: the oldest gives its place.
+            Key& oldest = oldest_[replaced_++ % most_patterns];
+            auto node = patterns_.extract(oldest);
+            node.key() = oldest = key_;
+            known = patterns_.insert(std::move(node)).position;
+        }
+        make_pattern(known->second);
     }
     pattern_ = &known->second;
 }
 
+std::size_t ExactIntegrator::Hash::operator()(const Key& key) const {
+    std::uint64_t hash = 0;
+    for (const std::uint64_t part : key) hash = 31 * hash + part;
+    return hash;
+}
+
 // A and G column by column, as the images of the unit vectors.
-ExactIntegrator::Pattern ExactIntegrator::make_pattern() const {
-    Pattern pattern;
-    pattern.a.resize(height_ * height_);
+void ExactIntegrator::make_pattern(Pattern& pattern) {
+    pattern.a.assign(height_ * height_, 0.0);
     pattern.g.resize(guard_count_);
-    std::vector<double> unit(size_), column(guard_count_);
+    for (auto& row : pattern.g) row.clear();
+    pattern.prepared.clear();
+    pattern.series = 0;
+    const std::span<double> unit(work_.data(), size_), column(guard_terms_.data(), guard_count_);
+    std::fill(unit.begin(), unit.end(), 0.0);
     for (std::size_t j = 0; j < size_; ++j) {
         unit[j] = 1;
         system_.affine_derivative(1, 0, 1, unit, *state_->discrete, {pattern.a.data() + j * height_, size_});
@@ -329,62 +386,36 @@ ExactIntegrator::Pattern ExactIntegrator::make_pattern() const {
         multiply_columns(pattern.a.data(), height_, height_, pattern.a.data() + j * height_,
                          pattern.square.data() + j * height_);
     }
-    pattern.decay = find_decay(pattern.a);
-    return pattern;
+    pattern.decay = fastest_decay(pattern.a);
 }
 
-ExactIntegrator::Decay ExactIntegrator::find_decay(const Columns& a) const {
-    Decay decay;
-    const auto entry = [&](std::size_t row, std::size_t column) { return a[column * height_ + row]; };
+// Of the states that decay by themselves, dx_j/dt = rate x_j, such as the lag of a thrust: 1/s, 0 where there is none.
+double ExactIntegrator::fastest_decay(const Columns& a) const {
+    double rate = 0;
     for (std::size_t j = 0; j < size_; ++j) {
         bool alone = true;
-        for (std::size_t k = 0; k < size_; ++k) alone = alone && (k == j || entry(j, k) == 0);
-        if (alone && entry(j, j) < decay.rate) decay = {j, entry(j, j), {}};
+        for (std::size_t k = 0; k < size_; ++k) alone = alone && (k == j || a[k * height_ + j] == 0);
+        if (alone) rate = std::min(rate, a[j * height_ + j]);
     }
-    if (decay.rate == 0) return decay;
-    // (A - rate) shape = 0 with shape_j = 1; row and column j give way to that.
-    const auto n = static_cast<Eigen::Index>(size_), state = static_cast<Eigen::Index>(decay.state);
-    Eigen::MatrixXd matrix = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
-        a.data(), n, n, Eigen::OuterStride<>(static_cast<Eigen::Index>(height_)));
-    Eigen::VectorXd right = -matrix.col(state);
-    matrix.diagonal().array() -= decay.rate;
-    matrix.row(state).setZero();
-    matrix.col(state).setZero();
-    matrix(state, state) = 1;
-    right(state) = 1;
-    const auto solver = matrix.partialPivLu();
-    Eigen::VectorXd shape = solver.solve(right);
-    // States have units of different size; refinement makes each of them right to rounding (Skeel).
-    for (int round = 0; round < 2; ++round) shape += solver.solve(right - matrix * shape);
-    if (!shape.allFinite()) return {};
-    decay.shape.assign(shape.begin(), shape.end());
-    decay.shape.resize(height_);
-    return decay;
-}
-
-// Where nothing is left but the fastest decay, terms are numbers times one vector: half the series' work in a servo loop.
-int ExactIntegrator::series(const Pattern& pattern, double h, double* terms, double* largest, double* travel) const {
-    const Decay& decay = pattern.decay;
-    return expand_columns(pattern.a.data(), pattern.square.data(), decay.shape.data(), decay.rate, decay.state, size_,
-                          height_, h, most_terms, terms, largest, travel);
+    return rate;
 }
 
 // Column by column, as the responses to f = e_j: a step's series from zero with that slope.
 ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, double h) const {
     Prepared made{h, Columns(height_ * leap_height_), Columns(height_ * rest_height_)};
-    Columns terms(terms_.size()), largest(height_), travel(height_); // those of the last step are still asked for
+    Columns terms(terms_.size()), none(height_), limit(height_), end(height_), travel(height_); // the last step's stay
     for (std::size_t j = 0; j < size_; ++j) {
         std::fill_n(terms.begin() + static_cast<std::ptrdiff_t>(height_), height_, 0.0);
         terms[height_ + j] = h;
-        std::fill(largest.begin(), largest.end(), 0.0);
-        const int order = series(pattern, h, terms.data(), largest.data(), travel.data());
+        const int order = expand_columns(pattern.a.data(), pattern.square.data(), pattern.decay, none.data(), size_,
+                                         height_, h, most_terms, terms.data(), limit.data());
         // From rest any length comes to an end at once; from elsewhere this one does not.
         if (order == 0) {
             made.leap.clear();
             return made;
         }
         double* column = made.leap.data() + j * leap_height_;
-        evaluate_columns(terms.data(), order, height_, 1, column);
+        sum_columns(terms.data(), order, height_, column, travel.data());
         for (std::size_t guard = 0; guard < guard_count_; ++guard) {
             const auto along = [&](int n) {
                 double g = 0;
@@ -492,12 +523,13 @@ bool ExactIntegrator::expand(double h) {
         ++counts_.derivative_evaluations;
     };
     derive(0);
-    work_ = least_;
     if (pattern_) {
-        order_ = series(*pattern_, h, terms_.data(), work_.data(), travel_.data());
+        order_ = expand_columns(pattern_->a.data(), pattern_->square.data(), pattern_->decay, least_.data(), size_,
+                                height_, h, most_terms, terms_.data(), limit_.data());
         // A comparison with what is not a number hides it; in the last term it still stands.
         return order_ > 0 && std::all_of(term(order_), term(order_) + size_, [](double c) { return std::isfinite(c); });
     }
+    work_ = least_;
     bool last_was_small = false;
     for (int n = 1; n < most_terms; ++n) {
         derive(n);
@@ -578,6 +610,7 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
                     fmt::format("the state is not finite near t = {:.9g} s: the loop may be unstable", t0_)};
         return Progress::failed;
     }
+    sum_columns(terms_.data(), order_, height_, end_.data(), travel_.data());
     const double s = first_fall();
     if (s != none) {
         evaluate(s, state_->x);
@@ -585,7 +618,7 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
         if (s == 1 && h == whole) state_->t = t_stop;
         return Progress::guard_fell;
     }
-    evaluate(1, state_->x);
+    std::copy_n(end_.begin(), size_, state_->x.begin());
     end(h - lag_);
     if (h != whole) return Progress::stepped;
     state_->t = t_stop;

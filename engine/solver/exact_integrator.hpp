@@ -1,7 +1,9 @@
 #pragma once
 #include "solver/integrator.hpp"
 
-#include <map>
+#include <array>
+#include <cstdint>
+#include <unordered_map>
 #include <vector>
 
 namespace tribode {
@@ -52,25 +54,22 @@ class ExactIntegrator final : public Integrator {
         Columns rest; // (rest_height x height)
     };
 
-    // The fastest of the states that decay by themselves, dx_j/dt = rate x_j, such as the lag of a thrust: its eigenvector.
-    struct Decay {
-        std::size_t state = 0;
-        double rate = 0; // [1/s]; 0: there is none
-        Columns shape;   // with 1 at the state
-    };
-
     // What is known of one A and G.
     struct Pattern {
-        Columns a, square; // A, A^2
-        Decay decay;
+        Columns a, square;                 // A, A^2
+        double decay;                      // see fastest_decay [1/s]
         std::vector<std::vector<Entry>> g; // (guards)
         int series = 0;                    // steps of a regular length that were not prepared
         std::vector<Prepared> prepared;
     };
 
-    Pattern make_pattern() const;
-    Decay find_decay(const Columns& a) const;
-    int series(const Pattern& pattern, double h, double* terms, double* largest, double* travel) const;
+    using Key = std::array<std::uint64_t, std::tuple_size_v<AffinePattern>>; // an AffinePattern's bits
+    struct Hash {
+        std::size_t operator()(const Key& key) const;
+    };
+
+    void make_pattern(Pattern& pattern);
+    double fastest_decay(const Columns& a) const;
     Prepared prepare(const Pattern& pattern, double h) const;
     bool same_length(double a, double b) const;
     const Prepared* prepared_for(double h) const;
@@ -89,8 +88,10 @@ class ExactIntegrator final : public Integrator {
     const std::size_t size_, height_, guard_count_; // states, length of a padded column, guards
     const std::size_t leap_height_, rest_height_;   // see Prepared
     SystemState* state_ = nullptr;
-    std::map<AffinePattern, Pattern> patterns_;
-    AffinePattern key_{};
+    std::unordered_map<Key, Pattern, Hash> patterns_;
+    std::vector<Key> oldest_; // keys of patterns_, as they came
+    std::size_t replaced_ = 0;
+    Key key_{};
     Pattern* pattern_ = nullptr;           // the present one; null where b varies
     std::vector<double> regular_, recent_; // step lengths that come again, and those met last [s]
     std::size_t next_recent_ = 0;
@@ -102,7 +103,9 @@ class ExactIntegrator final : public Integrator {
     Columns terms_;                   // (height x most_terms + 1): c_n
     std::vector<double> work_;        // (height)
     std::vector<double> least_;       // (height): sizes of the states below which nothing counts
-    std::vector<double> travel_;      // (height): how far each state can go in the step, where pattern_ is there
+    std::vector<double> limit_;       // (height): sizes of terms below which they do not count
+    std::vector<double> end_;         // (height): x where the series ends
+    std::vector<double> travel_;      // (height): how far each state can go in the step
     std::vector<double> moved_;       // (leap_height): leap times f
     std::vector<double> speed_;       // (height): abs(f)
     std::vector<double> rest_;        // (rest_height): rest times abs(f)

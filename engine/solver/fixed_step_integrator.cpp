@@ -140,9 +140,8 @@ Integrator::Progress FixedStepIntegrator::step(double t_stop) {
     for (GuardId guard = 0; guard < guards_.size(); ++guard) {
         if (guards_[guard] < 0) fallen_.push_back(guard);
     }
-    // At t_stop the simulator looks at the guards itself.
-    if (last) return Progress::stopped;
-    return fallen_.empty() ? Progress::stepped : Progress::guard_fell;
+    if (!fallen_.empty()) return Progress::guard_fell;
+    return last ? Progress::stopped : Progress::stepped;
 }
 
 void FixedStepIntegrator::interpolate(double t, std::span<double> x) {

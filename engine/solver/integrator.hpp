@@ -25,7 +25,7 @@ class Integrator {
 
     // One step, to t_stop at most:
     //   stepped     state.t < t_stop
-    //   stopped     state.t == t_stop exactly
+    //   stopped     state.t == t_stop exactly, and no guard fell
     //   guard_fell  state is at the first fall of a guard, as exactly as the method locates it; fallen() tells which
     //   failed      failure() tells why; state is the last good one
     virtual Progress step(double t_stop) = 0;

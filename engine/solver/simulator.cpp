@@ -80,7 +80,7 @@ RunOutcome Simulator::advance_to(double t_end) {
     if (!started_) {
         started_ = true;
         if (!output_grid_.empty()) emit_outputs(state_.t);
-        handle_instant(false);
+        handle_instant(true);
     }
     long steps_to_poll = 0;
     while (outcome_.ok() && state_.t < t_end) {
@@ -91,7 +91,7 @@ RunOutcome Simulator::advance_to(double t_end) {
             }
             steps_to_poll = 200;
         }
-        const double t_stop = std::min(next_sample_instant(), t_end);
+        const double t_stop = std::min(next_instant_, t_end);
 
         // A guard fell within rounding of the next instant: there is nothing to integrate, and the integrator would
         // refuse so short a step.
@@ -122,13 +122,13 @@ RunOutcome Simulator::advance_to(double t_end) {
     return outcome_;
 }
 
-// Steps 1 to 5 of the class comment.
+// Steps 1 to 4 of the class comment.
 void Simulator::handle_instant(bool guards_fell) {
     const Stopwatch watch(statistics_.seconds_events, instants_timed_);
     collect_due_clocks();
     if (observer_ && !due_.empty()) observer_->left_limit(state_);
 
-    const bool ok = settle_guards(guards_fell ? &integrator_->fallen() : nullptr);
+    const bool ok = !guards_fell || settle_guards(integrator_->fallen());
     bool guards_changed = false;
     for (const auto& [id, k] : due_) {
         const EventEffect effect = system_.on_sample(id, k, state_);
@@ -137,15 +137,13 @@ void Simulator::handle_instant(bool guards_fell) {
         ++statistics_.samples;
         if (observer_) observer_->sampled(id, k, state_);
     }
-    if (ok && guards_changed) settle_guards(nullptr);
+    if (ok && guards_changed) settle_guards({});
 }
 
-// Handles the guards reported by the integrator, if any, then all that are below zero, until none is.
-bool Simulator::settle_guards(const std::vector<GuardId>* first_round) {
-    if (first_round) {
-        for (const GuardId guard : *first_round) {
-            if (!handle_guard(guard)) return false;
-        }
+// Handles the guards that fell, then all that are below zero, until none is.
+bool Simulator::settle_guards(std::span<const GuardId> fallen) {
+    for (const GuardId guard : fallen) {
+        if (!handle_guard(guard)) return false;
     }
     const std::size_t most_rounds = 10 + 2 * system_.guard_count();
     for (std::size_t round = 0; round < most_rounds; ++round) {
@@ -184,19 +182,16 @@ bool Simulator::handle_guard(GuardId guard) {
     return true;
 }
 
-double Simulator::next_sample_instant() const {
-    double earliest = std::numeric_limits<double>::infinity();
-    for (ClockId id = 0; id < state_.next_sample.size(); ++id) {
-        earliest = std::min(earliest, clocks_[id].instant(state_.next_sample[id]));
-    }
-    return earliest;
-}
-
+// Those due at this instant take their next one.
 void Simulator::collect_due_clocks() {
+    const auto is_due = [&](double instant) { return instant <= state_.t || same_instant(instant, state_.t); };
     due_.clear();
+    if (!is_due(next_instant_)) return;
+    next_instant_ = std::numeric_limits<double>::infinity();
     for (ClockId id = 0; id < state_.next_sample.size(); ++id) {
-        const double instant = clocks_[id].instant(state_.next_sample[id]);
-        if (instant <= state_.t || same_instant(instant, state_.t)) due_.push_back({id, state_.next_sample[id]++});
+        long& k = state_.next_sample[id];
+        if (is_due(clocks_[id].instant(k))) due_.push_back({id, k++});
+        next_instant_ = std::min(next_instant_, clocks_[id].instant(k));
     }
 }
 

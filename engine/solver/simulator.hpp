@@ -4,6 +4,7 @@
 #include "solver/integrator.hpp"
 
 #include <memory>
+#include <span>
 #include <vector>
 
 namespace tribode {
@@ -11,7 +12,7 @@ namespace tribode {
 // Runs a hybrid system. One order of things at one instant t, written x- before and x+ after:
 //
 //     1. where clocks are due, the observer sees the left limit (x-, d-)
-//     2. the guards that fell are handled in declared order; then all guards are looked at again, and those below
+//     2. where guards fell they are handled in declared order; then all guards are looked at again, and those below
 //        zero handled, round after round, until none is (bounded: a system that never comes to rest is chattering)
 //     3. the clocks that are due fire in declared order; the observer sees (x+, d+) after each
 //     4. step 2 again, where a sample said that x or the guards have changed
@@ -57,9 +58,8 @@ class Simulator {
     };
 
     void handle_instant(bool guards_fell);
-    bool settle_guards(const std::vector<GuardId>* first_round);
+    bool settle_guards(std::span<const GuardId> fallen);
     bool handle_guard(GuardId guard);
-    double next_sample_instant() const;
     void collect_due_clocks();
     void emit_outputs(double up_to);
     void fail(RunEnd end, std::string message);
@@ -74,6 +74,7 @@ class Simulator {
     RunStatistics statistics_;
     RunOutcome outcome_;
     std::vector<DueClock> due_;
+    double next_instant_ = 0; // of a clock, once the first ones have fired [s]
     std::vector<double> guard_values_;
     std::vector<double> output_grid_;
     std::size_t next_output_ = 0;
