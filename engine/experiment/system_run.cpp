@@ -90,16 +90,12 @@ SystemRun run_system(const EquationSystem& system, const SystemRunOptions& optio
     const auto discrete = system.discrete(run.state());
     result.final_discrete.assign(discrete.begin(), discrete.end());
 
-    // Methods of several steps may also give up before a rate that has no value, for a step that comes to nothing.
-    if (result.outcome.end == RunEnd::non_finite || result.outcome.end == RunEnd::step_too_small) {
-        const auto culprit = system.not_finite();
-        if (culprit && culprit->t >= result.outcome.t) {
-            const auto& state = system.equations().states[culprit->state];
-            const std::string line = state.where.empty() ? "" : " (" + state.where + ")";
-            result.outcome.message = fmt::format(
-                "der({}){} is not a finite number at t = {:.9g} s; the last good state is that of t = {:.9g} s",
-                state.name, line, culprit->t, result.outcome.t);
-        }
+    if (const auto& culprit = result.outcome.not_finite) {
+        const auto& state = system.equations().states[culprit->state];
+        const std::string line = state.where.empty() ? "" : fmt::format(" ({})", state.where);
+        result.outcome.message =
+            fmt::format("der({}){} is not a finite number at t = {:.9g} s; the last good state is that of t = {:.9g} s",
+                        state.name, line, culprit->t, result.outcome.t);
     }
     return result;
 }

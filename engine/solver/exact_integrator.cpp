@@ -607,7 +607,8 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
         h /= 2;
         if (h > 1e-9 * whole) continue;
         failure_ = {RunEnd::non_finite, t0_,
-                    fmt::format("the state is not finite near t = {:.9g} s: the loop may be unstable", t0_)};
+                    fmt::format("the state is not finite near t = {:.9g} s: the loop may be unstable", t0_),
+                    not_finite_in({term(1), size_}, t0_)};
         return Progress::failed;
     }
     sum_columns(terms_.data(), order_, height_, end_.data(), travel_.data());

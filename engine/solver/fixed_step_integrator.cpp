@@ -128,6 +128,11 @@ Integrator::Progress FixedStepIntegrator::step(double t_stop) {
         failure_ = {RunEnd::non_finite, t_before_,
                     fmt::format("the state is not finite after t = {:.9g} s: the fixed step of {:g} s may be too long",
                                 t_before_, step_)};
+        const std::pair<const std::vector<double>*, double> slopes[] = {
+            {&k1_, 0}, {&k2_, h / 2}, {&k3_, h / 2}, {&k4_, h}};
+        for (const auto& [k, after] : slopes) {
+            if (!failure_.not_finite) failure_.not_finite = not_finite_in(*k, t_before_ + after);
+        }
         return Progress::failed;
     }
     ++counts_.steps;

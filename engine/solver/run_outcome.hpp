@@ -1,15 +1,28 @@
 #pragma once
+#include <cstddef>
+#include <optional>
+#include <span>
 #include <string>
 
 namespace tribode {
 
 enum class RunEnd { reached, interrupted, chattering, step_too_small, non_finite };
 
+// A state whose derivative was not finite, and when.
+struct NotFinite {
+    std::size_t state;
+    double t; // [s]
+};
+
+// The first of the derivatives at the time t that is not finite.
+std::optional<NotFinite> not_finite_in(std::span<const double> derivatives, double t);
+
 // How a run ended: a value, for what a run may legitimately meet. An empty message means success.
 struct RunOutcome {
     RunEnd end = RunEnd::reached;
-    double t = 0;        // time reached [s]
-    std::string message; // one sentence with advice
+    double t = 0;                        // time reached [s]
+    std::string message;                 // one sentence with advice
+    std::optional<NotFinite> not_finite; // the last one, where it kept the run from going on
 
     bool ok() const { return end == RunEnd::reached; }
 };

@@ -111,6 +111,7 @@ RunOutcome Simulator::advance_to(double t_end) {
         if (progress == Integrator::Progress::failed) {
             const RunOutcome& failure = integrator_->failure();
             fail(failure.end, failure.message);
+            outcome_.not_finite = failure.not_finite;
             break;
         }
         if (next_output_ < output_grid_.size()) emit_outputs(state_.t);

@@ -81,7 +81,9 @@ int SundialsIntegrator::derivative_callback(double t, N_Vector x, N_Vector dxdt,
     const std::span<double> slope(N_VGetArrayPointer(dxdt), me.size_);
     if (me.size_ == 0) N_VConst(0.0, dxdt);
     me.system_.derivative(t, me.values(x), *me.state_->discrete, slope);
-    if (std::all_of(slope.begin(), slope.end(), [](double s) { return std::isfinite(s); })) return 0;
+    const auto not_finite = not_finite_in(slope, t);
+    if (!not_finite) return 0;
+    me.not_finite_ = not_finite;
     me.met_non_finite_ = true;
     return 1; // recoverable: a shorter step may do
 }
@@ -202,6 +204,8 @@ void SundialsIntegrator::record_failure(double t) {
                                 "another solver",
                                 t, last_message_.empty() ? "no step gets on in time" : last_message_)};
     }
+    // Methods of several steps may also give up before it, for a step that comes to nothing.
+    if (not_finite_ && not_finite_->t >= t) failure_.not_finite = not_finite_;
 }
 
 RunStatistics SundialsIntegrator::statistics() const {

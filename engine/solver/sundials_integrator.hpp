@@ -69,7 +69,8 @@ class SundialsIntegrator : public Integrator {
     std::vector<double> guard_values_, x_between_;
     int steps_without_progress_ = 0;
     std::string last_message_;
-    bool met_non_finite_ = false;
+    std::optional<NotFinite> not_finite_; // the last one met
+    bool met_non_finite_ = false;         // in this step
     bool first_step_ = true;
     RunStatistics counts_;
     long rejected_before_ = 0;

@@ -5,13 +5,10 @@
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
-#include <limits>
 
 namespace tribode {
 
 namespace {
-
-constexpr std::size_t all_finite = std::numeric_limits<std::size_t>::max();
 
 // The end of a chain, for messages: long expressions are cut.
 std::string shortened(std::string text) {
@@ -21,7 +18,7 @@ std::string shortened(std::string text) {
 
 } // namespace
 
-EquationSystem::EquationSystem(Equations equations) : equations_(std::move(equations)), not_finite_state_(all_finite) {
+EquationSystem::EquationSystem(Equations equations) : equations_(std::move(equations)) {
     std::set<std::string> names;
     const auto once = [&](const std::string& name) {
         if (names.insert(name).second) return;
@@ -179,6 +176,13 @@ void EquationSystem::mark_active() {
     }
 }
 
+Tape EquationSystem::tape_of(const std::vector<Term>& terms) const {
+    return {*equations_.graph,
+            inputs_,
+            terms,
+            {1, equations_.states.size(), inputs_.size() - 1 - equations_.states.size()}};
+}
+
 EquationSystem::Sparse EquationSystem::sparse_jacobian(const std::vector<Term>& rows, std::vector<Term>& terms) {
     auto& graph = *equations_.graph;
     Sparse sparse;
@@ -191,7 +195,7 @@ EquationSystem::Sparse EquationSystem::sparse_jacobian(const std::vector<Term>& 
             terms.push_back(derivatives[row]);
         }
     }
-    sparse.tape = Tape(graph, inputs_, terms);
+    sparse.tape = tape_of(terms);
     return sparse;
 }
 
@@ -202,7 +206,7 @@ EquationSystem::Update EquationSystem::update_of(const std::string& name, const 
         update.targets.push_back(place_of(target));
         values.push_back(value);
     }
-    update.tape = Tape(*equations_.graph, inputs_, values);
+    update.tape = tape_of(values);
     return update;
 }
 
@@ -273,11 +277,11 @@ void EquationSystem::make_tapes() {
     for (const auto& discrete : equations_.discrete) inputs_.push_back(discrete.symbol);
     for (const auto& relation : relations_) inputs_.push_back(relation.held);
 
-    rate_ = Tape(graph, inputs_, rates_);
+    rate_ = tape_of(rates_);
     std::vector<Term> terms;
     for (const auto& output : equations_.outputs) terms.push_back(output.value);
-    output_ = Tape(graph, inputs_, terms);
-    condition_ = Tape(graph, inputs_, conditions_);
+    output_ = tape_of(terms);
+    condition_ = tape_of(conditions_);
 
     const Term one = graph.constant(1);
     terms.clear();
@@ -287,12 +291,12 @@ void EquationSystem::make_tapes() {
             graph.make(Op::select, relation.held, relation.margin, graph.make(Op::negate, relation.margin));
         guard_terms_.push_back(graph.make(Op::select, relation.active, side, one));
     }
-    guard_ = Tape(graph, inputs_, terms);
+    guard_ = tape_of(terms);
     std::vector<Term> active;
     for (const auto& relation : relations_) active.push_back(relation.active);
-    active_ = Tape(graph, inputs_, active);
+    active_ = tape_of(active);
     terms.insert(terms.end(), active.begin(), active.end());
-    margin_ = Tape(graph, inputs_, terms);
+    margin_ = tape_of(terms);
     for (const auto& when : equations_.whens) when_updates_.push_back(update_of(when.name, when.set));
     for (const auto& clock : equations_.clocks) {
         clock_updates_.push_back(update_of(clock.name, clock.set));
@@ -300,7 +304,7 @@ void EquationSystem::make_tapes() {
         if (!clock.function) continue;
         call.emplace();
         for (const Term target : clock.function->writes) call->targets.push_back(place_of(target));
-        call->reads = Tape(graph, inputs_, clock.function->reads);
+        call->reads = tape_of(clock.function->reads);
     }
 }
 
@@ -355,7 +359,7 @@ void EquationSystem::recognize_affine() {
                     why_not_affine_ = fmt::format("{} is no polynomial of degree {} in t", name(row), most_degree);
                 }
             }
-            if (n <= most_degree) tapes.emplace_back(graph, inputs_, rows);
+            if (n <= most_degree) tapes.push_back(tape_of(rows));
         }
     };
     if (!why_not_affine_) in_time(rates_, rate_by_time_, rate_name);
@@ -380,8 +384,6 @@ void EquationSystem::recognize_affine() {
 
 void EquationSystem::compile(const CCompiler& compiler) {
     const std::array tapes = {&rate_, &jacobian_.tape, &guard_, &guard_jacobian_.tape, &output_, &condition_, &margin_};
-    const std::array<std::size_t, Tape::most_parts> parts = {1, variables_.size(),
-                                                             equations_.discrete.size() + relations_.size()};
     std::size_t instructions = 0;
     std::string text = Tape::c_declarations();
     const auto name = [](std::size_t i) { return fmt::format("tape{}", i); };
@@ -391,7 +393,7 @@ void EquationSystem::compile(const CCompiler& compiler) {
             throw Error(fmt::format("{}: more than {} instructions, which a C compiler takes too long for",
                                     equations_.name, most_compiled));
         }
-        text += tapes[i]->c_function(name(i), parts);
+        text += tapes[i]->c_function(name(i));
     }
     const auto library = compiler.load(text);
     for (std::size_t i = 0; i < tapes.size(); ++i) {
@@ -432,18 +434,6 @@ SystemState EquationSystem::initial_state() const {
 void EquationSystem::derivative(double t, std::span<const double> x, const DiscreteState& d,
                                 std::span<double> dxdt) const {
     rate_.evaluate({std::span(&t, 1), x, memory(d).values}, dxdt);
-    for (std::size_t i = 0; i < dxdt.size(); ++i) {
-        if (std::isfinite(dxdt[i])) continue;
-        not_finite_state_.store(i, std::memory_order_relaxed);
-        not_finite_time_.store(t, std::memory_order_relaxed);
-        break;
-    }
-}
-
-std::optional<EquationSystem::NotFinite> EquationSystem::not_finite() const {
-    const std::size_t state = not_finite_state_.load(std::memory_order_relaxed);
-    if (state == all_finite) return std::nullopt;
-    return NotFinite{state, not_finite_time_.load(std::memory_order_relaxed)};
 }
 
 bool EquationSystem::jacobian(double t, std::span<const double> x, const DiscreteState& d,

@@ -4,7 +4,6 @@
 #include "system/equations.hpp"
 #include "system/tape.hpp"
 
-#include <atomic>
 #include <set>
 
 namespace tribode {
@@ -67,13 +66,6 @@ class EquationSystem final : public HybridSystem {
     const Equations& equations() const { return equations_; }
     std::size_t instruction_count() const { return rate_.instruction_count(); } // of the right side
 
-    // The first rate that was not finite when it was last evaluated so, and the time; nothing where all were.
-    struct NotFinite {
-        std::size_t state;
-        double t; // [s]
-    };
-    std::optional<NotFinite> not_finite() const;
-
   private:
     struct Memory final : DiscreteValues<Memory> {
         std::vector<double> values;     // the discrete variables, then what is held of each relation, 1 or 0
@@ -129,6 +121,7 @@ class EquationSystem final : public HybridSystem {
     void join_clocks();
     void make_tapes();
     void recognize_affine();
+    Tape tape_of(const std::vector<Term>& terms) const;
     Sparse sparse_jacobian(const std::vector<Term>& rows, std::vector<Term>& terms);
     Update update_of(const std::string& name, const Equations::Assignments& set) const;
     std::size_t place_of(Term target) const;
@@ -167,9 +160,6 @@ class EquationSystem final : public HybridSystem {
     };
     std::vector<std::size_t> pattern_relations_, pattern_values_;
     std::vector<Mode> pattern_modes_;
-
-    mutable std::atomic<std::size_t> not_finite_state_;
-    mutable std::atomic<double> not_finite_time_{0};
 };
 
 } // namespace tribode

@@ -16,7 +16,9 @@ namespace tribode {
 
 namespace {
 
+// A sum: sum_code; of few summands, n, sum_code + n, so that it is written out.
 constexpr auto sum_code = static_cast<std::uint32_t>(Op::no_event) + 1;
+constexpr std::uint32_t few = 12;
 
 // A product as a summand takes no register: factor a b, in the order in which it was written.
 struct Summand {
@@ -160,15 +162,21 @@ class Program {
 
 } // namespace
 
-Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std::vector<Term>& outputs) {
+Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std::vector<Term>& outputs)
+    : Tape(graph, inputs, outputs, {inputs.size(), 0, 0}) {}
+
+Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std::vector<Term>& outputs,
+           const Parts& parts) {
     const Program program(graph, outputs);
     std::unordered_map<Term, std::uint32_t> place;
     std::uint32_t next = 1;
     const std::set<Term> leaves(program.leaves().begin(), program.leaves().end());
+    std::uint32_t part = 0, first = 0; // the place of its first input
     for (std::uint32_t i = 0; i < inputs.size(); ++i) {
+        while (i - first >= parts[part]) first += static_cast<std::uint32_t>(parts[part++]);
         if (!leaves.contains(inputs[i])) continue;
         place[inputs[i]] = next++;
-        reads_.push_back(i);
+        reads_.push_back({part, i - first});
     }
     for (const Term leaf : program.leaves()) {
         if (graph[leaf].op == Op::constant) {
@@ -181,8 +189,9 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
     for (const auto& made : program.code()) {
         // A run may go on into the next depth: within it, too, operands come first.
         const auto length = static_cast<std::uint32_t>(made.summands.size());
-        if (runs_.empty() || runs_.back().code != made.code || runs_.back().length != length) {
-            runs_.push_back({made.code, 0, length});
+        const std::uint32_t code = made.code + (length <= few ? length : 0);
+        if (runs_.empty() || runs_.back().code != code || runs_.back().length != length) {
+            runs_.push_back({code, 0, length});
         }
         ++runs_.back().count;
         for (const auto& summand : made.summands) {
@@ -198,10 +207,11 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
         place[made.term] = next++;
     }
     register_count_ = next;
+    instruction_count_ = program.code().size();
     for (const Term output : outputs) outputs_.push_back(place[program.value_of(output)]);
 }
 
-void Tape::interpret(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const {
+void Tape::interpret(const std::array<const double*, 3>& inputs, double* outputs) const {
     // Most tapes fit on the stack; a large one has the thread's own memory, which grows once.
     constexpr std::size_t usual = 512;
     std::array<double, usual> small;
@@ -213,13 +223,7 @@ void Tape::interpret(std::initializer_list<std::span<const double>> inputs, std:
     }
     double* next = registers;
     *next++ = 1;
-    const std::uint32_t *read = reads_.data(), *last = read + reads_.size();
-    std::size_t first = 0; // of the part, among all inputs
-    for (const auto part : inputs) {
-        for (; read != last && *read < first + part.size(); ++read) *next++ = part[*read - first];
-        first += part.size();
-    }
-    assert(read == last && outputs.size() == outputs_.size());
+    for (const auto& [part, index] : reads_) *next++ = inputs[part][index];
     // A loop, because a call for a handful of numbers costs more than they do.
     for (const double value : constants_) *next++ = value;
 
@@ -239,8 +243,8 @@ void Tape::interpret(std::initializer_list<std::span<const double>> inputs, std:
     const auto long_sums = [&](std::uint32_t count, std::uint32_t length) {
         for (; count > 0; --count) {
             const Summand* end = summands + length;
-            double sum = add_up(std::make_index_sequence<8>());
-            for (summands += 8; end - summands > 1; summands += 2) {
+            double sum = add_up(std::make_index_sequence<few>());
+            for (summands += few; end - summands > 1; summands += 2) {
                 sum = sum + product(summands[0]) + product(summands[1]);
             }
             if (summands != end) sum += product(*summands++);
@@ -250,18 +254,19 @@ void Tape::interpret(std::initializer_list<std::span<const double>> inputs, std:
 
     for (const auto& [code, count, length] : runs_) {
         switch (code) {
-        case sum_code:
-            switch (length) {
-            case 1: sums(count, std::make_index_sequence<1>()); break;
-            case 2: sums(count, std::make_index_sequence<2>()); break;
-            case 3: sums(count, std::make_index_sequence<3>()); break;
-            case 4: sums(count, std::make_index_sequence<4>()); break;
-            case 5: sums(count, std::make_index_sequence<5>()); break;
-            case 6: sums(count, std::make_index_sequence<6>()); break;
-            case 7: sums(count, std::make_index_sequence<7>()); break;
-            default: long_sums(count, length);
-            }
-            break;
+        case sum_code: long_sums(count, length); break;
+        case sum_code + 1: sums(count, std::make_index_sequence<1>()); break;
+        case sum_code + 2: sums(count, std::make_index_sequence<2>()); break;
+        case sum_code + 3: sums(count, std::make_index_sequence<3>()); break;
+        case sum_code + 4: sums(count, std::make_index_sequence<4>()); break;
+        case sum_code + 5: sums(count, std::make_index_sequence<5>()); break;
+        case sum_code + 6: sums(count, std::make_index_sequence<6>()); break;
+        case sum_code + 7: sums(count, std::make_index_sequence<7>()); break;
+        case sum_code + 8: sums(count, std::make_index_sequence<8>()); break;
+        case sum_code + 9: sums(count, std::make_index_sequence<9>()); break;
+        case sum_code + 10: sums(count, std::make_index_sequence<10>()); break;
+        case sum_code + 11: sums(count, std::make_index_sequence<11>()); break;
+        case sum_code + 12: sums(count, std::make_index_sequence<12>()); break;
         case static_cast<std::uint32_t>(Op::add): run(count, [](double a, double b, double) { return a + b; }); break;
         case static_cast<std::uint32_t>(Op::subtract):
             run(count, [](double a, double b, double) { return a - b; });
@@ -340,13 +345,9 @@ const char* Tape::c_declarations() {
            "double);\n";
 }
 
-std::string Tape::c_function(const std::string& name, const std::array<std::size_t, most_parts>& parts) const {
+std::string Tape::c_function(const std::string& name) const {
     std::vector<std::string> registers = {"1.0"};
-    for (const std::size_t read : reads_) {
-        std::size_t part = 0, place = read;
-        while (place >= parts[part]) place -= parts[part++];
-        registers.push_back(fmt::format("p{}[{}]", part, place));
-    }
+    for (const auto& [part, index] : reads_) registers.push_back(fmt::format("p{}[{}]", part, index));
     std::size_t constant_count = 0;
     const auto next_constant = [&] { return fmt::format("k[{}]", constant_count++); };
     for (std::size_t i = 0; i < constants_.size(); ++i) registers.push_back(next_constant());
@@ -368,7 +369,7 @@ std::string Tape::c_function(const std::string& name, const std::array<std::size
         for (std::uint32_t i = 0; i < count; ++i) {
             const std::string result = fmt::format("r{}", registers.size());
             text += fmt::format("  const double {} = ", result);
-            if (code == sum_code) {
+            if (code >= sum_code) {
                 for (std::uint32_t n = 0; n < length; ++n) text += product(*summands++, n == 0);
             } else {
                 const auto& [a, b, c] = *operands++;

@@ -2,6 +2,7 @@
 #include "system/expressions.hpp"
 
 #include <array>
+#include <cassert>
 #include <initializer_list>
 #include <memory>
 #include <span>
@@ -17,21 +18,24 @@ namespace tribode {
 class Tape {
   public:
     Tape() = default; // no outputs
-    // Throws InputError where an output depends on a variable that is no input.
+    // The inputs come in parts, `parts` says of how many each: by default one of all. Throws InputError where an output
+    // depends on a variable that is no input.
+    using Parts = std::array<std::size_t, 3>;
     Tape(const Expressions& graph, const std::vector<Term>& inputs, const std::vector<Term>& outputs);
+    Tape(const Expressions& graph, const std::vector<Term>& inputs, const std::vector<Term>& outputs,
+         const Parts& parts);
 
-    // The values of the inputs, in order, in any number of parts; one value per output.
+    // The values of the inputs, part by part; one value per output, in no place that is also read.
     void evaluate(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const {
-        if (!function_) return interpret(inputs, outputs);
         const auto part = [&](std::size_t i) { return i < inputs.size() ? inputs.begin()[i].data() : nullptr; };
+        assert(outputs.size() == outputs_.size());
+        if (!function_) return interpret({part(0), part(1), part(2)}, outputs.data());
         function_(part(0), part(1), part(2), function_constants_.data(), outputs.data());
     }
 
     // The same as a function of a C program, without its constants, which the tape keeps: where only numbers differ, the
-    // texts are equal. `parts`: how many inputs each part has; no more parts are allowed then. By the rules of C it gives
-    // the same bits.
-    static constexpr std::size_t most_parts = 3;
-    std::string c_function(const std::string& name, const std::array<std::size_t, most_parts>& parts) const;
+    // texts are equal. By the rules of C it gives the same bits.
+    std::string c_function(const std::string& name) const;
     static const char* c_declarations(); // what stands before the functions of the program
 
     // From now on `evaluate` calls what has become of c_function(). `owner` is kept as long.
@@ -40,10 +44,10 @@ class Tape {
     void use(CFunction function, std::shared_ptr<const void> owner);
 
     std::size_t output_count() const { return outputs_.size(); }
-    std::size_t instruction_count() const { return register_count_ - 1 - reads_.size() - constants_.size(); }
+    std::size_t instruction_count() const { return instruction_count_; }
 
   private:
-    void interpret(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const;
+    void interpret(const std::array<const double*, 3>& inputs, double* outputs) const;
 
     // Registers: the number 1, the inputs that are read, constants, then the results of all instructions, in order.
     static constexpr std::uint32_t one = 0;
@@ -65,9 +69,13 @@ class Tape {
         std::uint32_t count, length;
     };
 
-    std::vector<std::uint32_t> reads_; // places of inputs, ascending
+    struct Read {
+        std::uint32_t part, index;
+    };
+
+    std::vector<Read> reads_;
     std::vector<double> constants_;
-    std::size_t register_count_ = 1;
+    std::size_t register_count_ = 1, instruction_count_ = 0;
     std::vector<Run> runs_;
     std::vector<Operands> operands_; // of all operations
     std::vector<Summand> summands_;  // of all sums

@@ -155,6 +155,9 @@ TEST_P(EveryIntegrator, a_derivative_that_is_not_finite_ends_the_run_with_a_text
     const RunOutcome outcome = run.advance_to(1.0);
     EXPECT_EQ(outcome.end, RunEnd::non_finite);
     EXPECT_NE(outcome.message.find("finite"), std::string::npos) << outcome.message;
+    ASSERT_TRUE(outcome.not_finite);
+    EXPECT_EQ(outcome.not_finite->state, 0u);
+    EXPECT_GE(outcome.not_finite->t, outcome.t);
     // Steps shrink before the method gives up; the fixed one stops a step of 1 ms before.
     EXPECT_NEAR(outcome.t, 0.5, 0.2);
     EXPECT_LE(run.state().t, 0.5 + 1e-9);

@@ -69,8 +69,8 @@ TEST_F(CompiledC, RandomExpressionsHaveTheBitsOfTheirTape) {
         roots.push_back(graph.make(Op::any, less, graph.make(Op::equal, roots[7], roots[8])));
         roots.push_back(graph.make(Op::subtract, graph.constant(0.7), graph.make(Op::multiply, roots[9], roots[10])));
         roots.push_back(graph.make(Op::floor, graph.make(Op::multiply, graph.constant(10), roots[11])));
-        tapes.emplace_back(graph, variables, roots);
-        program += tapes.back().c_function(fmt::format("f{}", seed), {1, 2, 0});
+        tapes.emplace_back(graph, variables, roots, Tape::Parts{1, 2, 0});
+        program += tapes.back().c_function(fmt::format("f{}", seed));
     }
     const auto library = CCompiler{.cache = cache}.load(program);
     for (std::uint64_t seed = 1; seed <= count; ++seed) {
@@ -97,7 +97,7 @@ TEST_F(CompiledC, OtherNumbersAreTheSameText) {
     const auto text_with = [&](double k) {
         const Term sum = graph.make(Op::add, graph.make(Op::multiply, graph.constant(k), x), y);
         const Term power = graph.make(Op::power, sum, graph.constant(k + 1));
-        return Tape(graph, {x, y}, {power}).c_function("f", {2, 0, 0});
+        return Tape(graph, {x, y}, {power}).c_function("f");
     };
     EXPECT_EQ(text_with(2.5), text_with(7.25));
 }

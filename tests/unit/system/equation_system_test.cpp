@@ -285,10 +285,23 @@ TEST(EquationSystem, ARateThatIsNotFiniteIsNamed) {
     w.rate(0, w.number(-1)).rate(1, w.graph.make(Op::log, x));
     const EquationSystem system(w.equations);
     Simulator run(system, by(Method::erk));
-    EXPECT_FALSE(run.advance_to(3).ok());
-    ASSERT_TRUE(system.not_finite());
-    EXPECT_EQ(system.not_finite()->state, 1u);
-    EXPECT_NEAR(system.not_finite()->t, 1, 1e-3);
+    const auto culprit = run.advance_to(3).not_finite;
+    ASSERT_TRUE(culprit);
+    EXPECT_EQ(culprit->state, 1u);
+    EXPECT_NEAR(culprit->t, 1, 1e-3);
+}
+
+TEST_P(EveryMethod, ARateThatIsNeverFiniteIsNamedAtTheStart) {
+    Writer w;
+    w.state("x", 1);
+    w.state("y", 0);
+    w.rate(0, w.number(-1)).rate(1, w.graph.make(Op::divide, w.number(1), w.number(0)));
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    const auto culprit = run.advance_to(3).not_finite;
+    ASSERT_TRUE(culprit);
+    EXPECT_EQ(culprit->state, 1u);
+    EXPECT_NEAR(culprit->t, 0, 1e-3);
 }
 
 // All right sides are the values before the event: two states change places.

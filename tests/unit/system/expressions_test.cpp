@@ -165,6 +165,16 @@ TEST_F(ExpressionsTest, SumsOfAnyLengthHaveAllTheirSummands) {
     }
 }
 
+TEST_F(ExpressionsTest, InputsComeInParts) {
+    std::vector<Term> inputs;
+    for (const char* name : {"a", "b", "c", "d", "e"}) inputs.push_back(graph.variable(name));
+    const Term output = graph.make(Op::subtract, graph.make(Op::divide, inputs[0], inputs[2]), inputs[4]);
+    const std::vector<double> first = {6}, third = {10, 2, 30, 5};
+    double found = 0;
+    Tape(graph, inputs, {output}, {1, 0, 4}).evaluate({first, {}, third}, {&found, 1});
+    EXPECT_EQ(found, 6.0 / 2 - 5);
+}
+
 TEST_F(ExpressionsTest, ATapeOfManyRegistersAgreesWithASmallOne) {
     Term sum = number(0);
     for (int i = 0; i < 2000; ++i) sum = graph.make(Op::add, graph.make(Op::sin, graph.make(Op::add, sum, x)), y);
