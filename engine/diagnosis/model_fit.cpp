@@ -1,5 +1,6 @@
 #include "diagnosis/model_fit.hpp"
 #include "base/error.hpp"
+#include "base/normal.hpp"
 #include "diagnosis/response.hpp"
 
 #include <Eigen/Dense>
@@ -101,6 +102,15 @@ std::vector<UncertainField> uncertain_fields(const MachineModel& machine) {
             top("current_loop_hz"));
     }
     return fields;
+}
+
+double Hypothesis::deviation() const { return square_of(nominal); }
+
+bool Hypothesis::within_tolerance() const {
+    const double n = static_cast<double>(nominal.size());
+    if (n == 0) return true;
+    // The quantile of chi square by Wilson and Hilferty's approximation.
+    return deviation() < n * std::pow(1 - 2 / (9 * n) + normal_quantile(0.999) * std::sqrt(2 / (9 * n)), 3);
 }
 
 std::span<const double> Hypothesis::values_of(std::size_t effect) const {

@@ -89,8 +89,17 @@ class Search {
         }
         prove(result_.baseline, control_.workers);
         if (adequate(result_.baseline)) return;
-        choose_lead(result_.baseline.together);
         std::vector<Scored> beam{result_.baseline};
+        if (result_.baseline.together.deviation() > 0) {
+            // The fields may be bent to do the work of the effect: it is sought beside those of the user, too, and first
+            // where they left their tolerance.
+            Hypothesis as_described = result_.baseline.together;
+            std::ranges::fill(as_described.nominal, 0.0);
+            as_described.converged = false;
+            beam.push_back(scored(std::move(as_described)));
+            if (!result_.baseline.together.within_tolerance()) std::swap(beam[0], beam[1]);
+        }
+        choose_lead(beam.front().together);
         for (std::size_t level = 1; level <= max_effects_; ++level) {
             std::vector<Scored> pool;
             std::optional<std::set<std::string>> enough; // effects of a hypothesis to which noise alone is left
@@ -122,10 +131,12 @@ class Search {
                 prove(step, control_.workers);
             }
             const Scored& before = result_.steps.empty() ? result_.baseline : result_.steps.back();
-            // Another effect must be worth its numbers, on the records kept out too.
+            // Another effect must be worth its numbers, on the records kept out too. These are judged by numbers that suit
+            // all records: those of the fitted ones alone foretell little while the model still lacks an effect.
             const bool better =
                 pool.front().score < before.score - 30 &&
-                (result_.kept_out.empty() || pool.front().kept_out < 0.97 * before.kept_out || adequate(pool.front()));
+                (result_.kept_out.empty() || pool.front().together_kept_out < 0.97 * before.together_kept_out ||
+                 adequate(pool.front()));
             // While more than noise is left it must take half of what the effects before it left, too: what a model that
             // stays imperfect lacks is not made up of small pieces of this and that.
             const bool halved = pool.front().score < before.score / 4;
@@ -228,16 +239,20 @@ class Search {
         refine(h, all_, 30, workers);
     }
 
+    // Chi square per sample, without that of the fields.
+    double per_sample(const Hypothesis& h, const std::vector<Evidence>& records) const {
+        return (ModelFit(machine_, records).chi_square(h) - h.deviation()) / static_cast<double>(count(records));
+    }
+
     Scored scored(Hypothesis h) const {
         Scored one;
-        const double fitted = static_cast<double>(count(result_.fitted));
-        one.together_fitted = ModelFit(machine_, result_.fitted).chi_square(h) / fitted;
-        one.score = h.chi_square = one.together_fitted * fitted;
+        one.together_fitted = per_sample(h, result_.fitted);
+        h.chi_square = h.deviation() + one.together_fitted * static_cast<double>(count(result_.fitted));
         if (!result_.kept_out.empty()) {
-            const double kept_out = static_cast<double>(count(result_.kept_out));
-            one.together_kept_out = ModelFit(machine_, result_.kept_out).chi_square(h) / kept_out;
-            one.score = h.chi_square += one.together_kept_out * kept_out;
+            one.together_kept_out = per_sample(h, result_.kept_out);
+            h.chi_square += one.together_kept_out * static_cast<double>(count(result_.kept_out));
         }
+        one.score = h.chi_square;
         one.score += static_cast<double>(h.parameter_count()) *
                      std::log(static_cast<double>(count(result_.fitted) + count(result_.kept_out)));
         one.hypothesis = h;
@@ -251,9 +266,8 @@ class Search {
     void prove(Scored& one, unsigned workers) const {
         if (result_.kept_out.empty()) return;
         refine(one.hypothesis, result_.fitted, 10, workers);
-        one.fitted = one.hypothesis.chi_square / static_cast<double>(count(result_.fitted));
-        one.kept_out = ModelFit(machine_, result_.kept_out).chi_square(one.hypothesis) /
-                       static_cast<double>(count(result_.kept_out));
+        one.fitted = per_sample(one.hypothesis, result_.fitted);
+        one.kept_out = per_sample(one.hypothesis, result_.kept_out);
     }
 
     // The fitted records alone leave the numbers uncertain, and a richer one lies beyond what they foretell: the first half
@@ -274,11 +288,8 @@ class Search {
             options.stop = control_.stop;
             options.standard_errors = true;
             ModelFit(machine_, fitted).fit(one->hypothesis, options);
-            const auto per_sample = [&](const std::vector<Evidence>& records) {
-                return ModelFit(machine_, records).chi_square(one->hypothesis) / static_cast<double>(count(records));
-            };
-            one->fitted = per_sample(result_.fitted);
-            one->kept_out = per_sample(result_.kept_out);
+            one->fitted = per_sample(one->hypothesis, result_.fitted);
+            one->kept_out = per_sample(one->hypothesis, result_.kept_out);
         }
     }
 
@@ -589,7 +600,7 @@ double SearchResult::limit(const std::vector<Evidence>& records) {
 
 bool SearchResult::explained_by_noise(const Scored& one) const {
     const double least = one.together.settled ? settled_limit : 0;
-    return one.together_fitted < std::max(limit(fitted), least) &&
+    return one.together.within_tolerance() && one.together_fitted < std::max(limit(fitted), least) &&
            (kept_out.empty() || one.together_kept_out < std::max(limit(kept_out), least));
 }
 

@@ -112,6 +112,19 @@ TEST(Diagnosis, AFieldWithinItsToleranceIsNoEffect) {
     EXPECT_NE(diagnosed(Json::array(), believed).verdict, "nothing_missing");
 }
 
+TEST(Diagnosis, AFieldFarOutsideItsToleranceIsAnEffect) {
+    Json believed = small_axis();
+    believed["tolerance"] = {{"friction.viscous", 0.1}, {"rigid_gain_per_kg", 0.01}};
+    // Seven standard deviations of viscous friction more: the field alone could take them up without a trace.
+    const Diagnosis d =
+        diagnosed(Json::parse(R"([{"name": "viscous_friction", "parameters": {"dD": 2.8}}])"), believed);
+    ASSERT_EQ(d.verdict, "effect_found");
+    EXPECT_EQ(d.effects[0].name, "viscous_friction");
+    // What the tolerance leaves open is part of its error.
+    EXPECT_NEAR(d.effects[0].standard_errors["dD"].get<double>(), 0.4, 0.1);
+    expect_parameter(d.effects[0], "dD", 2.8);
+}
+
 TEST(Diagnosis, FieldsAreFoundWhereAModeRunsRoundWithinItsTolerance) {
     Json believed = small_axis();
     believed["modes"] = Json::parse(R"([{"gain": 0.006, "freq_hz": 73, "zeta": 0.003}])");
