@@ -34,18 +34,20 @@ double largest(const std::vector<double>& values) {
     return most;
 }
 
-// The share of the samples at the largest or smallest value, where they stand in runs of four and more while the
-// signal moves elsewhere: what a limit leaves.
-std::size_t clipped(const std::vector<double>& values) {
-    const auto [low, high] = std::minmax_element(values.begin(), values.end());
-    std::size_t count = 0, run = 0;
-    for (std::size_t k = 0; k < values.size(); ++k) {
-        const bool at = values[k] == *low || values[k] == *high;
-        run = at && (k == 0 || values[k] == values[k - 1]) ? run + 1 : (at ? 1 : 0);
-        if (run == 4) count += 4;
-        if (run > 4) ++count;
+// A stretch of equal values: [first, last], of `least` samples and more.
+struct Stand {
+    std::size_t first, last;
+    std::size_t repeats() const { return last - first; }
+};
+
+std::vector<Stand> stands_of(const std::vector<double>& values, std::size_t least) {
+    std::vector<Stand> list;
+    for (std::size_t first = 0, k = 1; k <= values.size(); ++k) {
+        if (k < values.size() && values[k] == values[first]) continue;
+        if (k - first >= least) list.push_back({first, k - 1});
+        first = k;
     }
-    return count;
+    return list;
 }
 
 // Eighth differences: of a smooth excitation hardly anything is left, of noise and rounding a hundred times their size.
@@ -85,44 +87,114 @@ void check_signals(const Measurement& m, const MachineModel& machine, const std:
                                   to_text(stroke), to_text(rounding)));
     }
     if (range_of(m.thrust) == 0) refuse(where, "u is constant: a record in which the thrust changes is needed");
-    if (const std::size_t count = clipped(y); count > m.size() / 20 && clipped(m.thrust) < m.size() / 50) {
-        // A machine at rest at the end of its way stands still too, but not at both ends with r or u moving on.
-        const auto [low, high] = std::minmax_element(y.begin(), y.end());
-        const std::vector<double>& asked = m.drive.closed_loop() ? m.drive.reference : m.thrust;
-        const auto rests_at = [&](double end) {
-            std::size_t samples = 0;
-            for (std::size_t k = 1; k < y.size(); ++k) {
-                if (y[k] == end && asked[k] != asked[k - 1]) ++samples;
-            }
-            return samples;
+}
+
+// Samples of y that are not those of the machine: clipped, held while it moved, out of place. A body under so much thrust
+// cannot stop within a sample from a velocity above `swift`.
+void check_position(const Measurement& m, const MachineModel& machine, const std::string& where) {
+    const std::vector<double>& y = m.position();
+    double gain = machine.rigid_gain;
+    for (const auto& mode : machine.modes) gain += mode.gain;
+    const double step = std::max(machine.encoder_resolution, lattice_step(y, machine.encoder_resolution));
+    const double rounding = 6 * machine.noise_rms + 2 * step;
+    const double acceleration = 2 * gain * largest(m.thrust);
+    const double swift = rounding + acceleration * machine.sample_time * machine.sample_time; // [m per sample]
+    const auto [low, high] = std::minmax_element(y.begin(), y.end());
+    std::size_t clipped = 0, held = 0, first = 0;
+    for (const auto& stand : stands_of(y, 2)) {
+        if (stand.first < 2) continue;
+        const bool ends = stand.last + 1 == y.size();
+        const double arrival = y[stand.first - 1] - y[stand.first - 2];
+        const double before = y[stand.first] - y[stand.first - 1], after = ends ? 0 : y[stand.last + 1] - y[stand.last];
+        const bool stops_dead = before * arrival >= 0 && std::abs(arrival) > swift;
+        const bool at_end = y[stand.first] == *low || y[stand.first] == *high;
+        if (at_end && stops_dead && stand.repeats() >= 3) {
+            clipped += stand.repeats() + 1;
+            continue;
+        }
+        // One step makes up for what was missed.
+        const bool catches_up =
+            before * after > 0 && std::abs(before) > swift && std::abs(after) > 1.5 * std::abs(before);
+        const bool there_and_back = before * after < 0 && std::min(std::abs(before), std::abs(after)) > 4 * swift;
+        if (catches_up || there_and_back || (stops_dead && stand.repeats() >= 7)) {
+            if (held == 0) first = stand.first;
+            held += stand.repeats();
+        }
+    }
+    if (clipped > 0) {
+        refuse(where,
+               fmt::format("y stops dead at its end ({} to {} m) in {} samples: it seems clipped, a record within "
+                           "the range of the encoder is needed",
+                           to_text(*low), to_text(*high), clipped));
+    }
+    if (held >= 3) {
+        refuse(where, fmt::format("y repeats its value in {} samples while the machine moves, first at t = {} s: "
+                                  "samples were dropped",
+                                  held, to_text(m.drive.t[first])));
+    }
+    std::size_t leaps = 0;
+    for (std::size_t k = 2; k + 1 < y.size(); ++k) {
+        const double before = y[k - 1] - y[k - 2], after = y[k + 1] - y[k];
+        const double steps = (y[k] - y[k - 1]) / before;
+        if (std::abs(before) > swift && std::abs(after - before) < 0.2 * std::abs(before) && steps > 1.7 &&
+            std::abs(steps - std::round(steps)) < 0.2) {
+            if (leaps++ == 0) first = k;
+        }
+    }
+    if (leaps >= 3) {
+        refuse(where, fmt::format("y moves by several steps at once in {} places, first at t = {} s, and goes on as "
+                                  "before: samples are missing there",
+                                  leaps, to_text(m.drive.t[first])));
+    }
+    const auto bend = [&](std::size_t k) { return y[k - 1] - 2 * y[k] + y[k + 1]; };
+    std::vector<double> bends;
+    for (std::size_t k = 1; k + 1 < y.size(); ++k) bends.push_back(std::abs(bend(k)));
+    const auto middle = bends.begin() + static_cast<std::ptrdiff_t>(bends.size() / 2);
+    std::nth_element(bends.begin(), middle, bends.end());
+    const double most = 8 * swift + 20 * *middle;
+    for (std::size_t k = 3; k + 3 < y.size(); ++k) {
+        const double here = bend(k);
+        const auto is_about = [&](double part, std::size_t i) {
+            return std::abs(bend(i) - part * here) < 0.15 * std::abs(here);
         };
-        const std::size_t at_low = rests_at(*low), at_high = rests_at(*high);
-        if (at_low > 20 && at_high > 20 && stroke > 1000 * rounding) {
+        if (std::abs(here) > most && is_about(-0.5, k - 1) && is_about(-0.5, k + 1) && is_about(0, k - 2) &&
+            is_about(0, k + 2)) {
             refuse(where,
-                   fmt::format("y rests at {} and {} m in {} samples: it seems clipped, a whole record is needed",
-                               to_text(*low), to_text(*high), count));
+                   fmt::format("y leaps by {:.3g} m for the one sample at t = {} s: an outlier of the log, to be "
+                               "mended or cut out",
+                               here / -2, to_text(m.drive.t[k])));
         }
     }
 }
 
-// Samples of y repeated while the machine moves on: the transfer dropped them.
-void check_dropped(const Measurement& m, const MachineModel& machine, const std::string& where) {
-    const std::vector<double>& y = m.position();
-    const double rounding = 6 * machine.noise_rms + 2 * machine.encoder_resolution;
-    std::size_t dropped = 0, first = 0;
-    for (std::size_t k = 2; k + 2 < y.size(); ++k) {
-        if (y[k] != y[k - 1]) continue;
-        // On either side the steps are far above rounding and in one direction: the velocity did not stop for a sample.
-        const double before = y[k - 1] - y[k - 2], after = y[k + 1] - y[k];
-        if (before * after > 0 && std::abs(before) > rounding && std::abs(after) > 1.5 * std::abs(before) &&
-            std::abs(before) > 20 * machine.encoder_resolution) {
-            if (dropped++ == 0) first = k;
+// Thrust cut off in the log. In closed loop the controller's output goes on where u stands at an extreme; a thrust that
+// was made for the record may stand there as designed, but not where it comes in arcs, of whatever slope, and breaks off.
+void check_thrust(const Measurement& m, const std::vector<double>& output, const std::string& where) {
+    const std::vector<double>& u = m.thrust;
+    const auto [low, high] = std::minmax_element(u.begin(), u.end());
+    const double least = 1e-2 * (*high - *low);
+    std::size_t samples = 0, breaks = 0;
+    for (const auto& stand : stands_of(u, 4)) {
+        if ((u[stand.first] != *low && u[stand.first] != *high) || stand.first < 3) continue;
+        if (!output.empty()) {
+            const auto [least_output, most_output] =
+                std::minmax_element(output.begin() + static_cast<std::ptrdiff_t>(stand.first),
+                                    output.begin() + static_cast<std::ptrdiff_t>(stand.last) + 1);
+            if (*most_output - *least_output > least) ++breaks;
+        } else {
+            const double slope = u[stand.first - 1] - u[stand.first - 2];
+            const double bend = slope - (u[stand.first - 2] - u[stand.first - 3]);
+            const double ratio = std::abs(slope / bend);
+            if (ratio > 4 && ratio < 1e4) ++breaks;
         }
+        samples += stand.repeats() + 1;
     }
-    if (dropped >= 3) {
-        refuse(where, fmt::format("y repeats its value in {} samples while the machine moves, first at t = {} s: "
-                                  "samples were dropped",
-                                  dropped, to_text(m.drive.t[first])));
+    if (breaks >= (output.empty() ? 3 : 1)) {
+        refuse(where,
+               fmt::format("u stands at its largest values ({} and {} N) in {} samples and breaks off on the way "
+                           "there: it seems clipped; a record below the limit is needed, or the limit in the "
+                           "controller",
+                           to_text(*low), to_text(*high), samples));
     }
 }
 
@@ -147,26 +219,28 @@ bool differs_by_the_log(const Measurement& m, const std::vector<double>& output,
     return left < std::max(-*low, *high) || std::min(left_with(1, 0), left_with(0, 1)) < left / 4;
 }
 
-void check_controller(const Measurement& m, const MachineModel& machine, const std::string& where) {
-    const std::vector<double>& y = m.position();
-    const std::vector<double>& excitation = m.drive.excitation;
-    std::vector<double> output(m.size());
-    for (std::size_t k = 0; k < m.size(); ++k) output[k] = m.thrust[k] - excitation[k];
-    const double scale = rms(m.thrust);
-    if (rms(excitation) < 1e-4 * scale) return;
-    const double ratio = rms(output) / scale;
-    const double tracking = range_of(m.drive.reference) > 0 ? range_of(y) / range_of(m.drive.reference) : 1;
+// Units and places of the columns in closed loop, by what the controller would have made of r and y.
+void check_units(const Measurement& m, const std::vector<double>& output, const std::string& where) {
+    const double ratio = rms(output) / rms(m.thrust);
+    const double tracking = range_of(m.drive.reference) > 0 ? range_of(m.position()) / range_of(m.drive.reference) : 1;
     if (tracking > 30 || (tracking < 1.0 / 30 && ratio > 3)) {
         refuse(where,
                fmt::format("y moves {} times as far as r: the two seem to be in different units, both must be in "
                            "metres (--scale y=...)",
                            to_text(std::round(tracking * 1e4) / 1e4)));
     }
-    if (ratio > 1e3) {
-        // The controller on y gives thrusts that have nothing to do with u.
-        refuse(where, "the machine's controller on r and y gives a thrust a thousand times u: y seems to be in another "
-                      "unit, or u and y in each other's place");
+    if (ratio > 300) {
+        refuse(where,
+               "the machine's controller on r and y gives a thrust hundreds of times u: y seems to be in another "
+               "unit, or u and y in each other's place");
     }
+}
+
+void check_controller(const Measurement& m, const std::vector<double>& output, const MachineModel& machine,
+                      const std::string& where) {
+    const std::vector<double>& excitation = m.drive.excitation;
+    const double scale = rms(m.thrust);
+    if (rms(excitation) < 1e-4 * scale) return;
     // What is left of u should be an excitation of its own. One that carries the rounding of y was made by a
     // controller of other gains, or the log has another instant or other digits than the controller had.
     const double shared = std::abs(correlation(fine_part(excitation), fine_part(output)));
@@ -246,18 +320,21 @@ Measurement measurement_from_table(const Table& table, const MachineModel& machi
     check_signals(m, machine, where);
     if (!closed_loop) {
         m.drive.u = m.thrust;
-        check_dropped(m, machine, where);
+        check_position(m, machine, where);
+        check_thrust(m, {}, where);
         return m;
     }
     const std::vector<double> output = controller_output(machine, m.drive.reference, m.drive.measured);
+    check_units(m, output, where);
+    check_position(m, machine, where);
+    check_thrust(m, output, where);
     m.drive.excitation.resize(m.size());
     const double rounding = file_rounding * largest(m.thrust);
     for (std::size_t k = 0; k < m.size(); ++k) {
         const double rest = m.thrust[k] - output[k];
         m.drive.excitation[k] = std::abs(rest) < rounding ? 0 : rest;
     }
-    check_controller(m, machine, where);
-    check_dropped(m, machine, where);
+    check_controller(m, output, machine, where);
     return m;
 }
 

@@ -26,7 +26,8 @@ struct Measurement {
 //
 // What cannot be diagnosed is refused with one sentence (InputError): a missing column, another sample time or a gap,
 // values that are not finite, a record that is too short or has no motion, y in another unit than r, u and y in each
-// other's place, samples of y that were dropped, u or y that were clipped, a controller that does not fit the data.
+// other's place, samples of y that were dropped or held, an outlier, rows that are missing, u or y that were clipped, a
+// controller that does not fit the data.
 Measurement measurement_from_table(const Table& table, const MachineModel& machine, const std::string& where);
 
 // The same from a file (read_record).

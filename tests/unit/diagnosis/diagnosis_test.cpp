@@ -182,14 +182,32 @@ TEST(Diagnosis, WhatIsNoKnownEffectIsNotNamedWithConfidence) {
     }
 }
 
-TEST(Diagnosis, RecordsOfAnotherMachineAreRefused) {
+// In open loop no controller tells units and places; the simulation does.
+TEST(Diagnosis, AnOpenLoopRecordInOtherUnitsOrPlacesIsRefused) {
     Json believed = small_axis();
-    const MachineModel machine = MachineModel::from_description(believed, "case");
+    believed.erase("controller");
     believed["closed_loop"] = false;
-    const MachineModel open = MachineModel::from_description(believed, "case");
-    Table table = measured(small_axis(), Json::array(), sine_record(0.01, 1, 1), 1);
-    for (double& y : table.columns[3].values) y *= 1e6;
-    EXPECT_THROW(diagnose(open, {measurement_from_table(table, open, "case")}, std::nullopt, {}, {}), InputError);
+    const MachineModel machine = MachineModel::from_description(believed, "case");
+    DriveRecord record = sine_record(0, 1, 1);
+    for (const double t : record.t) record.u.push_back(15 * std::sin(30 * t) + 9 * std::sin(170 * t));
+    record.reference.clear();
+    record.excitation.clear();
+    const Table good = measured(believed, Json::array(), record, 1);
+    const auto refusal = [&](const Table& table) {
+        try {
+            diagnose(machine, {measurement_from_table(table, machine, "case")}, std::nullopt, {.max_effects = 1}, {});
+        } catch (const InputError& problem) {
+            return std::string(problem.what());
+        }
+        return std::string();
+    };
+    EXPECT_EQ(refusal(good), "");
+    Table millimetres = good;
+    for (double& y : millimetres.columns[3].values) y *= 1e3;
+    EXPECT_NE(refusal(millimetres).find("another unit"), std::string::npos) << refusal(millimetres);
+    Table exchanged = good;
+    std::swap(exchanged.columns[2].values, exchanged.columns[3].values);
+    EXPECT_NE(refusal(exchanged).find("the other's place"), std::string::npos) << refusal(exchanged);
 }
 
 TEST(DiagnosisFiles, TheMachineInLuaHasEveryField) {

@@ -3,6 +3,7 @@
 #include "unit/diagnosis/small_case.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <gtest/gtest.h>
 
 namespace tribode {
@@ -122,7 +123,110 @@ TEST(Measurement, DroppedSamplesAreNoticed) {
     Table table = good();
     auto& y = table.columns[3].values;
     for (const std::size_t k : {300u, 420u, 610u, 820u}) y[k] = y[k - 1];
-    EXPECT_NE(refusal(table), "");
+    EXPECT_NE(refusal(table).find("samples were dropped"), std::string::npos) << refusal(table);
+}
+
+// ---- the same in open loop, where no controller tells what y was
+// -----------------------------------------------------------------------------------------------------------------
+
+Json open_axis() {
+    Json axis = small_axis();
+    axis.erase("controller");
+    axis["closed_loop"] = false;
+    return axis;
+}
+
+DriveRecord open_record() {
+    DriveRecord record = sine_record(0, 1, 2);
+    for (const double t : record.t) {
+        double u = 0;
+        for (int i = 1; i < 20; ++i) u += 4 * std::sin(2 * std::numbers::pi * 2.5 * i * t + i * i);
+        record.u.push_back(u);
+    }
+    record.reference.clear();
+    record.excitation.clear();
+    return record;
+}
+
+Table open_good() { return measured(open_axis(), Json::array(), open_record(), 1); }
+
+double highest(const Table& table, const char* column) {
+    const auto& values = table[column].values;
+    return *std::max_element(values.begin(), values.end());
+}
+
+void expect_refusal(const Table& table, const char* word, const Json& description) {
+    const std::string said = refusal(table, description);
+    EXPECT_NE(said.find(word), std::string::npos) << said;
+}
+
+// The samples before which the machine moves fastest, apart by 50 and more, in order.
+std::vector<std::size_t> fast_places(const std::vector<double>& y, std::size_t count) {
+    std::vector<std::size_t> places;
+    while (places.size() < count) {
+        std::size_t best = 0;
+        double most = 0;
+        for (std::size_t k = 100; k + 100 < y.size(); ++k) {
+            const bool taken = std::any_of(places.begin(), places.end(), [&](std::size_t other) {
+                return std::max(k, other) - std::min(k, other) < 50;
+            });
+            if (taken || std::abs(y[k] - y[k - 1]) <= most) continue;
+            most = std::abs(y[k] - y[k - 1]);
+            best = k;
+        }
+        places.push_back(best);
+    }
+    std::sort(places.begin(), places.end());
+    return places;
+}
+
+// In both loops, each with the word that the sentence must have.
+TEST(Measurement, SamplesThatAreNotTheMachinesAreNoticed) {
+    for (const auto& [table, description] : {std::pair{good(), small_axis()}, {open_good(), open_axis()}}) {
+        EXPECT_EQ(refusal(table, description), "");
+        const auto& y = table["y"].values;
+        const auto fast = fast_places(y, 4);
+        const std::size_t from = fast[1];
+        const double y_end = 0.8 * highest(table, "y"), u_end = 0.8 * highest(table, "u");
+        expect_refusal(changed(table, "y", [&](std::size_t, double v) { return std::min(v, y_end); }), "clipped",
+                       description);
+        expect_refusal(changed(table, "u", [&](std::size_t, double v) { return std::min(v, u_end); }), "clipped",
+                       description);
+        expect_refusal(
+            changed(table, "y", [&](std::size_t k, double v) { return k > from && k < from + 40 ? y[from] : v; }),
+            "repeats its value", description);
+        expect_refusal(changed(table, "y", [&](std::size_t k, double v) { return k > from && k < from + 20 ? 0 : v; }),
+                       "repeats its value", description);
+        expect_refusal(changed(table, "y", [&](std::size_t k, double v) { return k == 900 ? v + 1e-3 : v; }), "outlier",
+                       description);
+        // Rows that are missing, with instants that do not show it.
+        Table short_of = table;
+        for (auto& column : short_of.columns) {
+            if (column.name == "t") continue;
+            for (auto k = fast.rbegin(); k != fast.rend(); ++k) {
+                column.values.erase(column.values.begin() + static_cast<std::ptrdiff_t>(*k));
+            }
+        }
+        for (auto& column : short_of.columns) column.values.resize(y.size() - 4);
+        expect_refusal(short_of, "samples are missing", description);
+    }
+}
+
+TEST(Measurement, AThrustThatRestsAtItsLimitsByDesignIsNotClipped) {
+    DriveRecord record = open_record();
+    for (std::size_t k = 0; k < record.u.size(); ++k) {
+        const double saw = std::abs(std::remainder(record.t[k] / 0.2, 1.0)) * 160 - 40;
+        record.u[k] = std::clamp(saw, -20.0, 20.0); // trapezoids
+    }
+    EXPECT_EQ(refusal(measured(open_axis(), Json::array(), record, 1), open_axis()), "");
+    for (double& u : record.u) u = u > 0 ? 20 : -20; // and rectangles
+    EXPECT_EQ(refusal(measured(open_axis(), Json::array(), record, 1), open_axis()), "");
+}
+
+TEST(Measurement, ACoarseEncoderDropsNothing) {
+    const Json coarse = Json::parse(R"([{"name": "encoder_quantization", "parameters": {"resolution_m": 1e-5}}])");
+    EXPECT_EQ(refusal(measured(small_axis(), coarse, sine_record(0.01, 1, 1), 1)), "");
+    EXPECT_EQ(refusal(measured(open_axis(), coarse, open_record(), 1), open_axis()), "");
 }
 
 TEST(Measurement, ALatticeOfValuesShowsTheResolution) {
