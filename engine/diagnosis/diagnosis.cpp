@@ -43,6 +43,7 @@ Compared compared(const Evidence& record, const MachineModel& before, const Mach
     c.u_after = is.thrust;
     c.gap = {rms(record.measurement.position(), c.y_before, c.first),
              rms(record.measurement.position(), c.y_after, c.first), record.floor.rms};
+    c.described_floor = c.gap.floor;
     return c;
 }
 
@@ -85,7 +86,7 @@ class Verdict {
           control_(control),
           fit_(machine, d.search.fitted) {}
 
-    void decide(const std::optional<Effect>& encoder) {
+    void decide() {
         const SearchResult& s = d_.search;
         d_.false_alarm_limit = SearchResult::limit(s.fitted);
         d_.before = described(s.baseline.hypothesis);
@@ -111,18 +112,6 @@ class Verdict {
             } else {
                 unknown();
             }
-        }
-        if (encoder) {
-            NamedEffect one;
-            one.name = encoder->kind().name;
-            const Json whole = encoder->to_json();
-            one.parameters = whole["parameters"];
-            one.standard_errors = Json{{"resolution_m", 0.0}};
-            one.probability = 0.99;
-            one.evidence = fmt::format("All measured positions are multiples of {} m, not of {} m as described.",
-                                       to_text(encoder->number("resolution_m")), to_text(d_.described_resolution));
-            d_.effects.insert(d_.effects.begin(), one);
-            if (d_.verdict.empty()) d_.verdict = "effect_found";
         }
         if (d_.verdict.empty()) d_.verdict = "nothing_missing";
     }
@@ -345,6 +334,30 @@ class Verdict {
     std::optional<Hypothesis> best_;
 };
 
+// A resolution read from the values: it is no gap of positions, which are simulated without rounding, but noise and rounding
+// leave more than the machine as described would.
+void add_encoder(Diagnosis& d, const Effect& encoder, double described, const RunControl& control) {
+    for (auto* list : {&d.fitted, &d.kept_out}) {
+        for (auto& c : *list) {
+            if (const auto floor = noise_floor(d.before, c.measurement, control)) c.described_floor = floor->rms;
+        }
+    }
+    const Compared& proof = d.kept_out.front();
+    NamedEffect one;
+    one.name = encoder.kind().name;
+    one.parameters = encoder.to_json()["parameters"];
+    one.standard_errors = Json{{"resolution_m", 0.0}};
+    one.probability = 0.99;
+    one.evidence = fmt::format(
+        "All measured positions are multiples of {} m, not of {} m as described. On the record kept out noise and "
+        "rounding of the machine as described would leave {:.3g} um, with this resolution they leave {:.3g} um; "
+        "measured less simulated position is {:.3g} um.",
+        to_text(encoder.number("resolution_m")), to_text(described), 1e6 * proof.described_floor, 1e6 * proof.gap.floor,
+        1e6 * proof.gap.after);
+    d.effects.insert(d.effects.begin(), one);
+    if (d.verdict == "nothing_missing") d.verdict = "effect_found";
+}
+
 } // namespace
 
 Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted, std::optional<Measurement> kept_out,
@@ -383,16 +396,19 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     }
     for (auto& m : fitted) fit_records.push_back({std::move(m)});
     Diagnosis d{.verdict = {}, .before = machine, .after = machine};
-    d.described_resolution = described;
     d.search = search_effects(coarse, std::move(fit_records), std::move(proof), options.max_effects, control);
     Verdict verdict(coarse, d, control);
     try {
-        verdict.decide(encoder);
+        verdict.decide();
     } catch (const EndedEarly&) {
         throw EndedEarly(fmt::format("interrupted, nothing is written; so far {}", d.search.found_so_far()));
     }
+    if (encoder)
+        d.before = MachineModel::from_description(
+            ModelFit(machine, d.search.fitted).description(d.search.baseline.hypothesis), "diagnosis");
     for (const auto& record : d.search.fitted) d.fitted.push_back(compared(record, d.before, d.after));
     for (const auto& record : d.search.kept_out) d.kept_out.push_back(compared(record, d.before, d.after));
+    if (encoder) add_encoder(d, *encoder, described, control);
     d.fitted_gap = total(d.fitted);
     d.kept_out_gap = total(d.kept_out);
     d.where = where_they_disagree(d);

@@ -35,7 +35,8 @@ struct Compared {
     Measurement measurement;
     std::vector<double> y_before, u_before, y_after, u_after; // [m], [N]
     Gap gap;
-    std::size_t first = 0; // first sample of those that count
+    double described_floor = 0; // what noise and rounding of the machine as described would leave [m]
+    std::size_t first = 0;      // first sample of those that count
 };
 
 struct Diagnosis {
@@ -52,8 +53,7 @@ struct Diagnosis {
     std::optional<std::string> next_experiment;
     MachineModel before, after; // the machine as described, fields within their tolerance; with the effects
     SearchResult search;
-    double described_resolution = 0; // of the encoder, before the records were seen [m]
-    double false_alarm_limit = 0;    // chi square per sample above which something is missing
+    double false_alarm_limit = 0; // chi square per sample above which something is missing
 };
 
 // Finds where a machine and its measured records disagree and which effect it lacks. `kept_out`: a record for the proof

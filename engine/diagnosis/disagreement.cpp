@@ -220,7 +220,7 @@ std::vector<std::string> untested(const Diagnosis& d) {
 
 std::string where_they_disagree(const Diagnosis& d) {
     const Compared& c = d.kept_out.empty() ? d.fitted.front() : d.kept_out.front();
-    const double ratio = c.gap.before / c.gap.floor;
+    const double ratio = c.gap.before / c.described_floor;
     std::string text =
         fmt::format("On {} measured and simulated position differ by {:.3g} um rms, {:.3g} times what noise "
                     "and rounding leave",

@@ -94,6 +94,11 @@ TEST(Diagnosis, ACoarseEncoderShowsInItsValues) {
     ASSERT_EQ(d.verdict, "effect_found");
     EXPECT_EQ(d.effects[0].name, "encoder_quantization");
     EXPECT_NEAR(d.effects[0].parameters["resolution_m"].get<double>(), 2e-6, 1e-12);
+    // Before is the machine as it was handed in: finer steps, which would leave less.
+    EXPECT_EQ(d.before.axis().encoder_resolution, 1e-7);
+    EXPECT_EQ(d.after.axis().encoder_resolution, 2e-6);
+    EXPECT_LT(d.kept_out.front().described_floor, 0.5 * d.kept_out.front().gap.floor);
+    EXPECT_NEAR(d.kept_out_gap->after / d.kept_out_gap->floor, 1, 0.1);
 }
 
 TEST(Diagnosis, AMachineWithItsEffectLacksNothing) {
