@@ -11,10 +11,10 @@ namespace tribode::cli {
 
 // Where and how the program is started.
 struct Surroundings {
-    std::filesystem::path folder;       // working folder
-    std::size_t largest_file = 0;       // limit of a file's size [bytes]; 0: none
-    bool as_nobody = false;             // a superuser gives up all rights first
-    bool errors_to_terminal = false;    // standard error is a terminal
+    std::filesystem::path folder;      // working folder
+    std::size_t largest_file = 0;      // limit of a file's size [bytes]; 0: none
+    bool as_nobody = false;            // a superuser gives up all rights first
+    bool errors_to_terminal = false;   // standard error is a terminal
     std::chrono::minutes patience{15}; // a program that hangs is killed then
 };
 
