@@ -133,19 +133,22 @@ constexpr long long not_sign = std::numeric_limits<long long>::max(); // all bit
 const Block& block(const double* at) { return *reinterpret_cast<const Block*>(at); }
 Block& block(double* at) { return *reinterpret_cast<Block*>(at); }
 
-// product = matrix x
+// product = factor matrix x; four columns at a time, which do not wait for one another.
 template <std::size_t FixedHeight, std::size_t FixedColumns>
 [[gnu::always_inline]] inline void multiply(const double* matrix, std::size_t any_height, std::size_t any_columns,
-                                            const double* x, double* product) {
+                                            const double* x, double factor, double* product) {
     const std::size_t height = FixedHeight ? FixedHeight : any_height;
-    const std::size_t columns = FixedColumns ? FixedColumns : any_columns; // an even number
+    const std::size_t columns = FixedColumns ? FixedColumns : any_columns; // a multiple of four
     for (std::size_t row = 0; row < height; row += block_size) {
-        Block even{}, odd{};
-        for (std::size_t j = 0; j < columns; j += 2) {
-            even += block(matrix + j * height + row) * x[j];
-            odd += block(matrix + (j + 1) * height + row) * x[j + 1];
+        const auto column = [&](std::size_t j) -> const Block& { return block(matrix + j * height + row); };
+        Block a = column(0) * x[0], b = column(1) * x[1], c = column(2) * x[2], d = column(3) * x[3];
+        for (std::size_t j = 4; j < columns; j += 4) {
+            a += column(j) * x[j];
+            b += column(j + 1) * x[j + 1];
+            c += column(j + 2) * x[j + 2];
+            d += column(j + 3) * x[j + 3];
         }
-        block(product + row) = even + odd;
+        block(product + row) = ((a + b) + (c + d)) * factor;
     }
 }
 
@@ -182,8 +185,7 @@ template <std::size_t Fixed>
         while (state < states && std::abs(term(n + 2)[state] - factor * term(n)[state]) <= limit[state]) ++state;
         return state == states;
     };
-    multiply<Fixed, Fixed>(a, height, height, term(1), term(2));
-    scale(2, h / 2, 2);
+    multiply<Fixed, Fixed>(a, height, height, term(1), h / 2, term(2));
     constexpr int first_terms = 4;
     bool only_decay = false;
     for (int n = 1; n + 3 <= most_terms; n += 2) {
@@ -193,10 +195,8 @@ template <std::size_t Fixed>
             scale(n, rate * rate * even, n + 2);
             scale(n + 1, rate * rate * odd, n + 3);
         } else {
-            multiply<Fixed, Fixed>(square, height, height, term(n), term(n + 2));
-            multiply<Fixed, Fixed>(square, height, height, term(n + 1), term(n + 3));
-            scale(n + 2, even, n + 2);
-            scale(n + 3, odd, n + 3);
+            multiply<Fixed, Fixed>(square, height, height, term(n), even, term(n + 2));
+            multiply<Fixed, Fixed>(square, height, height, term(n + 1), odd, term(n + 3));
         }
         if (n + 3 == first_terms) {
             for (std::size_t row = 0; row < height; row += block_size) {
@@ -266,11 +266,11 @@ template <std::size_t Fixed>
 
 [[gnu::target_clones("avx512f", "avx2", "default")]] void
 multiply_columns(const double* matrix, std::size_t height, std::size_t columns, const double* x, double* product) {
-    if (columns != 8) return multiply<0, 0>(matrix, height, columns, x, product);
+    if (columns != 8) return multiply<0, 0>(matrix, height, columns, x, 1, product);
     switch (height) {
-    case 8: return multiply<8, 8>(matrix, 8, 8, x, product);
-    case 16: return multiply<16, 8>(matrix, 16, 8, x, product);
-    default: return multiply<0, 8>(matrix, height, 8, x, product);
+    case 8: return multiply<8, 8>(matrix, 8, 8, x, 1, product);
+    case 16: return multiply<16, 8>(matrix, 16, 8, x, 1, product);
+    default: return multiply<0, 8>(matrix, height, 8, x, 1, product);
     }
 }
 
@@ -554,7 +554,7 @@ bool ExactIntegrator::expand(double h) {
 double ExactIntegrator::first_fall() {
     const DiscreteState& d = *state_->discrete;
     const auto row = [&](int n) { return guard_terms_.data() + static_cast<std::size_t>(n) * guard_count_; };
-    system_.affine_guards(0, t0_, h_, {term(0), size_}, d, {row(0), guard_count_});
+    system_.guards(t0_, {term(0), size_}, d, {row(0), guard_count_});
     for (int n = 1; n <= order_ && !pattern_; ++n) {
         system_.affine_guards(n, t0_, h_, {term(n), size_}, d, {row(n), guard_count_});
     }
@@ -563,23 +563,23 @@ double ExactIntegrator::first_fall() {
     double first = none;
     for (GuardId guard = 0; guard < guard_count_; ++guard) {
         if (pattern_ && pattern_->g[guard].empty()) continue; // it does not move
+        std::size_t last = static_cast<std::size_t>(order_);
         polynomial_[0] = guard_terms_[guard];
         if (pattern_) {
             // Mostly it is so far above zero that it cannot get there.
             double reach = 0;
             for (const auto& [column, value] : pattern_->g[guard]) reach += std::abs(value) * travel_[column];
             if (polynomial_[0] > reach) continue;
-        }
-        for (int n = 1; n <= order_; ++n) {
-            double g = 0;
-            if (pattern_) {
-                for (const auto& [column, value] : pattern_->g[guard]) g += value * term(n)[column];
-            } else {
-                g = row(n)[guard];
+            std::fill_n(polynomial_.begin() + 1, last, 0.0);
+            for (const auto& [column, value] : pattern_->g[guard]) {
+                for (std::size_t n = 1; n <= last; ++n) polynomial_[n] += value * terms_[n * height_ + column];
             }
-            polynomial_[static_cast<std::size_t>(n)] = g;
+            // A position's terms end before the thrust's.
+            while (last > 1 && std::abs(polynomial_[last]) < 0x1p-60 * reach) --last;
+        } else {
+            for (std::size_t n = 1; n <= last; ++n) polynomial_[n] = guard_terms_[n * guard_count_ + guard];
         }
-        const double s = first_fall_below_zero({polynomial_.data(), static_cast<std::size_t>(order_) + 1});
+        const double s = first_fall_below_zero({polynomial_.data(), last + 1});
         if (s == none || s > first) continue;
         if (s < first) fallen_.clear();
         first = s;

@@ -221,8 +221,22 @@ TEST(ServoSystem, TheIntegratorRestartsOnlyWhereTheThrustChanges) {
     FreeRun run(system);
     run.to(3 * period);
     using enum EventEffect;
-    EXPECT_EQ(run.effects, (std::vector{none, none, none, /**/ none, none, restart, //
-                                        none, none, restart, /**/ none, none, none}));
+    EXPECT_EQ(run.effects, (std::vector{none, none, none, /**/ none, none, derivative, //
+                                        none, none, derivative, /**/ none, none, none}));
+}
+
+TEST(ServoSystem, GuardsAreLookedAtAgainWhereTheThrustHoldsTheAxisItself) {
+    const auto effect_of_a_jump = [](double current_loop_hz) {
+        MachineModel m = free_body();
+        m.dry = {.coulomb = 2, .static_level = 2};
+        m.current_loop_hz = current_loop_hz;
+        const ServoSystem system(m, thrust([](long) { return 1.0; }));
+        FreeRun run(system);
+        run.to(0);
+        return run.effects.back();
+    };
+    EXPECT_EQ(effect_of_a_jump(0), EventEffect::restart);
+    EXPECT_EQ(effect_of_a_jump(200), EventEffect::derivative); // the force follows, and does not jump
 }
 
 TEST(ServoSystem, InitialStateIsTheDrivenPointsPositionAndVelocity) {
