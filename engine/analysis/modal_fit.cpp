@@ -201,6 +201,8 @@ Fit refine(const std::vector<Point>& points, std::vector<double> start, double s
     options.function_tolerance = 1e-12;
     options.gradient_tolerance = 1e-14;
     options.parameter_tolerance = 1e-12;
+    // Where there are bounds, each step would be tried along its way before it is tried as it is.
+    options.max_num_line_search_step_size_iterations = 0;
     options.logging_type = ceres::SILENT;
     ceres::Solver::Summary summary;
     ceres::Solve(options, problem.get(), &summary);
