@@ -28,6 +28,7 @@ class AffineSystem final : public HybridSystem {
     std::vector<double> b;              // empty: zero
     HeldInput u;                        // at the start
     std::vector<double> start_memory;   // its first entry is part of the pattern
+    bool scaled = false;                // whether A is multiplied by that entry
     std::vector<Guard> guard;
     bool patterns = true; // whether the system says which A and G come again
     std::vector<SampleClock> sample_clocks;
@@ -58,7 +59,8 @@ class AffineSystem final : public HybridSystem {
                            std::span<double> coefficient) const override {
         for (std::size_t i = 0; i < c.size(); ++i) {
             coefficient[i] = b.empty() ? 0 : b[i] * memory(d).u.taylor(n, t0, h);
-            for (std::size_t j = 0; j < c.size(); ++j) coefficient[i] += a[i][j] * c[j];
+            const double scale = scaled ? memory(d).value[0] : 1;
+            for (std::size_t j = 0; j < c.size(); ++j) coefficient[i] += scale * a[i][j] * c[j];
         }
     }
     void affine_guards(int n, double, double, std::span<const double> c, const DiscreteState&,

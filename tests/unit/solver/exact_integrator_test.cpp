@@ -256,6 +256,29 @@ TEST(ExactIntegrator, leaps_take_fewer_evaluations_and_come_to_the_same) {
     EXPECT_GT(evaluations[1], 10000); // one a term
 }
 
+// x' = -r x with a rate r of its own for each of 5000 samples, then the same ones again: more patterns than are kept, those
+// that are kept in the places of others.
+TEST(ExactIntegrator, more_patterns_than_are_kept_are_each_themselves) {
+    constexpr long count = 5000;
+    const auto rate = [](long k) { return 1 + static_cast<double>(k % count) / count; };
+    AffineSystem system;
+    system.start = {1};
+    system.a = {{-1}};
+    system.scaled = true;
+    system.start_memory = {1};
+    system.sample_clocks = {{"tick", 1e-3, 0.0}};
+    system.sample = [&](ClockId, long k, SystemState& state) {
+        AffineSystem::memory(state).value[0] = rate(k);
+        return EventEffect::derivative;
+    };
+    Simulator run(system, exact);
+    double exponent = 0;
+    for (long k = 0; k < 2 * count; ++k) exponent += 1e-3 * rate(k);
+    ASSERT_TRUE(run.advance_to(1e-3 * 2 * count).ok());
+    // 1e4 steps round by half a unit in the last place each, and so do the sums of the exponent.
+    EXPECT_NEAR(run.state().x[0] / std::exp(-exponent), 1, 1e-12);
+}
+
 // x' = -x + u(t), u cubic between its samples: x = e^{-t} (x0 - p(0)) + p(t) with p' + p = u.
 TEST(ExactIntegrator, a_cubic_input_is_integrated_exactly) {
     AffineSystem system;
