@@ -3,13 +3,16 @@
 #include "analysis/loop_gain.hpp"
 #include "base/error.hpp"
 #include "base/field_reader.hpp"
+#include "base/random.hpp"
 #include "base/text.hpp"
+#include "experiment/simulation.hpp"
 #include "experiment/system_run.hpp"
 #include "script/system_reader.hpp"
 #include "script/value.hpp"
 #include "system/linearization.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fmt/format.h>
 #include <lua.hpp>
@@ -67,25 +70,76 @@ void read_values(const Json& options, const char* key, Variables& variables, Mem
     values.finish();
 }
 
-// A list of samples holds its first value from the start; its clock comes before all others.
-void add_samples(Equations& equations, Equations::Input& input, double period, std::vector<double> values) {
-    Equations::Clock clock;
-    clock.name = "input " + input.name;
-    clock.period = period;
+// What the samples of an input are, as cubics in (t - t_k)/period.
+struct Samples {
+    double period = 0, offset = 0; // [s]
+    std::vector<std::array<double, 4>> pieces;
+    std::size_t degree = 0; // beyond which all coefficients are zero
+};
+
+Samples read_samples(const Json& table, const std::string& unit, const std::string& what) {
+    FieldReader fields(table, what);
+    Samples samples;
+    samples.period = fields.number("sample_time_s", "s", Allowed::positive);
+    samples.offset = fields.number("offset_s", "s", Allowed::non_negative, 0);
+    const auto values = fields.numbers("values", unit, Allowed::finite, {});
+    const auto between = fields.choice("interpolation", {"hold", "linear", "band_limited"}, "hold");
+    fields.finish();
+    if (values.empty()) throw InputError(fmt::format("{}.values is empty, must have a value", what));
+    if (between == "band_limited") {
+        samples.degree = 3;
+        samples.pieces = band_limited(values);
+        return samples;
+    }
+    samples.degree = between == "linear" ? 1 : 0;
+    for (std::size_t k = 0; k < values.size(); ++k) {
+        const bool rises = between == "linear" && k + 1 < values.size();
+        samples.pieces.push_back({values[k], rises ? values[k + 1] - values[k] : 0, 0, 0});
+    }
+    return samples;
+}
+
+// The coefficients become discrete variables, whose clock comes before all others; what stands before the first sample is
+// the input's value. Where it moves between its samples the input becomes an output.
+void add_samples(Equations& equations, const Equations::Input& input, Samples samples) {
+    auto& graph = *equations.graph;
     Equations::Function function;
-    function.writes = {equations.graph->variable(input.name)};
-    const Term held = function.writes[0];
-    const double first = values.front();
-    function.call = [values = std::move(values)](long k, std::span<const double>, std::span<double> written) {
-        written[0] = values[std::min(static_cast<std::size_t>(k), values.size() - 1)];
+    std::vector<Term> held;
+    const auto add = [&](const std::string& name, const std::string& unit, double start) {
+        held.push_back(graph.variable(name));
+        equations.discrete.push_back({name, unit, start, held.back(), {}});
+    };
+    const bool from_start = samples.offset == 0;
+    const auto first = from_start ? samples.pieces.front() : std::array{input.value, 0.0, 0.0, 0.0};
+    Term value = 0;
+    if (samples.degree == 0) {
+        add(input.name, input.unit, first[0]);
+        value = held[0];
+    } else {
+        for (std::size_t n = 0; n <= samples.degree; ++n)
+            add(fmt::format("{}.c{}", input.name, n), input.unit, first[n]);
+        add(input.name + ".since", "s", 0);
+        const Term elapsed = graph.make(Op::subtract, equations.time, held.back());
+        const Term s = graph.make(Op::multiply, graph.constant(1 / samples.period), elapsed);
+        value = held[samples.degree];
+        for (std::size_t n = samples.degree; n-- > 0;) {
+            value = graph.make(Op::add, held[n], graph.make(Op::multiply, s, value));
+        }
+        equations.outputs.push_back({input.name, input.unit, value});
+    }
+    equations.replace({{input.symbol, value}});
+    Equations::Clock clock{.name = "input " + input.name, .period = samples.period, .offset = samples.offset};
+    function.writes = held;
+    function.call = [samples = std::move(samples)](long k, std::span<const double>, std::span<double> written) {
+        const auto& piece = samples.pieces[std::min(static_cast<std::size_t>(k), samples.pieces.size() - 1)];
+        std::copy_n(piece.begin(), samples.degree + 1, written.begin());
+        if (samples.degree > 0) written.back() = samples.offset + static_cast<double>(k) * samples.period;
     };
     clock.function = std::move(function);
     equations.clocks.insert(equations.clocks.begin(), std::move(clock));
-    equations.discrete.push_back({input.name, input.unit, first, held, {}});
-    equations.replace({{input.symbol, held}});
 }
 
-// inputs = { u = 3, v = function(t) return … end, w = { sample_time_s =, values = {…} } } [-0, +0]
+// inputs = { u = 3, v = function(t) return … end, w = { sample_time_s =, values = {…}, … } } [-0, +0]
 void read_inputs(lua_State* lua, Equations& equations, const Graph& symbols, const char* function) {
     if (lua_getfield(lua, 1, "inputs") == LUA_TNIL) return lua_pop(lua, 1);
     if (!lua_istable(lua, -1)) throw InputError(fmt::format("{}: inputs must be a table of named inputs", function));
@@ -105,13 +159,7 @@ void read_inputs(lua_State* lua, Equations& equations, const Graph& symbols, con
             equations.replace({{input->symbol, record_input(lua, -1, symbols, what)}});
             equations.inputs.erase(input);
         } else if (lua_istable(lua, -1)) {
-            const Json samples = to_json(lua, -1, what);
-            FieldReader fields(samples, what);
-            const double period = fields.number("sample_time_s", "s", Allowed::positive);
-            auto values = fields.numbers("values", input->unit, Allowed::finite, {});
-            fields.finish();
-            if (values.empty()) throw InputError(fmt::format("{}.values is empty, must have a value", what));
-            add_samples(equations, *input, period, std::move(values));
+            add_samples(equations, *input, read_samples(to_json(lua, -1, what), input->unit, what));
             equations.inputs.erase(input);
         } else {
             const Json number = to_json(lua, -1, what);
@@ -367,6 +415,25 @@ int linearize_in_script(lua_State* lua, const Graph& symbols) {
     return 1;
 }
 
+// tb.standard_normal(seed, stream, index)
+int normal_in_script(lua_State* lua) {
+    std::array<std::uint64_t, 3> place{};
+    constexpr std::array names = {"seed", "stream", "index"};
+    for (int i = 0; i < 3; ++i) {
+        int is_whole = 0;
+        const lua_Integer value = lua_tointegerx(lua, i + 1, &is_whole);
+        const auto n = static_cast<std::size_t>(i);
+        if (!is_whole || value < 0) {
+            throw InputError(
+                fmt::format("tb.standard_normal: {} is {}, must be a whole number from 0", names[n],
+                            is_whole ? std::to_string(value) : fmt::format("a {}", luaL_typename(lua, i + 1))));
+        }
+        place[n] = static_cast<std::uint64_t>(value);
+    }
+    lua_pushnumber(lua, standard_normal(place[0], place[1], place[2]));
+    return 1;
+}
+
 } // namespace
 
 void add_system_bindings(LuaState& lua, ScriptRun& run) {
@@ -376,6 +443,7 @@ void add_system_bindings(LuaState& lua, ScriptRun& run) {
         push_system(state, read_system(state, 1, symbols));
         return 1;
     });
+    lua.add_stack_function("standard_normal", normal_in_script);
     lua.add_stack_function("system_variables", variables_in_script);
     lua.add_stack_function("linearize", [symbols](lua_State* state) { return linearize_in_script(state, symbols); });
     lua.add_stack_function("run_system",

@@ -3,7 +3,8 @@
 --   w = clip(u, -limit, limit);  gain (w -+ half_width) beyond the dead zone, 0 in it
 --   u[k] acts from k Ts + delay on;   thrust' = 2 pi lag_hz (held - thrust), or thrust = held
 --
--- The dead time is the offset of the sample clock; whole samples of it are places in a row, u1, u2, …
+-- The dead time is the offset of the sample clock; whole samples of it are places in a row, u1, u2, … Without a hold
+-- (continuous) u goes through as it is.
 -- in: u [N]; out: thrust [N].
 local tb = require "tribode"
 
@@ -16,7 +17,7 @@ local function split(delay, period)
   return whole, delay - whole * period
 end
 
--- period [s], delay [s], lag_hz (0: none), limit [N] (nil: none), half_width [N], gain
+-- period [s], delay [s], lag_hz (0: none), limit [N] (nil: none), half_width [N], gain, continuous
 return function(settings)
   local whole, rest = split(settings.delay, settings.period)
   local function curve(u)
@@ -28,16 +29,17 @@ return function(settings)
     return settings.gain * w
   end
   local has_lag = settings.lag_hz > 0
-  local discrete = { held = { unit = "N" } }
+  local function held(s) return settings.continuous and curve(s.u) or s.held end
+  local discrete = not settings.continuous and { held = { unit = "N" } } or nil
   for i = 1, whole do discrete["u" .. i] = { unit = "N" } end
   return tb.system {
     name = "amplifier",
     inputs = { u = { unit = "N" } },
     discrete = discrete,
     states = has_lag and { current = { unit = "N", nominal = 1e6 } } or nil,
-    der = has_lag and function(s) return { current = 2 * math.pi * settings.lag_hz * (s.held - s.current) } end or nil,
-    outputs = function(s) return { thrust = { has_lag and s.current or s.held, unit = "N" } } end,
-    sample = {
+    der = has_lag and function(s) return { current = 2 * math.pi * settings.lag_hz * (held(s) - s.current) } end or nil,
+    outputs = function(s) return { thrust = { has_lag and s.current or held(s), unit = "N" } } end,
+    sample = not settings.continuous and {
       {
         name = "hold",
         period_s = settings.period,
@@ -49,6 +51,6 @@ return function(settings)
           return set
         end,
       },
-    },
+    } or nil,
   }
 end

@@ -1,12 +1,13 @@
--- The controllers of a servo machine, once a sample. in: r, measured [m], exc [N]; out: u [N].
+-- The controllers of a servo machine, once a sample. in: r, measured [m], exc, fed_back [N]; out: u [N].
 --
 --   pid      e = r - measured;  I += ki Ts e;  d = a d + (1 - a)(e - e_prev)/Ts,  a = exp(-2 pi filter Ts), or 0
---            u = kp e + I + kd d + exc
+--            u = kp e + I + kd d + exc + fed_back
 --   cascade  qf[k] = (q[k] + q[k-1])/2,  dq[k] = (qf[k] - qf[k-1])/Ts,  q = measured
---            u[k + delay] = clip(kv (kp (r[k] - q[k]) - dq[k]), limit), exc added after it; q[-1] = q[0]
+--            u[k + delay] = clip(kv (kp (r[k] - q[k]) - dq[k]), limit), exc and fed_back added
+--            after it; q[-1] = q[0]
 local tb = require "tribode"
 
-local inputs = { r = { unit = "m" }, measured = { unit = "m" }, exc = { unit = "N" } }
+local inputs = { r = { unit = "m" }, measured = { unit = "m" }, exc = { unit = "N" }, fed_back = { unit = "N" } }
 local function outputs(s) return { u = { s.commanded, unit = "N" } } end
 
 local make = {}
@@ -38,7 +39,7 @@ function make.pid(settings, period)
           local derivative = a * s.derivative + (1 - a) * (e - s.error) / s.period
           return {
             error = e, integral = integral, derivative = derivative,
-            commanded = s.kp * e + integral + s.kd * derivative + s.exc,
+            commanded = s.kp * e + integral + s.kd * derivative + s.exc + s.fed_back,
           }
         end,
       },
@@ -74,7 +75,7 @@ function make.cascade(settings, period)
           local u = s.kv * (s.kp * (s.r - s.measured) - (mean - last_mean) / s.period)
           if settings.limit then u = math.max(-settings.limit, math.min(settings.limit, u)) end
           local set = { begun = 1, position = s.measured, mean = mean }
-          set.commanded = (delay > 0 and s["u" .. delay] or u) + s.exc
+          set.commanded = (delay > 0 and s["u" .. delay] or u) + s.exc + s.fed_back
           for i = 2, delay do set["u" .. i] = s["u" .. i - 1] end
           if delay > 0 then set.u1 = u end
           return set

@@ -74,8 +74,9 @@ local make = {}
 -- Whether an effect is such a force.
 function make.has(name) return kinds[name] ~= nil end
 
--- effects: a list of { name =, parameters = }.
-function make.system(effects)
+-- effects: a list of { name =, parameters = }. noise: nil, or { rms = [N], seed =, period = [s] } of a force that
+-- is drawn anew at each sample.
+function make.system(effects, noise)
   local forces, states = {}, {}
   for i, effect in ipairs(effects) do
     local force = kinds[effect.name](effect.parameters)
@@ -89,10 +90,13 @@ function make.system(effects)
     for name in pairs(forces[i].states or {}) do values[name] = s[name .. "_" .. i] end
     return values
   end
+  local function draw(_, k) return { noise = noise.rms * tb.standard_normal(noise.seed, 2, k) } end
   return tb.system {
     name = "forces",
     parameters = { newton = { value = 1, unit = "N" } },
     inputs = { y = 0, v = 0 },
+    discrete = noise and { noise = 0 } or nil,
+    sample = noise and { { name = "noise", period_s = noise.period, call = draw } } or nil,
     states = states,
     der = function(s)
       local rates = {}
@@ -104,7 +108,7 @@ function make.system(effects)
       return rates
     end,
     outputs = function(s)
-      local sum = 0
+      local sum = noise and s.noise or 0
       for i, force in ipairs(forces) do sum = sum + force.force(s, own(s, i)) end
       return { force = { s.newton * sum, unit = "N" } }
     end,

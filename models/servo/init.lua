@@ -15,6 +15,7 @@
 -- held          friction    1 while dry friction holds the axis, else 0
 -- measured      encoder     [m]
 -- u             controller  thrust reference [N]; without a controller an input of the whole
+-- fed_back      friction_feedback  the share of the modelled friction that the drive adds [N]; without it an input
 -- r, exc        -           inputs of the whole: reference [m], excitation [N]
 local tb = require "tribode"
 local amplifier = require "servo.amplifier"
@@ -23,6 +24,7 @@ local controller = require "servo.controller"
 local encoder = require "servo.encoder"
 local forces = require "servo.forces"
 local friction = require "servo.friction"
+local friction_feedback = require "servo.friction_feedback"
 local plant = require "servo.plant"
 
 local servo = {}
@@ -82,14 +84,11 @@ local effects = {
 local function copied(list) return { table.unpack(list or {}) } end
 
 -- The settings of all parts, from a description as tb.machine gives it.
-local function settings_of(machine)
-  for _, field in ipairs { "noise_rms_m", "process_noise_rms_N" } do
-    if (machine[field] or 0) ~= 0 then error("servo.parts: " .. field .. " has no form as a system", 0) end
-  end
-  for field, value in pairs { input = "band_limited", initial = "fitted" } do
-    if machine[field] == value then
-      error(string.format("servo.parts: %s = \"%s\" has no form as a system", field, value), 0)
-    end
+local function settings_of(machine, options)
+  local continuous = machine.input == "band_limited"
+  if machine.initial == "fitted" then
+    error("servo.parts: initial = \"fitted\" needs a record, which parts do not have; take the field out and give " ..
+      "tb.run_system start = { [\"plant.position\"] =, [\"plant.velocity\"] = }", 0)
   end
   local period, given = machine.Ts or 5e-4, machine.friction or {}
   local stribeck = given.stribeck or {}
@@ -103,11 +102,11 @@ local function settings_of(machine)
     },
     amplifier = {
       period = period, delay = machine.input_delay_s or 0, lag_hz = machine.current_loop_hz or 0, half_width = 0,
-      gain = 1,
+      gain = 1, continuous = continuous,
     },
     encoder = {
       period = period, delay = machine.output_delay_s or 0, resolution = machine.encoder_resolution_m or 0,
-      errors = {},
+      errors = {}, noise_rms = machine.noise_rms_m or 0, seed = options.seed,
     },
     forces = {}, scales = {}, period = period,
   }
@@ -117,6 +116,13 @@ local function settings_of(machine)
     else
       effects[effect.name](m, effect.parameters)
     end
+  end
+  if continuous and m.amplifier.delay > 0 then
+    error("servo.parts: input = \"band_limited\" goes through the amplifier undelayed; take the delay out and give it " ..
+      "to the input of tb.run_system as offset_s", 0)
+  end
+  if (machine.process_noise_rms_N or 0) > 0 then
+    m.noise = { rms = machine.process_noise_rms_N, seed = options.seed, period = period }
   end
   if #m.scales > 0 then
     m.friction.factor = function(t, y)
@@ -128,10 +134,17 @@ local function settings_of(machine)
   return m
 end
 
--- The parts of a machine: plant, friction, amplifier, encoder; forces and controller where it has them. Errors: what
--- has no form as a system, which is noise, a band-limited input and a fitted start.
-function servo.parts(machine)
-  local m = settings_of(tb.with_fields(machine, {}))
+-- The parts of a machine: plant, friction, amplifier, encoder; forces and controller where it has them.
+-- options: seed of the noise (default 0), friction_feedback (the share that the drive adds of the modelled friction,
+-- default 0: then there is no such part). Errors: a fitted start, a band-limited input with a delay, an unknown option.
+function servo.parts(machine, options)
+  options = options or {}
+  for name in pairs(options) do
+    if name ~= "seed" and name ~= "friction_feedback" then
+      error("servo.parts: " .. tostring(name) .. " is not an option, which are seed and friction_feedback", 0)
+    end
+  end
+  local m = settings_of(tb.with_fields(machine, {}), { seed = options.seed or 0 })
   local parts = {
     plant = plant(m.plant), friction = friction(m.friction), amplifier = amplifier(m.amplifier),
     encoder = encoder(m.encoder),
@@ -141,8 +154,19 @@ function servo.parts(machine)
     for key, value in pairs(m.backlash) do settings[key] = value end
     parts.plant = backlash(settings)
   end
-  if #m.forces > 0 then parts.forces = forces.system(m.forces) end
+  if #m.forces > 0 or m.noise then parts.forces = forces.system(m.forces, m.noise) end
   if machine.controller then parts.controller = controller[machine.controller.type](machine.controller, m.period) end
+  local share = options.friction_feedback or 0
+  if type(share) ~= "number" or not (share >= 0 and share < math.huge) then
+    error(string.format("servo.parts: friction_feedback = %s, must be a number, finite and not negative", share), 0)
+  end
+  if share > 0 then
+    if not machine.controller then error("servo.parts: friction_feedback needs a controller, which adds it", 0) end
+    local modelled = machine.friction or {}
+    parts.friction_feedback = friction_feedback {
+      share = share, period = m.period, viscous = modelled.viscous or 0, elements = modelled.elements or {},
+    }
+  end
   return parts
 end
 

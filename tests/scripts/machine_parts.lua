@@ -19,13 +19,19 @@ local function difference(machine, options)
   local built_in = tb.simulate {
     machine = machine, [loop and "exc" or "u"] = driven, solver = options.solver,
     relative_tolerance = options.tolerance, absolute_tolerance_m = options.tolerance and options.tolerance * 1e-3,
+    seed = options.seed, friction_feedback = options.friction_feedback,
   }
   assert(built_in.ok, built_in.message)
+  local given = { sample_time_s = machine.Ts, values = driven }
+  for name, value in pairs(options.input or {}) do given[name] = value end
+  local parts = options.parts or servo.parts(machine, {
+    seed = options.seed, friction_feedback = options.friction_feedback,
+  })
   local run = tb.run_system {
-    system = servo.wire(options.parts or servo.parts(machine)),
+    system = servo.wire(parts),
     duration_s = options.samples * machine.Ts, output_step_s = machine.Ts, solver = options.solver,
     relative_tolerance = options.tolerance, absolute_tolerance = options.tolerance and options.tolerance * 1e-3,
-    inputs = { [loop and "exc" or "u"] = { sample_time_s = machine.Ts, values = driven } },
+    inputs = { [loop and "exc" or "u"] = given },
   }
   assert(run.ok, run.message)
   local worst, size = 0, 0
@@ -41,6 +47,11 @@ local function agrees(what, machine, options)
   local worst, run = difference(machine, options)
   assert(worst <= options.within, string.format("%s, %s: differs by %g", what, run.solver, worst))
   assert(not options.solver or run.solver == options.solver)
+end
+
+local function refused(message, make)
+  local ok, text = pcall(make)
+  assert(not ok and text:find(message, 1, true), tostring(text))
 end
 
 -- ---- the table of the paper ---------------------------------------------------------------------------------------
@@ -164,6 +175,46 @@ agrees("many effects", axis {
   { name = "encoder_periodic_error", parameters = cases.encoder_periodic_error },
 }, { samples = 250, solver = "exact", within = 1e-13 })
 
+-- ---- noise, inputs between their samples, friction fed back -------------------------------------------------------
+
+-- The same noise of the same seed, whatever the delay, and other noise of another.
+for _, delay in ipairs { 0, 3e-4, 1e-3, 1.7e-3 } do
+  local noisy = { noise_rms_m = 2e-6, process_noise_rms_N = 0.7, output_delay_s = delay }
+  local same = { samples = 250, solver = "exact", within = 1e-13, seed = 3 }
+  agrees("noise", axis(nil, noisy), same)
+  same.parts = servo.parts(axis(nil, noisy), { seed = 4 })
+  assert(difference(axis(nil, noisy), same) > 1e-7)
+end
+refused("index is -1, must be a whole number from 0", function() tb.standard_normal(1, 2, -1) end)
+refused("seed is a string, must be a whole number from 0", function() tb.standard_normal("a", 2, 3) end)
+
+local function band_limited(more)
+  local machine = axis(nil, { input = "band_limited", input_delay_s = 0, current_loop_hz = 400 })
+  machine.controller, machine.encoder_resolution_m = nil, nil
+  for key, value in pairs(more or {}) do machine[key] = value end
+  return machine
+end
+local cubic = { samples = 250, solver = "exact", within = 1e-13, input = { interpolation = "band_limited" } }
+agrees("band-limited", band_limited(), cubic)
+cubic.input.offset_s, cubic.parts = 7e-4, servo.parts(band_limited())
+agrees("band-limited, delayed", band_limited { input_delay_s = 7e-4 }, cubic)
+refused("take the delay out and give it to the input of tb.run_system as offset_s", function()
+  servo.parts(band_limited { input_delay_s = 7e-4 })
+end)
+
+for _, share in ipairs { 0.5, 1 } do
+  agrees("friction feedback", table_of_paper,
+    { samples = 500, solver = "exact", within = 1e-13, friction_feedback = share })
+end
+local damped = random_machine()
+damped.controller = { type = "cascade", kp = 10, kv = 100, delay_samples = 1 }
+agrees("friction feedback", damped, { samples = 300, solver = "exact", within = 1e-13, friction_feedback = 0.8 })
+refused("friction_feedback needs a controller", function()
+  servo.parts(band_limited(), { friction_feedback = 1 })
+end)
+refused("friction_feedback = -1, must be a number", function() servo.parts(axis(), { friction_feedback = -1 }) end)
+refused("seeds is not an option", function() servo.parts(axis(), { seeds = 1 }) end)
+
 -- Factors of one, which are folded away, leave the units as they are.
 agrees("ones", axis({
   { name = "position_dependent_friction", parameters = { mode = "gradient", a = 1, period_m = 1 } },
@@ -188,11 +239,9 @@ parts.forces = tb.system {
 agrees("own force", machine, { parts = parts, samples = 250, solver = "erk", tolerance = 1e-10, within = 1e-12 })
 
 -- What cannot be had is refused.
-local function refused(message, make)
-  local ok, text = pcall(make)
-  assert(not ok and text:find(message, 1, true), tostring(text))
-end
-refused("noise_rms_m has no form as a system", function() servo.parts(axis({}, { noise_rms_m = 1e-6 })) end)
+refused("give tb.run_system start = { [\"plant.position\"] =", function()
+  servo.parts(axis({}, { initial = "fitted" }))
+end)
 refused("noise_rms is not a known field", function() servo.parts(axis({}, { noise_rms = 1 })) end)
 refused("forces and more both give force", function()
   parts.more = parts.forces

@@ -41,6 +41,35 @@ near(run.final.x, 1, 1e-14)
 run = tb.run_system { system = oscillator, duration_s = 1, inputs = { u = { sample_time_s = 0.5, values = { 4, 0 } } } }
 near(run.final.x, math.cos(1), 1e-14)
 
+-- Between samples an input may be a line: x' = u, from 0 at 0.25 s on, over 1 s to 2, then held.
+local integrator = tb.system {
+  inputs = { u = { value = 7, unit = "m/s" } },
+  states = { x = { unit = "m" } },
+  der = function(s) return { x = s.u } end,
+}
+local ramp = { sample_time_s = 1, values = { 0, 2 }, interpolation = "linear", offset_s = 0.25 }
+for _, solver in ipairs { "exact", "erk" } do
+  run = tb.run_system { system = integrator, duration_s = 2.25, output_step_s = 0.25, inputs = { u = ramp },
+    solver = solver }
+  near(run.final.x, 7 / 4 + 1 + 2, solver == "exact" and 1e-14 or 1e-7)
+  near(run.values.x[4], 7 / 4 + 0.5 ^ 2, solver == "exact" and 1e-14 or 1e-7) -- t = 0.75: 2 (t - 0.25) so far
+  near(run.values.u[1], 7, 0)
+  near(run.values.u[4], 1, 1e-15)
+  near(run.values.u[10], 2, 0)
+end
+-- Band-limited, a sine is one between its samples, too: to the (w h)^4/384 of a cubic.
+local sine = {}
+for k = 0, 200 do sine[k + 1] = math.sin(2 * math.pi * k / 6) end
+run = tb.run_system { system = integrator, duration_s = 200, output_step_s = 0.5,
+  inputs = { u = { sample_time_s = 1, values = sine, interpolation = "band_limited" } } }
+for i, t in ipairs(run.t) do
+  if t > 50 and t < 150 then near(run.values.u[i], math.sin(2 * math.pi * t / 6), 4e-3) end
+end
+refused("interpolation = \"spline\"", function()
+  tb.run_system { system = integrator, duration_s = 1,
+    inputs = { u = { sample_time_s = 1, values = { 1 }, interpolation = "spline" } } }
+end)
+
 -- A branch becomes an event: the motion against a stop with a spring, known piece by piece.
 local stop = tb.system {
   states = { x = 1, v = 0 },
