@@ -271,6 +271,11 @@ struct DiagnoseCommand {
     }
 };
 
+void add_compile(CLI::App& app, ScriptRequest& request) {
+    app.add_flag("--compile", request.compile,
+                 "equations of tb.run_system through the system's C compiler: faster, the same results");
+}
+
 struct RunCommand {
     ScriptRequest request;
     std::vector<std::string> defines;
@@ -289,8 +294,7 @@ struct RunCommand {
         app.add_flag("--quick", request.quick, "a small version of the work, to try a script");
         app.add_flag("--allow-all", request.allow_all,
                      "let the script open any file and use the whole standard library of Lua");
-        app.add_flag("--compile", request.compile,
-                     "equations of tb.run_system through the system's C compiler: faster, the same results");
+        add_compile(app, request);
         app.add_option("--max-instructions", request.limits.instructions, "limit of the script's Lua instructions");
         app.add_option("--max-memory", memory_mib, "limit of the script's memory in MiB");
         app.add_flag("--quiet", common.quiet, "no progress display");
@@ -343,6 +347,7 @@ struct BatchCommand {
             command->add_option("-j,--workers", common.workers, "processes (default: all cores)")
                 ->check(CLI::Range(1u, 4096u));
         }
+        for (auto* command : {run_app, resume_app, shard_app}) add_compile(*command, plan.script);
         shard_app->add_option("shard", shard, "its number, from 1")->required();
         slurm_app->add_option("--max-running", slurm.max_running, "tasks of one array at one time (default: no limit)")
             ->check(CLI::PositiveNumber);
@@ -370,7 +375,7 @@ struct BatchCommand {
         if (slurm_app->parsed()) return submit_missing(common);
         if (shard_app->parsed()) {
             common.workers = 1;
-            return run_script_batch(folder, shard, common.control()) ? done : shard_interrupted;
+            return run_script_batch(folder, shard, plan.script.compile, common.control()) ? done : shard_interrupted;
         }
         return run_missing(common);
     }
@@ -393,7 +398,7 @@ struct BatchCommand {
 
     int run_missing(const Common& common) {
         const auto place = std::filesystem::absolute(folder); // the work goes to another folder
-        const bool complete = run_script_batch(folder, std::nullopt, common.control());
+        const bool complete = run_script_batch(folder, std::nullopt, plan.script.compile, common.control());
         const BatchStatus status = read_status(place, Manifest::read(place));
         if (!complete) {
             throw EndedEarly(

@@ -338,7 +338,7 @@ PlannedBatch plan_script_batch(const BatchPlanRequest& request, const RunControl
     return planned;
 }
 
-bool run_script_batch(const fs::path& in, std::optional<std::size_t> shard, const RunControl& control) {
+bool run_script_batch(const fs::path& in, std::optional<std::size_t> shard, bool compile, const RunControl& control) {
     const fs::path folder = fs::weakly_canonical(fs::absolute(in));
     const Manifest manifest = Manifest::read(folder);
     if (shard && (*shard < 1 || *shard > manifest.shards)) {
@@ -366,7 +366,9 @@ bool run_script_batch(const fs::path& in, std::optional<std::size_t> shard, cons
     }
     if (shards.empty()) return true;
 
-    ScriptRun script(request_of(manifest, folder), inside_a_point(control));
+    ScriptRequest request = request_of(manifest, folder);
+    request.compile = compile;
+    ScriptRun script(request, inside_a_point(control));
     const Batch& batch = script.read_batch().batch;
     if (!is_same(manifest, batch)) {
         throw InputError(fmt::format("{}: the script describes another batch than when it was planned, though no file "

@@ -28,9 +28,11 @@ struct PlannedBatch {
 // Reads the script and plans its batch. Throws InputError, OutputError.
 PlannedBatch plan_script_batch(const BatchPlanRequest& request, const RunControl& control);
 
-// Runs the missing shards of a planned batch, all or only one of them. Goes to the working folder of the plan. Returns
-// false where it was stopped. Throws InputError where anything has changed since the plan, OutputError.
-bool run_script_batch(const std::filesystem::path& folder, std::optional<std::size_t> shard, const RunControl& control);
+// Runs the missing shards of a planned batch, all or only one of them; `compile` as of ScriptRequest. Goes to the working
+// folder of the plan. Returns false where it was stopped. Throws InputError where anything has changed since the plan,
+// OutputError.
+bool run_script_batch(const std::filesystem::path& folder, std::optional<std::size_t> shard, bool compile,
+                      const RunControl& control);
 
 // The batch of a script that is run as a whole: planned in `folder` where nothing is there yet, else gone on with. Returns
 // false where it was stopped. Throws as above.

@@ -12,6 +12,7 @@
 #include <fmt/format.h>
 #include <fstream>
 #include <spawn.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <sys/utsname.h>
 #include <sys/wait.h>
@@ -90,6 +91,23 @@ int run(const std::vector<std::string>& command, const fs::path& messages) {
     return status;
 }
 
+// Held on the cache by one process, or thread, at a time.
+class Lock {
+  public:
+    explicit Lock(const fs::path& folder) : file_(::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC)) {
+        while (file_ >= 0 && ::flock(file_, LOCK_EX) != 0 && errno == EINTR) {
+        }
+    }
+    ~Lock() {
+        if (file_ >= 0) ::close(file_);
+    }
+    Lock(const Lock&) = delete;
+    Lock& operator=(const Lock&) = delete;
+
+  private:
+    int file_;
+};
+
 // Files beside the one to be made, of this attempt alone; removed at the end.
 struct Attempt {
     fs::path text, object, messages;
@@ -146,14 +164,17 @@ std::shared_ptr<const CCompiler::Library> CCompiler::load(const std::string& tex
     const fs::path folder = cache.empty() ? usual_cache() : cache;
     require_own(folder);
     const fs::path file = folder / (key_of(command, text) + ".so");
+    bool is_damaged = false;
     if (fs::exists(file)) {
         try {
             return std::make_shared<const Library>(file);
         } catch (const Error&) {
-            // Damaged, as a full disk leaves files: made anew.
+            is_damaged = true; // as a full disk leaves files: made anew
         }
     }
-    compile(command, text, file);
+    // One compiles, and whoever wants the same meanwhile waits for it. A lock ends with its process.
+    const Lock lock(folder);
+    if (!fs::exists(file) || is_damaged) compile(command, text, file);
     return std::make_shared<const Library>(file);
 }
 

@@ -114,6 +114,27 @@ TEST_F(BatchCommands, EveryPointIsARowInTheOrderOfTheIndex) {
               std::string::npos);
 }
 
+TEST_F(BatchCommands, WorkersShareWhatWasCompiledAndGiveTheSameBytes) {
+    folder.write("s.lua", "local tb = require 'tribode'\n"
+                          "tb.batch { count = 40, points = function(i) return { k = 1 + i } end,\n"
+                          "  run = function(point)\n"
+                          "    local s = tb.system { parameters = { k = point.k }, states = { x = 1 },\n"
+                          "      der = function(s) return { x = -s.k * s.x ^ 3 } end }\n"
+                          "    return { x = tb.run_system { system = s, duration_s = 1 }.final.x }\n"
+                          "  end }\n");
+    ::setenv("XDG_CACHE_HOME", (folder / "cache").c_str(), 1);
+    for (const std::string name : {"plain", "compiled"}) {
+        expect_done({"plan", "s.lua", "-o", name, "--shards", "4"});
+        expect_done(name == "plain" ? std::vector<std::string>{"run", name, "-j", "2"}
+                                    : std::vector<std::string>{"run", name, "-j", "2", "--compile"});
+        expect_done({"merge", name, "-o", name + ".csv"});
+        EXPECT_EQ(fs::exists(folder / "cache"), name == "compiled");
+    }
+    ::unsetenv("XDG_CACHE_HOME");
+    EXPECT_EQ(text_of(folder / "compiled.csv"), text_of(folder / "plain.csv"));
+    EXPECT_EQ(files_in(folder / "cache/tribode").size(), 1u); // the number k is not in the text
+}
+
 TEST_F(BatchCommands, TheMergedBytesAreTheSameForAnyNumberOfWorkersAndShards) {
     plan(120, "1000", 1, "one");
     expect_done({"run", "one", "-j", "1"});

@@ -129,6 +129,7 @@ TEST_F(CompiledC, ManyAtOnceShareACache) {
     }
     for (auto& thread : threads) thread.join();
     EXPECT_EQ(right, 8);
+    EXPECT_EQ(call_count(), 1) << "the others wait for the first";
     EXPECT_EQ(cached().size(), 1u);
 }
 
