@@ -160,9 +160,10 @@ constexpr auto reciprocals = [] {
 }();
 
 // From c_0 and c_1 on, c_{n+1} = h/(n+1) A c_n, until two terms in a row are below half a unit in the last place of
-// the largest of the first ones, `least` at least. Returns the last n, or 0 where most_terms do not do. Even and odd terms
-// go each their own way by the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two chains that do not wait for one
-// another. Where nothing is left of two terms but an eigenvector of A, of eigenvalue `rate`, numbers take its place.
+// the largest, as a rule one of the first five, `least` at least. Returns the last n, or 0 where most_terms, an even
+// number, do not do. Even and odd terms go each their own way by the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two
+// chains that do not wait for one another. Where nothing is left of two terms but an eigenvector of A, of eigenvalue
+// `rate`, numbers take its place.
 template <std::size_t Fixed>
 [[gnu::always_inline]] inline int expand(const double* a, const double* square, double rate, const double* least,
                                          std::size_t states, std::size_t any_height, double h, int most_terms,
@@ -185,8 +186,17 @@ template <std::size_t Fixed>
         while (state < states && std::abs(term(n + 2)[state] - factor * term(n)[state]) <= limit[state]) ++state;
         return state == states;
     };
+    const auto set_limits = [&](int last) {
+        for (std::size_t row = 0; row < height; row += block_size) {
+            Block largest = block(least + row);
+            for (int n = 0; n <= last; ++n) {
+                const Block size = (Block)((Bits)block(term(n) + row) & not_sign);
+                largest = size > largest ? size : largest;
+            }
+            block(limit + row) = half_ulp * largest;
+        }
+    };
     multiply<Fixed, Fixed>(a, height, height, term(1), h / 2, term(2));
-    constexpr int first_terms = 4;
     bool only_decay = false;
     for (int n = 1; n + 3 <= most_terms; n += 2) {
         const double even = h * h * reciprocals[static_cast<std::size_t>(n)];
@@ -198,21 +208,16 @@ template <std::size_t Fixed>
             multiply<Fixed, Fixed>(square, height, height, term(n), even, term(n + 2));
             multiply<Fixed, Fixed>(square, height, height, term(n + 1), odd, term(n + 3));
         }
-        if (n + 3 == first_terms) {
-            for (std::size_t row = 0; row < height; row += block_size) {
-                Block largest = block(least + row);
-                for (int k = 0; k <= first_terms; ++k) {
-                    const Block size = (Block)((Bits)block(term(k) + row) & not_sign);
-                    largest = size > largest ? size : largest;
-                }
-                block(limit + row) = half_ulp * largest;
-            }
+        if (n == 1) {
+            set_limits(n + 3);
             continue;
         }
         if (small(n + 2) && small(n + 3)) return n + 3;
         if (!only_decay && rate != 0) only_decay = decays(n, rate * rate * even) && decays(n + 1, rate * rate * odd);
     }
-    return 0;
+    // States at the end of a long chain have their largest terms later.
+    set_limits(most_terms);
+    return small(most_terms - 1) && small(most_terms) ? most_terms : 0;
 }
 
 // The sum of all terms, x at the step's end, and of the sizes of those after the first; small ones come first.
