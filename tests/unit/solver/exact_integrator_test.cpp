@@ -256,6 +256,32 @@ TEST(ExactIntegrator, leaps_take_fewer_evaluations_and_come_to_the_same) {
     EXPECT_GT(evaluations[1], 10000); // one a term
 }
 
+// Lags in a row behind a step: x_k = 1 - e^{-t} sum t^j/j!, j < k. From rest the last ones have no term among the first, and
+// their largest comes late: the series must see that all the same, and not halve its step.
+TEST(ExactIntegrator, a_chain_from_rest_ends_as_soon_as_its_last_states_do) {
+    constexpr std::size_t count = 12;
+    AffineSystem system;
+    system.start.assign(count, 0);
+    system.a.assign(count, std::vector<double>(count));
+    for (std::size_t k = 0; k < count; ++k) {
+        system.a[k][k] = -1;
+        if (k > 0) system.a[k][k - 1] = 1;
+    }
+    system.b.assign(count, 0);
+    system.b[0] = 1;
+    system.u.coefficient[0] = 1;
+    system.sample_clocks = {{"tick", 0.5, 0.0}};
+    Simulator run(system, exact);
+    ASSERT_TRUE(run.advance_to(10).ok());
+    EXPECT_EQ(run.statistics().steps, 20);
+    double sum = 0, part = std::exp(-10.0);
+    for (std::size_t k = 0; k < count; ++k) {
+        sum += part;
+        part *= 10 / static_cast<double>(k + 1);
+        EXPECT_NEAR(run.state().x[k], 1 - sum, 5e-15) << k; // some twenty steps of numbers below one
+    }
+}
+
 // x' = -r x with a rate r of its own for each of 5000 samples, then the same ones again: more patterns than are kept, those
 // that are kept in the places of others.
 TEST(ExactIntegrator, more_patterns_than_are_kept_are_each_themselves) {
