@@ -22,6 +22,7 @@ parts.friction = tb.system {
 -- Proportional, with the velocity from the last two samples.
 parts.controller = tb.system {
   name = "PD controller",
+  parameters = { kp = { value = 2e4, unit = "N/m" }, kd = { value = 650, unit = "N s/m" }, T = { value = machine.Ts, unit = "s" } },
   inputs = { r = { unit = "m" }, measured = { unit = "m" }, exc = { unit = "N" } },
   discrete = { commanded = { unit = "N" }, last = { unit = "m" } },
   outputs = function(s) return { u = { s.commanded, unit = "N" } } end,
@@ -29,8 +30,8 @@ parts.controller = tb.system {
     {
       period_s = machine.Ts,
       set = function(s)
-        local speed = (s.measured - s.last) / machine.Ts
-        return { commanded = 2e4 * (s.r - s.measured) - 650 * speed + s.exc, last = s.measured }
+        local speed = (s.measured - s.last) / s.T
+        return { commanded = s.kp * (s.r - s.measured) - s.kd * speed + s.exc, last = s.measured }
       end,
     },
   },

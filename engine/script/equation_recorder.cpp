@@ -118,6 +118,7 @@ void EquationRecorder::check_units(Recorded& entry, const std::string& what) {
     entry.what = entry.name.empty() ? what : fmt::format("{}: {}", what, entry.name);
     try {
         entry.dimension = units_.of(entry.term);
+        entry.advice = units_.advice(entry.term);
     } catch (const InputError& problem) {
         throw InputError(fmt::format("{}: {}", entry.what, problem.what()));
     }
@@ -126,8 +127,8 @@ void EquationRecorder::check_units(Recorded& entry, const std::string& what) {
 
 void require_unit(const Recorded& entry, const Dimension& wanted, const char* what) {
     if (fit(entry.dimension, wanted)) return;
-    throw InputError(
-        fmt::format("{}: {} must be in {}, but is in {}", entry.what, what, to_text(wanted), to_text(entry.dimension)));
+    throw InputError(fmt::format("{}: {} must be in {}, but is in {}{}", entry.what, what, to_text(wanted),
+                                 to_text(entry.dimension), entry.advice));
 }
 
 // What stands on top of the stack. [-0, +0]

@@ -37,6 +37,7 @@ struct Recorded {
     Term term = 0;
     std::string what = {};    // for messages, with its line
     Dimension dimension = {}; // of the term
+    std::string advice = {};  // where it is not what is wanted
 };
 
 // Throws InputError where the term has another unit; `what` of the entry it is, as "the derivative".

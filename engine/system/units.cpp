@@ -147,19 +147,32 @@ Dimension Units::of(Term term) {
     return known_[term];
 }
 
+std::string Units::advice(Term term) const {
+    for (const Term part : graph_.reachable(std::span(&term, 1))) {
+        const auto& node = graph_[part];
+        if (node.op != Op::multiply && node.op != Op::divide) continue;
+        for (const Term operand : {node.a, node.b}) {
+            if (graph_[operand].op != Op::constant) continue;
+            return fmt::format("; the number {} is a plain factor, a parameter can have a unit", graph_.text(operand));
+        }
+    }
+    return "";
+}
+
 Dimension Units::combined(Term term) const {
     const auto& node = graph_[term];
     const auto at = [&](Term operand) { return known_.at(operand); };
     const auto equal = [&](Term a, Term b, const char* what) {
         if (!fit(at(a), at(b))) {
-            throw InputError(fmt::format("{} {} {} and {}", graph_.text(term), what, to_text(at(a)), to_text(at(b))));
+            throw InputError(fmt::format("{} {} {} and {}{}", graph_.text(term), what, to_text(at(a)), to_text(at(b)),
+                                         advice(term)));
         }
         return at(a) ? at(a) : at(b);
     };
     const auto plain = [&](Term operand) {
         if (!fit(at(operand), Powers{})) {
-            throw InputError(fmt::format("{} needs a plain number, but {} is in {}", graph_.text(term),
-                                         graph_.text(operand), to_text(at(operand))));
+            throw InputError(fmt::format("{} needs a plain number, but {} is in {}{}", graph_.text(term),
+                                         graph_.text(operand), to_text(at(operand)), advice(operand)));
         }
     };
     const auto to_power = [&](Term base, double power) {
@@ -183,9 +196,13 @@ Dimension Units::combined(Term term) const {
     case Op::atan2: return equal(node.a, node.b, "compares") ? Dimension(Powers{}) : std::nullopt;
     case Op::multiply:
     case Op::divide: {
-        if (!at(node.a) || !at(node.b)) return std::nullopt;
-        Powers product = *at(node.a);
-        multiply(product, *at(node.b), node.op == Op::multiply ? 1 : -1);
+        const auto factor = [&](Term operand) {
+            return graph_[operand].op == Op::constant ? Dimension(Powers{}) : at(operand);
+        };
+        const Dimension a = factor(node.a), b = factor(node.b);
+        if (!a || !b) return std::nullopt;
+        Powers product = *a;
+        multiply(product, *b, node.op == Op::multiply ? 1 : -1);
         return product;
     }
     case Op::power:

@@ -23,8 +23,9 @@ std::string to_text(const Dimension& dimension); // "kg m/s2", "1"
 // Whether the two may stand for the same quantity.
 bool fit(const Dimension& a, const Dimension& b);
 
-// Units of expressions. A variable without a unit, the time and a number are of any unit; so are products with them and
-// functions of them. Sums, comparisons and branches need equal units, functions plain numbers.
+// Units of expressions. A variable without a unit and the time are of any unit; so are products with them and functions of
+// them. A number written in an equation is a plain one as a factor, and of the unit of what it is added to or compared
+// with. Sums, comparisons and branches need equal units, functions plain numbers.
 class Units {
   public:
     explicit Units(const Expressions& graph) : graph_(graph) {}
@@ -33,6 +34,10 @@ class Units {
 
     // Throws InputError where units do not fit: "x + v adds m and m/s".
     Dimension of(Term term);
+
+    // What to say besides where a unit is not the one that was expected: of the first number that is a factor in the term,
+    // which its writer may have meant in a unit. Else empty.
+    std::string advice(Term term) const;
 
   private:
     Dimension combined(Term term) const; // from the operands, which are known

@@ -34,10 +34,11 @@ return function(settings)
   for i = 1, whole do discrete["u" .. i] = { unit = "N" } end
   return tb.system {
     name = "amplifier",
+    parameters = has_lag and { lag = { value = 2 * math.pi * settings.lag_hz, unit = "1/s" } } or nil,
     inputs = { u = { unit = "N" } },
     discrete = discrete,
     states = has_lag and { current = { unit = "N", nominal = 1e6 } } or nil,
-    der = has_lag and function(s) return { current = 2 * math.pi * settings.lag_hz * (held(s) - s.current) } end or nil,
+    der = has_lag and function(s) return { current = s.lag * (held(s) - s.current) } end or nil,
     outputs = function(s) return { thrust = { has_lag and s.current or held(s), unit = "N" } } end,
     sample = not settings.continuous and {
       {

@@ -16,10 +16,10 @@ return function(settings)
   local own, other = at_load and load or motor, at_load and motor or load
   local reduced, w = 1 / (load + motor), 2 * math.pi * settings.contact_hz
   local stiffness, damping = reduced * w * w, 2 * settings.contact_zeta * w * reduced
-  local half = settings.gap_m / 2 -- [m]
   local parameters = {
     own = { value = own, unit = "1/kg" }, beside = { value = other, unit = "1/kg" },
     stiffness = { value = stiffness, unit = "N/m" }, damping = { value = damping, unit = "N s/m" },
+    half = { value = settings.gap_m / 2, unit = "m" },
   }
 
   local function ahead(own_value, other_value) -- of the motor's over the load's
@@ -28,7 +28,7 @@ return function(settings)
   local function distance(s) return ahead(s.position, s.other) end
   local function contact(side)
     return function(s)
-      return s.stiffness * (distance(s) - side * half) + s.damping * ahead(s.velocity, s.other_velocity)
+      return s.stiffness * (distance(s) - side * s.half) + s.damping * ahead(s.velocity, s.other_velocity)
     end
   end
   -- What acts on the driven point, friction apart, and on the other body, under the contact's force.
@@ -55,8 +55,8 @@ return function(settings)
 
   local modes = {
     open = mode(none, {
-      { name = "touches ahead", crossing = function(s) return half - distance(s) end, mode = "pressing_ahead" },
-      { name = "touches behind", crossing = function(s) return half + distance(s) end, mode = "pressing_behind" },
+      { name = "touches ahead", crossing = function(s) return s.half - distance(s) end, mode = "pressing_ahead" },
+      { name = "touches behind", crossing = function(s) return s.half + distance(s) end, mode = "pressing_behind" },
     }),
   }
   for name, side in pairs { ahead = 1, behind = -1 } do
@@ -66,12 +66,12 @@ return function(settings)
     modes["parting_" .. name] = mode(none, {
       { -- a little beyond, so that rounding does not take it back at once
         name = "leaves",
-        crossing = function(s) return side * distance(s) - half * (1 - 1e-9) end,
+        crossing = function(s) return side * distance(s) - s.half * (1 - 1e-9) end,
         mode = "open",
       },
       {
         name = "presses",
-        crossing = function(s) return half * s.stiffness * 1e-9 - side * contact(side)(s) end,
+        crossing = function(s) return s.half * s.stiffness * 1e-9 - side * contact(side)(s) end,
         mode = "pressing_" .. name,
       },
     })

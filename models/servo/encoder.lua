@@ -12,13 +12,13 @@ local tb = require "tribode"
 return function(settings)
   local is_noisy = settings.noise_rms > 0
   local function noise(k) return is_noisy and settings.noise_rms * tb.standard_normal(settings.seed, 1, k) or 0 end
-  local function detect(y, noise)
+  local function detect(y, noise, metre)
     local q, error = y, 0
     for _, e in ipairs(settings.errors) do
-      local angle = 2 * math.pi * y / e.period_m
+      local angle = 2 * math.pi * (y / metre) / e.period_m
       error = error + (e.A * math.sin(angle + (e.phase or 0)) + (e.A2 or 0) * math.sin(2 * angle + (e.phase2 or 0)))
     end
-    q = q + error + noise
+    q = q + metre * error + noise
     if settings.resolution > 0 then q = settings.resolution * math.floor(q / settings.resolution + 0.5) end
     return q
   end
@@ -34,7 +34,7 @@ return function(settings)
   local discrete = {}
   -- Before t = 0 the axis rested at 0: m0 is the reading of sample lead - 1.
   for i = 0, behind do
-    discrete["m" .. i] = { start = detect(0, noise(math.max(lead - 1 - i, 0))), unit = "m" }
+    discrete["m" .. i] = { start = detect(0, noise(math.max(lead - 1 - i, 0)), 1), unit = "m" }
   end
   local clocks = {
     {
@@ -42,7 +42,7 @@ return function(settings)
       period_s = settings.period,
       offset_s = offset,
       set = function(s)
-        local set = { m0 = detect(s.y, is_noisy and s.noise or 0) }
+        local set = { m0 = detect(s.y, is_noisy and s.noise or 0, s.metre) }
         for i = 1, behind do set["m" .. i] = s["m" .. i - 1] end
         return set
       end,
@@ -59,6 +59,7 @@ return function(settings)
   end
   return tb.system {
     name = "encoder",
+    parameters = { metre = { value = 1, unit = "m" } },
     inputs = { y = { unit = "m" } },
     discrete = discrete,
     outputs = function(s) return { measured = { s["m" .. behind], unit = "m" } } end,

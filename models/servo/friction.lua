@@ -31,7 +31,7 @@ return function(settings)
   local margin = 1e-12 * (1 + settings.static + math.max(forward.level, backward.level) + level_of_elements)
 
   -- Where element i slips, the axis going that way (side 1 or -1).
-  local function limit(s, i, side) return s.reference + side * (elements[i].F / elements[i].K - side * s["z" .. i]) end
+  local function limit(s, i, side) return s.reference + side * (s["X" .. i] - side * s["z" .. i]) end
 
   -- The axis has come to the next limit of this side: the element there slips, and all whose limits are not beyond.
   local function slip(side)
@@ -43,7 +43,7 @@ return function(settings)
       for i, e in ipairs(elements) do
         local at = limit(s, i, side)
         local slips = within(at, reached)
-        force = force + tb.where(slips, side * e.F, e.K * s["z" .. i])
+        force = force + tb.where(slips, side * e.F, s["K" .. i] * s["z" .. i])
         stiffness = stiffness + tb.where(slips, 0, e.K)
         damping = damping + tb.where(slips, 0, e.D or 0)
         limits[i + 1] = tb.where(slips, side * far, at)
@@ -62,11 +62,11 @@ return function(settings)
     return function(s)
       local set = { reference = s.y, stiffness = stiffness_of_all, damping = damping_of_all }
       local force, ahead, behind = 0, {}, {}
-      for i, e in ipairs(elements) do
-        local X, at = e.F / e.K, limit(s, i, side)
+      for i in ipairs(elements) do
+        local X, at = s["X" .. i], limit(s, i, side)
         local z = tb.where(passed(at, side > 0 and s.ahead or s.behind), side * X, s["z" .. i] + (s.y - s.reference))
         set["z" .. i] = z
-        force = force + e.K * z
+        force = force + s["K" .. i] * z
         ahead[i], behind[i] = s.y + (X - z), s.y - (X + z)
       end
       set.force, set.ahead, set.behind = force, math.min(table.unpack(ahead)), math.max(table.unpack(behind))
@@ -151,6 +151,13 @@ return function(settings)
 
   local inputs = { y = { unit = "m" }, v = { unit = "m/s" } }
   if is_dry then inputs.push = { unit = "N" } end
+  local parameters = {
+    viscous = { value = settings.viscous, unit = "N s/m" },
+    coulomb = { value = settings.coulomb, unit = "N" },
+    static = { value = settings.static, unit = "N" },
+    velocity = { value = settings.velocity, unit = "m/s" },
+    metre = { value = 1, unit = "m" },
+  }
   local discrete
   if #elements > 0 then
     discrete = {
@@ -160,6 +167,8 @@ return function(settings)
     }
     for i, e in ipairs(elements) do
       discrete["z" .. i] = { unit = "m" }
+      parameters["K" .. i] = { value = e.K, unit = "N/m" }
+      parameters["X" .. i] = { value = e.F / e.K, unit = "m" }
       discrete.ahead.start = math.min(discrete.ahead.start, e.F / e.K)
       discrete.behind.start = math.max(discrete.behind.start, -e.F / e.K)
     end
@@ -167,13 +176,7 @@ return function(settings)
   local has_modes = is_dry or #elements > 0
   return tb.system {
     name = "friction",
-    parameters = {
-      viscous = { value = settings.viscous, unit = "N s/m" },
-      coulomb = { value = settings.coulomb, unit = "N" },
-      static = { value = settings.static, unit = "N" },
-      velocity = { value = settings.velocity, unit = "m/s" },
-      metre = { value = 1, unit = "m" },
-    },
+    parameters = parameters,
     inputs = inputs,
     discrete = discrete,
     modes = has_modes and modes or nil,

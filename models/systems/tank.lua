@@ -7,9 +7,8 @@ local tb = require "tribode"
 
 -- The outflow stops with the water: sqrt has no slope at zero, so the last tenth of a millimetre drains linearly.
 local function outflow(s)
-  local thin = 1e-4
-  local smooth = math.sqrt(2 * s.g * thin) * s.h / thin
-  return s.hole * tb.where(tb.less(s.h, thin), smooth, math.sqrt(2 * s.g * math.max(s.h, thin)))
+  local smooth = math.sqrt(2 * s.g * s.thin) * s.h / s.thin
+  return s.hole * tb.where(tb.less(s.h, s.thin), smooth, math.sqrt(2 * s.g * math.max(s.h, s.thin)))
 end
 
 return tb.system {
@@ -20,6 +19,7 @@ return tb.system {
     g = { value = 9.81, unit = "m/s2" },
     h_low = { value = 0.5, unit = "m" },
     h_full = { value = 1.5, unit = "m" },
+    thin = { value = 1e-4, unit = "m" },
   },
   inputs = { pump = { value = 8e-3, unit = "m3/s" } },
   states = { h = { start = 0, unit = "m" } },

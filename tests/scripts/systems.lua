@@ -17,7 +17,7 @@ local oscillator = tb.system {
   inputs = { u = { unit = "N/kg" } },
   states = { x = { start = 1, unit = "m" }, v = { unit = "m/s" } },
   der = function(s) return { x = s.v, v = s.u - s.w ^ 2 * s.x } end,
-  outputs = function(s) return { energy = { (s.v ^ 2 + s.w ^ 2 * s.x ^ 2) / 2, unit = "J" } } end,
+  outputs = function(s) return { energy = { (s.v ^ 2 + s.w ^ 2 * s.x ^ 2) / 2, unit = "J/kg" } } end,
 }
 local run = tb.run_system { system = oscillator, duration_s = 3, output_step_s = 0.5 }
 assert(run.ok and run.message == "" and run.solver == "exact" and #run.t == 7)
@@ -25,7 +25,7 @@ for i, t in ipairs(run.t) do
   near(run.values.x[i], math.cos(2 * t), 1e-14)
   near(run.values.energy[i], 2, 1e-14)
 end
-assert(run.columns[1].name == "t" and run.columns[4].name == "energy" and run.columns[4].unit == "J")
+assert(run.columns[1].name == "t" and run.columns[4].name == "energy" and run.columns[4].unit == "J/kg")
 for _, solver in ipairs { "auto", "erk", "adams", "cvode" } do
   run = tb.run_system { system = oscillator, duration_s = 3, solver = solver, inputs = { u = math.sin } }
   near(run.final.x, math.cos(6) + (2 * math.sin(3) - math.sin(6)) / 6, 1e-6)
@@ -285,6 +285,8 @@ end))
 refused("sin(x) needs a plain number, but x is in m", mass_with(function(s)
   return { x = s.v, v = math.sin(s.x) }
 end))
+refused("v: the derivative must be in m/s2, but is in m; the number -4 is a plain factor, a parameter can have a unit",
+  mass_with(function(s) return { x = s.v, v = -4 * s.x } end))
 refused("outputs: E: it must be in kg m2/s2, but is in kg m/s2", mass_with(newton, {
   outputs = function(s) return { E = { s.k * s.x, unit = "J" } } end,
 }))

@@ -72,10 +72,18 @@ TEST_F(UnitsTest, ProductsPowersAndRootsHaveTheirUnits) {
 TEST_F(UnitsTest, NumbersAndVariablesWithoutAUnitFitEverywhere) {
     EXPECT_EQ(units.of(make(Op::add, x, number(1))), dimension_of("m"));
     EXPECT_EQ(units.of(make(Op::add, free, v)), dimension_of("m/s"));
-    EXPECT_FALSE(units.of(make(Op::multiply, number(2), x)));
-    EXPECT_FALSE(units.of(make(Op::add, make(Op::multiply, number(2), x), make(Op::multiply, number(2), v))));
-    const Term sine = make(Op::sin, make(Op::multiply, number(2), x));
-    EXPECT_FALSE(units.of(sine)) << "an amplitude of 1 may have a unit too";
+    EXPECT_FALSE(units.of(make(Op::multiply, free, x)));
+    EXPECT_FALSE(units.of(make(Op::sin, make(Op::multiply, free, x))));
+}
+
+TEST_F(UnitsTest, AFactorThatIsANumberHasNoUnit) {
+    EXPECT_EQ(units.of(make(Op::multiply, number(2), x)), dimension_of("m"));
+    EXPECT_EQ(units.of(make(Op::divide, number(2), x)), dimension_of("1/m"));
+    EXPECT_EQ(refusal(make(Op::add, make(Op::multiply, number(2), x), v)),
+              "v + x*2 adds m/s and m; the number 2 is a plain factor, a parameter can have a unit");
+    EXPECT_EQ(
+        refusal(make(Op::sin, make(Op::multiply, number(3), x))),
+        "sin(x*3) needs a plain number, but x*3 is in m; the number 3 is a plain factor, a parameter can have a unit");
 }
 
 TEST_F(UnitsTest, WhatDoesNotFitIsRefusedWithBothUnits) {
