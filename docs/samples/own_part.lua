@@ -22,7 +22,9 @@ parts.friction = tb.system {
 -- Proportional, with the velocity from the last two samples.
 parts.controller = tb.system {
   name = "PD controller",
-  parameters = { kp = { value = 2e4, unit = "N/m" }, kd = { value = 650, unit = "N s/m" }, T = { value = machine.Ts, unit = "s" } },
+  parameters = {
+    kp = { value = 2e4, unit = "N/m" }, kd = { value = 650, unit = "N s/m" }, T = { value = machine.Ts, unit = "s" },
+  },
   inputs = { r = { unit = "m" }, measured = { unit = "m" }, exc = { unit = "N" } },
   discrete = { commanded = { unit = "N" }, last = { unit = "m" } },
   outputs = function(s) return { u = { s.commanded, unit = "N" } } end,

@@ -118,8 +118,8 @@ local function settings_of(machine, options)
     end
   end
   if continuous and m.amplifier.delay > 0 then
-    error("servo.parts: input = \"band_limited\" goes through the amplifier undelayed; take the delay out and give it " ..
-      "to the input of tb.run_system as offset_s", 0)
+    error("servo.parts: input = \"band_limited\" goes through the amplifier undelayed; take the delay out and give " ..
+      "it to the input of tb.run_system as offset_s", 0)
   end
   if (machine.process_noise_rms_N or 0) > 0 then
     m.noise = { rms = machine.process_noise_rms_N, seed = options.seed, period = period }

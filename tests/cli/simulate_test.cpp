@@ -197,6 +197,56 @@ TEST_P(Golden, ClosedLoop) {
     EXPECT_LT(distance(found, golden("loop"), "u"), 1e-9);
 }
 
+// The same as a system of equations, whose events have no element: each slip of the golden run is one of the system, where
+// several may be one, and so is each reversal.
+TEST_F(Simulate, TheTableAsASystemOfEquationsGivesTheGoldenRuns) {
+    folder.write("open.json", golden_table().dump());
+    folder.write("loop.json", golden_table_in_loop().dump());
+    folder.write("s.lua", R"(
+        local tb = require "tribode"
+        local servo = require "servo"
+        local cases = { g1 = { "open", "u", 15, 10 }, g2 = { "open", "u", 30, 34 }, loop = { "loop", "exc", 15, 10 } }
+        for name, case in pairs(cases) do
+          local list = {}
+          for k = 0, 1000 do list[k + 1] = case[3] * math.sin(2 * math.pi * case[4] * k * 5e-4) end
+          local run = tb.run_system {
+            system = servo.wire(servo.parts(tb.machine(case[1] .. ".json"))), duration_s = 0.5, output_step_s = 5e-4,
+            solver = "exact", inputs = { [case[2]] = { sample_time_s = 5e-4, values = list } },
+          }
+          assert(run.ok, run.message)
+          local values = run.values
+          tb.write_csv { file = name .. ".csv", columns = {
+            { name = "x", values = values["plant.y"] }, { name = "v", values = values["plant.v"] },
+            { name = "f", values = values["friction.friction"] },
+          } }
+          local slips, reversals = {}, {}
+          for _, event in ipairs(run.events) do
+            table.insert(event.name:find "slips" and slips or reversals, event.t)
+          end
+          tb.write_csv { file = name .. "_slips.csv", columns = { { name = "t", values = slips } } }
+          tb.write_csv { file = name .. "_reversals.csv", columns = { { name = "t", values = reversals } } }
+        end
+    )");
+    const auto ending = run({"run", "s.lua", "-o", "out", "--allow-all"}, {.folder = folder.path()});
+    ASSERT_EQ(ending.exit_code, 0) << ending.err;
+    for (const std::string name : {"g1", "g2", "loop"}) {
+        const Sheet found(folder / ("out/" + name + ".csv")), wanted = golden(name), events = golden(name + "_events");
+        EXPECT_LT(distance(found, wanted, "x"), 1e-15) << name;
+        EXPECT_LT(distance(found, wanted, "v"), 500 * 1e-15) << name;
+        EXPECT_LT(distance(found, wanted, "f"), 3e6 * 1e-15) << name;
+        const auto t = events["t"];
+        const auto kinds = events.texts("kind");
+        for (const std::string kind : {"slips", "reversals"}) {
+            const auto instants = Sheet(folder / ("out/" + name + "_" + kind + ".csv"))["t"];
+            for (std::size_t i = 0; i < t.size(); ++i) {
+                if ((kinds[i] == "stick") != (kind == "reversals")) continue;
+                const auto next = std::lower_bound(instants.begin(), instants.end(), t[i] - 1e-12);
+                EXPECT_TRUE(next != instants.end() && *next < t[i] + 1e-12) << name << ", " << kind << " at " << t[i];
+            }
+        }
+    }
+}
+
 const std::vector<std::string> tight = {"--rtol", "1e-10", "--atol", "1e-13"};
 
 // exact: rounding, over 500 restarts and more; the others what they claim at these tolerances. fixed sees an
