@@ -213,7 +213,7 @@ for _, solver in ipairs { "erk", "adams", "cvode", "fixed" } do
 end
 
 -- Branches that cannot be recorded are refused, at their line.
-local function system_of(der) return function() tb.system { states = { x = 1, y = 0 }, der = der } end end
+local function system_of(der) return function() return tb.system { states = { x = 1, y = 0 }, der = der } end end
 refused("cannot be compared while equations are recorded", system_of(function(s)
   if s.x < 0 then return { x = 1, y = 0 } end
   return { x = 2, y = 0 }
@@ -229,6 +229,25 @@ end))
 refused("takes a branch on the value", system_of(function(s)
   return { x = not tb.less(s.x, 0.5) and 1 or 2, y = 0 }
 end))
+-- Both conditions of an `or` and `and` would count, `~=` and a loop decide once, a table is looked up once.
+for _, der in ipairs {
+  function(s) return { x = tb.where(tb.less(s.x, 0) or tb.less(s.y, 0), 1, 2), y = 0 } end,
+  function(s) return { x = tb.where(tb.less(s.x, 0) and tb.less(s.y, 0), 1, 2), y = 0 } end,
+  function(s) return { x = s.x ~= 0 and s.y or 7, y = 0 } end,
+  function(s)
+    local n = 0
+    while tb.less(s.x, 0) and n < 3 do n = n + 1 end
+    return { x = n, y = 0 }
+  end,
+  function(s) return { x = ({ [1] = 5 })[s.x] or 0, y = 0 } end,
+  function() return { x = math.random(), y = 0 } end,
+} do
+  local ok, text = pcall(system_of(der))
+  assert(not ok and text:find "systems.lua:%d+: tb.system: der takes a branch on the value", text)
+end
+-- A variable by itself is true in Lua, whatever its value, in a run as while it is recorded.
+assert(tb.run_system { system = system_of(function(s) return { x = s.x and 3 or 4, y = 0 } end)(),
+  duration_s = 1 }.final.x == 4)
 refused("== while equations are recorded", system_of(function(s)
   return { x = s.x == s.y and 1 or 2, y = 0 }
 end))
