@@ -36,7 +36,8 @@ struct Candidate {
     std::size_t tried = 2; // of starts and probes, the best so many are fitted
     // A form of more numbers, with starts near these, for where they leave more than noise.
     std::function<std::shared_ptr<const Candidate>(std::span<const double>)> richer = {};
-    bool rugged = false; // chi square has many valleys over a whole record: fitted on beginnings that grow
+    bool ringing = false; // sought on beginnings too, which have fewer valleys
+    bool rugged = false;  // chi square has many valleys over a whole record: fitted on beginnings that grow
 
     Effect at(std::span<const double> values) const;
 };

@@ -31,9 +31,10 @@ struct Beginning {
 };
 constexpr Beginning beginnings[] = {{100, 16, 4}, {100, 8, 8}, {150, 6, 6},  {200, 6, 6},  {300, 5, 6}, {400, 5, 6},
                                     {600, 4, 6},  {900, 4, 6}, {1400, 4, 6}, {2500, 4, 6}, {5000, 3, 6}};
-constexpr std::size_t grown_from = 400; // samples of the first beginning on which uncertain fields are found
-constexpr double worthwhile = 0.8;      // of what is left there without the candidate: points above are given up
-constexpr double followed = 1.5;        // chi square per sample up to which a beginning is simulated as it went
+constexpr std::size_t grown_from = 400;   // samples of the first beginning on which uncertain fields are found
+constexpr std::size_t ringing_from = 800; // samples of the first beginning on which a mode is sought
+constexpr double worthwhile = 0.8;        // of what is left there without the candidate: points above are given up
+constexpr double followed = 1.5;          // chi square per sample up to which a beginning is simulated as it went
 // Chi square per sample up to which noise explains what a settled hypothesis leaves: a handful of seeds tells the spread of
 // ways that noise has parted only roughly, and the beginning was followed.
 constexpr double settled_limit = 3;
@@ -219,16 +220,23 @@ class Search {
         ModelFit(machine_, records).fit(h, options);
     }
 
+    // The sample at which a hypothesis' gap first shows; 0 where it does not.
+    std::size_t first_shown(const Hypothesis& h, const Evidence& record) const {
+        const std::vector<Evidence> alone{record};
+        const auto e = ModelFit(machine_, alone).errors(h);
+        for (std::size_t k = 0; k < std::min(e.size(), record.samples()); ++k) {
+            if (std::abs(e[k]) > shows) return k;
+        }
+        return 0;
+    }
+
     // Numbers that are far off have valleys of chi square over a whole record, as a mode's phase that runs round. On
     // beginnings of the records that double, each fit ends near enough to the bottom of the next.
     void grow(Hypothesis& h, unsigned workers) const {
         std::vector<std::size_t> first;
         std::size_t longest = 0;
         for (const auto& record : all_) {
-            const std::vector<Evidence> alone{record};
-            const auto e = ModelFit(machine_, alone).errors(h);
-            const auto shown = std::find_if(e.begin(), e.end(), [](double white) { return std::abs(white) > shows; });
-            first.push_back(static_cast<std::size_t>(shown == e.end() ? 0 : shown - e.begin()));
+            first.push_back(first_shown(h, record));
             longest = std::max(longest, record.measurement.size());
         }
         for (std::size_t samples = grown_from; samples < longest; samples *= 2) {
@@ -310,16 +318,13 @@ class Search {
     }
 
     // The baseline has bent uncertain fields to do the work of an effect that was not there yet; next to it they may stay
-    // bent, since the way back gains little of chi square. The rest is fitted with them where the user has them, then they too.
+    // bent, since the way back gains little of chi square or leads over a ridge. All is fitted from where the user has them.
     void straighten(Scored& one) const {
-        const auto is_zero = [](double value) { return value == 0; };
-        if (std::ranges::all_of(one.together.nominal, is_zero)) return;
+        if (one.together.deviation() == 0) return;
         Hypothesis again = one.together;
         std::ranges::fill(again.nominal, 0.0);
         again.converged = false;
-        refine(again, all_, 10, control_.workers, false);
-        again.converged = false;
-        refine(again, all_, 10, control_.workers);
+        grow(again, control_.workers);
         Scored straight = scored(std::move(again));
         if (straight.score < one.score) one = std::move(straight);
     }
@@ -375,7 +380,9 @@ class Search {
         std::vector<std::vector<Hypothesis>> begun(list.size());
         const std::string what = "effect " + std::to_string(level);
         for_each_index(list.size(), control_, what + ": screening", [&](std::size_t i) {
-            begun[i] = list[i]->rugged ? grown_starts(base.together, list[i]) : starts_of(base.together, list[i], lead);
+            begun[i] = list[i]->rugged    ? grown_starts(base.together, list[i])
+                       : list[i]->ringing ? ringing_starts(base.together, list[i])
+                                          : starts_of(base.together, list[i], lead);
         });
         go_on();
         std::vector<std::size_t> order;
@@ -486,9 +493,7 @@ class Search {
         for (const auto& values : candidate->probes) points.push_back(with(base, candidate, values));
         const Evidence& record = lead_records_.front();
         const ModelFit lead(machine_, lead_records_);
-        const auto gap = lead.errors(base);
-        const auto first = static_cast<std::size_t>(
-            std::find_if(gap.begin(), gap.end(), [](double e) { return std::abs(e) > shows; }) - gap.begin());
+        const std::size_t first = first_shown(base, record);
         std::vector<Evidence> part;
         std::optional<std::pair<Hypothesis, std::vector<Evidence>>> last; // that was followed
         for (const auto& [samples, count, iterations] : beginnings) {
@@ -526,6 +531,27 @@ class Search {
         }
         for (auto& h : points) h.chi_square = lead.chi_square(h);
         keep_best(points, candidate->tried, 1e300);
+        return points;
+    }
+
+    // A light mode has a valley for every turn of its phase: it is sought on a beginning of the record, too, and followed
+    // on beginnings that double.
+    std::vector<Hypothesis> ringing_starts(const Hypothesis& base,
+                                           const std::shared_ptr<const Candidate>& candidate) const {
+        const Evidence& record = lead_records_.front();
+        const std::size_t first = first_shown(base, record);
+        std::vector<Hypothesis> points;
+        for (std::size_t samples = ringing_from; first + samples < record.measurement.size(); samples *= 2) {
+            const std::vector<Evidence> part{beginning(record, first + samples)};
+            if (points.empty()) points = starts_of(base, candidate, ModelFit(machine_, part));
+            for (auto& h : points) refine(h, part, 6, 1);
+        }
+        const ModelFit lead(machine_, lead_records_);
+        for (auto& h : points) h.chi_square = lead.chi_square(h);
+        // A mode that is excited late only shows on the whole.
+        for (auto& h : starts_of(base, candidate, lead)) points.push_back(std::move(h));
+        std::erase_if(points, [](const Hypothesis& h) { return !std::isfinite(h.chi_square); });
+        std::ranges::stable_sort(points, {}, &Hypothesis::chi_square);
         return points;
     }
 

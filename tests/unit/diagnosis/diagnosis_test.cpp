@@ -88,6 +88,31 @@ TEST(Diagnosis, ABacklashIsFoundThoughNoiseDecidesWhereTheBodiesMeet) {
     EXPECT_NEAR(d.effects[0].parameters["load_fraction"].get<double>(), 0.4, 0.03);
 }
 
+TEST(Diagnosis, AHiddenModeIsFoundThoughItsPhaseRunsRoundManyTimes) {
+    const MachineModel machine = MachineModel::from_description(small_axis(), "case");
+    const Json hidden =
+        Json::parse(R"([{"name": "resonant_mode", "parameters": {"gain": 0.004, "freq_hz": 87.3, "zeta": 0.01}}])");
+    const auto record = [&](double phase, std::uint64_t seed) {
+        DriveRecord drive = sine_record(0.01, 0.5, 4);
+        for (std::size_t k = 0; k < drive.t.size(); ++k) {
+            for (const double f : {11.0, 29.0, 47.0, 71.0, 86.0, 89.0, 101.0, 131.0}) {
+                drive.excitation[k] += 4 * std::sin(2 * std::numbers::pi * f * drive.t[k] + phase * f);
+            }
+        }
+        return measurement_from_table(measured(small_axis(), hidden, drive, seed), machine, "case");
+    };
+    DiagnosisOptions options;
+    options.max_effects = 1;
+    RunControl control;
+    control.workers = 2;
+    const Diagnosis d = diagnose(machine, {record(1, 1)}, record(2, 2), options, control);
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects[0].name, "resonant_mode");
+    for (const char* name : {"gain", "freq_hz", "zeta"}) {
+        expect_parameter(d.effects[0], name, hidden[0]["parameters"][name].get<double>());
+    }
+}
+
 TEST(Diagnosis, ACoarseEncoderShowsInItsValues) {
     const Diagnosis d =
         diagnosed(Json::parse(R"([{"name": "encoder_quantization", "parameters": {"resolution_m": 2e-6}}])"));
