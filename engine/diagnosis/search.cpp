@@ -496,6 +496,7 @@ class Search {
         const std::size_t first = first_shown(base, record);
         std::vector<Evidence> part;
         std::optional<std::pair<Hypothesis, std::vector<Evidence>>> last; // that was followed
+        std::vector<double> before;                                       // numbers of the one before
         for (const auto& [samples, count, iterations] : beginnings) {
             part = {beginning(record, first + samples)};
             const ModelFit fit(machine_, part);
@@ -511,6 +512,7 @@ class Search {
             std::erase_if(points, [&](const Hypothesis& h) { return !(h.chi_square < worthwhile * without); });
             if (points.empty()) return {};
             if (points.front().chi_square < followed * static_cast<double>(fit.sample_count())) {
+                if (last) before = last->first.values;
                 last.emplace(points.front(), part);
             } else if (last) {
                 // Errors of the numbers by what noise leaves of this machine: more than of one without contacts.
@@ -523,6 +525,10 @@ class Search {
                 options.iterations = 0;
                 options.standard_errors = true;
                 ModelFit(machine_, beginning_followed).fit(h, options);
+                // Chi square is rugged: the numbers move more than its curvature tells as the beginning grows.
+                for (std::size_t i = 0; i < before.size(); ++i) {
+                    h.standard_errors[i] = std::hypot(h.standard_errors[i], h.values[i] - before[i]);
+                }
                 h.chi_square = lead.chi_square(h);
                 h.settled = true;
                 return {h};

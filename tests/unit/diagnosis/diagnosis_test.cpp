@@ -83,6 +83,9 @@ TEST(Diagnosis, ABacklashIsFoundThoughNoiseDecidesWhereTheBodiesMeet) {
     ASSERT_EQ(d.verdict, "effect_found");
     ASSERT_EQ(d.effects[0].name, "backlash");
     EXPECT_EQ(d.effects[0].parameters["sensor"], "motor");
+    for (const char* name : {"gap_m", "load_fraction", "contact_hz", "contact_zeta"}) {
+        expect_parameter(d.effects[0], name, hidden[0]["parameters"][name].get<double>());
+    }
     // Some contacts are followed only, so the numbers are known to a few per cent.
     EXPECT_NEAR(d.effects[0].parameters["gap_m"].get<double>(), 3e-5, 2e-6);
     EXPECT_NEAR(d.effects[0].parameters["load_fraction"].get<double>(), 0.4, 0.03);
