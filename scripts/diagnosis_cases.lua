@@ -17,6 +17,7 @@ local option = tb.options {
   duration = { default = tb.quick and 3 or 7, unit = "s", help = "of each record" },
   tolerance = { default = 0.2, help = "share of the machines whose fields are off by their tolerance" },
   process_noise = { default = 0.2, help = "share of the machines with process noise" },
+  more = { default = 0, help = "further records to fit, drawn anew, beside the first; the rest stays the same" },
   open_loop = { default = 0.1, help = "share of the machines without a controller" },
 }
 
@@ -529,13 +530,25 @@ local function attempt(kind)
     end
   end
   if #effects == 0 then accept, truth = { "none" }, { { name = "none" } } end
+  -- Whether the effects show in these is left to chance.
+  for _ = 1, option.more do
+    local record
+    repeat
+      record = draw_record(real, level, pick(kinds))
+      record.measured = run(real, record, random(1 << 30), effects)
+    until record.measured and not (record.r and rms(record.measured.y, record.r) > 0.05)
+    records[#records + 1] = record
+  end
   return machine, real, records, { effects = truth, accept = accept }
 end
 
 local function write(folder, machine, records, truth)
-  machine.records = { ident = { kind = records[1].kind }, valid = { kind = records[2].kind } }
+  local names = { "ident", "valid" }
+  for i = 3, #records do names[i] = "ident_" .. i - 1 end
+  machine.records = {}
+  for i, name in ipairs(names) do machine.records[name] = { kind = records[i].kind } end
   tb.write_json { file = folder .. "/nominal.json", value = machine }
-  for i, name in ipairs { "ident", "valid" } do
+  for i, name in ipairs(names) do
     local signals = records[i].measured
     local columns = { { name = "t", unit = "s", values = signals.t } }
     if machine.closed_loop then columns[2] = { name = "r", unit = "m", values = signals.r } end

@@ -1,6 +1,6 @@
 -- How good is tb.diagnose? Runs it on a folder of cases whose answer is known, and counts. A case is a folder
 -- NNN with nominal.json (the machine as its user believes it to be), ident.csv.gz and valid.csv.gz (records of the real
--- one) and truth.json (what it has besides, and in `accept` the names that physics cannot tell from it).
+-- one; more to fit in ident_2.csv.gz and so on) and truth.json (what it has besides, and in `accept` the names that physics cannot tell from it).
 --
 --   tribode run scripts/diagnosis_cases.lua -o results/cases -D count=60 -D seed=7
 --   tribode run scripts/diagnosis_score.lua -o results/score -D cases=results/cases/cases
@@ -32,6 +32,7 @@ if folder == "" then
 end
 
 local function selected()
+  if option.first < 1 or option.every < 1 then error("-D first, -D every: must be 1 and more", 0) end
   local names, wanted, points = {}, {}, {}
   for name in option.only:gmatch "[^,%s]+" do wanted[name] = true end
   for _, name in ipairs(tb.list_folder { folder = folder }) do
@@ -49,10 +50,13 @@ end
 local function diagnosis_of(name) return "batch/cases/" .. name end
 
 local function run(point)
-  local case = folder .. "/" .. point.case
+  local case, data = folder .. "/" .. point.case, {}
+  for _, file in ipairs(tb.list_folder { folder = case }) do
+    if file:find "^ident.*%.csv%.gz$" then data[#data + 1] = case .. "/" .. file end
+  end
   local found = tb.diagnose {
     machine = tb.read_json { file = case .. "/nominal.json" },
-    data = { case .. "/ident.csv.gz" },
+    data = data,
     validate = case .. "/valid.csv.gz",
     max_effects = option.max_effects,
     folder = diagnosis_of(point.case),

@@ -161,13 +161,13 @@ for _, model in ipairs(models) do
 end
 
 -- The published score of the simulation: errors of velocity, acceleration and force in percent, of the model with
--- offset, with the published delay. The acceleration is that of the interval after the sample.
+-- offset, with the published delay. The acceleration is that of the model's equation of motion, where it comes to 8.64;
+-- of differences of the simulated velocity it would be 7.5 to 8.3.
 local simulated = simulate(models[4].values, records.train, 1)
-simulated.a = {}
-for k = 1, #simulated.v do
-  simulated.a[k] = (simulated.v[math.min(k + 1, #simulated.v)] - simulated.v[k]) / Ts
+simulated.a, simulated.force = {}, simulated.u
+for k = 1, #simulated.u do
+  simulated.a[k] = (simulated.u[k] - simulated.f[k] - models[4].values.offset) / models[4].values.M
 end
-simulated.force = simulated.u
 local scores = { { "velocity", "v", 0.22911 }, { "acceleration", "a", 8.6036 }, { "force", "force", 5.848 } }
 for _, score in ipairs(scores) do
   local name = score[2]

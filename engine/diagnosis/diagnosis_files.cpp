@@ -103,18 +103,21 @@ std::vector<double> scaled(std::vector<double> values, double scale) {
     return values;
 }
 
-Plot response_plot(const Compared& c) {
+Plot response_plot(const Compared& c, bool named) {
     const auto t = times(c);
     Plot plot;
     Panel response, gap;
     response.x_label = gap.x_label = "Time [s]";
     response.y_label = "Position [mm]";
     response.series = {{"measured", t, scaled(c.measurement.position(), 1e3), SeriesStyle::line, gray, 2.6},
-                       {"before", t, scaled(c.y_before, 1e3), SeriesStyle::line, red, 1.0},
-                       {"after", t, scaled(c.y_after, 1e3), SeriesStyle::dashed, blue, 1.2}};
+                       {"before", t, scaled(c.y_before, 1e3), SeriesStyle::line, red, 1.0}};
     gap.y_label = "Measured - simulated [um]";
-    gap.series = {{"before", t, difference(c.measurement.position(), c.y_before, 1e6), SeriesStyle::line, red, 1.0},
-                  {"after", t, difference(c.measurement.position(), c.y_after, 1e6), SeriesStyle::line, blue, 1.0}};
+    gap.series = {{"before", t, difference(c.measurement.position(), c.y_before, 1e6), SeriesStyle::line, red, 1.0}};
+    if (named) {
+        response.series.push_back({"after", t, scaled(c.y_after, 1e3), SeriesStyle::dashed, blue, 1.2});
+        gap.series.push_back(
+            {"after", t, difference(c.measurement.position(), c.y_after, 1e6), SeriesStyle::line, blue, 1.0});
+    }
     plot.panels = {response, gap};
     return plot;
 }
@@ -126,7 +129,7 @@ struct Residuals {
 
     Residuals(const Diagnosis& d, const Compared& c)
         : before(residual_force(d.before, c.measurement, {c.y_before, c.u_before})),
-          after(residual_force(d.after, c.measurement, {c.y_after, c.u_after})),
+          after(residual_force(d.after, c.measurement, {c.y_after, c.u_after}, before.bandwidth)),
           named(!d.effects.empty()) {}
 };
 
@@ -159,7 +162,7 @@ Plot loop_plot(const Compared& c, const Residuals& residuals) {
     return plot;
 }
 
-Plot spectrum_plot(const Compared& c, double sample_time) {
+Plot spectrum_plot(const Compared& c, bool named, double sample_time) {
     std::vector<double> frequency;
     for (int i = 0; i < 300; ++i) frequency.push_back(0.5 * std::pow(0.45 / sample_time / 0.5, i / 299.0));
     const auto& y = c.measurement.position();
@@ -168,10 +171,13 @@ Plot spectrum_plot(const Compared& c, double sample_time) {
     panel.x_label = "Frequency [Hz]";
     panel.y_label = "Amplitude of measured - simulated [um]";
     panel.x_log = panel.y_log = true;
-    panel.series = {{"before", frequency, amplitude_spectrum(difference(y, c.y_before, 1e6), sample_time, frequency),
-                     SeriesStyle::line, red},
-                    {"after", frequency, amplitude_spectrum(difference(y, c.y_after, 1e6), sample_time, frequency),
-                     SeriesStyle::line, blue}};
+    const auto add = [&](const char* name, const std::vector<double>& simulated, const char* color) {
+        panel.series.push_back({name, frequency,
+                                amplitude_spectrum(difference(y, simulated, 1e6), sample_time, frequency),
+                                SeriesStyle::line, color});
+    };
+    add("before", c.y_before, red);
+    if (named) add("after", c.y_after, blue);
     plot.panels = {panel};
     return plot;
 }
@@ -220,6 +226,58 @@ Plot force_plot(const Residuals& residuals) {
     plot.panels.push_back(std::move(spectrum));
     plot.height = 2400;
     return plot;
+}
+
+// The same over two coordinates at once: what no effect of the list explains may still have a place, a speed or a time.
+Plot map_plot(const Residuals& residuals) {
+    Plot plot;
+    plot.title = "Force that the model lacks, in two coordinates";
+    plot.height = residuals.named ? 1800 : 1000;
+    double strongest_of_motion = 0, strongest_of_time = 0; // colours alike before and after
+    const auto strongest = [](std::vector<double> values) {
+        std::erase_if(values, [](double value) { return !std::isfinite(value); });
+        if (values.empty()) return 0.0;
+        for (double& value : values) value = std::abs(value);
+        std::sort(values.begin(), values.end());
+        return values[values.size() * 99 / 100];
+    };
+    const auto add = [&](const ResidualForce& r, const char* when) {
+        Panel motion, time;
+        const ForceMap over_motion = force_over_motion(r), over_time = force_over_time_and_frequency(r);
+        if (strongest_of_motion == 0) strongest_of_motion = strongest(over_motion.values);
+        if (strongest_of_time == 0) strongest_of_time = strongest(over_time.values);
+        motion.title = fmt::format("{}: mean force where the machine was, forward above, backward below", when);
+        motion.x_label = "Position [mm]";
+        motion.y_label = "Velocity [mm/s]";
+        time.title = fmt::format("{}: when and at which frequencies", when);
+        time.x_label = "Time [s]";
+        time.y_label = "Frequency [Hz]";
+        time.y_log = true;
+        if (!over_motion.values.empty()) {
+            motion.map = {"Force [N]", scaled(over_motion.x_edges, 1e3), scaled(over_motion.y_edges, 1e3),
+                          over_motion.values, strongest_of_motion};
+        }
+        if (!over_time.values.empty()) {
+            time.map = {"Amplitude [N]", over_time.x_edges, over_time.y_edges, over_time.values, strongest_of_time};
+        }
+        plot.panels.push_back(std::move(motion));
+        plot.panels.push_back(std::move(time));
+    };
+    add(residuals.before, "before");
+    if (residuals.named) add(residuals.after, "after");
+    return plot;
+}
+
+// The force itself, as it is drawn.
+Table force_table(const Residuals& residuals) {
+    const ResidualForce& r = residuals.before;
+    Table table;
+    table.add("t", "s", r.time);
+    table.add("position", "m", r.position);
+    table.add("velocity", "m/s", r.velocity);
+    table.add("thrust", "N", r.thrust);
+    table.add("force_before", "N", r.force);
+    return table;
 }
 
 ReportTable gap_table(const Diagnosis& d) {
@@ -283,22 +341,30 @@ ReportTable parameter_table(const NamedEffect& effect) {
     return table;
 }
 
-Report report_of(const Diagnosis& d, const Json& summary) {
+Report report_of(const Diagnosis& d, const Residuals& residuals, const Json& summary) {
     const Compared& proof = d.kept_out.front();
     const double Ts = d.before.sample_time;
-    const Residuals residuals(d, proof);
     Report report;
     report.title = "Where model and measurement disagree";
     report.summary = sentence(d);
     report.sections.push_back(
-        {"The gap", {gap_table(d), Figure{"response", "The record kept out of the fit.", response_plot(proof)}}});
-    report.sections.push_back({"Where they disagree",
-                               {Paragraph{d.where}, share_table(proof),
-                                Figure{"residual_force",
-                                       "Delayed thrust less modelled friction and inertia, measured less "
-                                       "simulated: what pushes the machine and not the model.",
-                                       force_plot(residuals)}}});
-    ReportSection names{"The name", {ranking_table(d)}};
+        {"The gap",
+         {gap_table(d), Figure{"response", "The record kept out of the fit.", response_plot(proof, residuals.named)}}});
+    report.sections.push_back(
+        {"Where they disagree",
+         {Paragraph{d.where}, share_table(proof),
+          Figure{"residual_force",
+                 "Delayed thrust less modelled friction and inertia, measured less "
+                 "simulated: what pushes the machine and not the model.",
+                 force_plot(residuals)},
+          Figure{"residual_maps", "The same over position and velocity, and over time and frequency.",
+                 map_plot(residuals)}}});
+    ReportSection names{"The name", {}};
+    if (d.verdict == "unknown_effect") {
+        names.blocks.push_back(Paragraph{"No known effect leaves noise alone, nor takes half of the gap, alike on all "
+                                         "records and more than the others: none is named."});
+    }
+    names.blocks.push_back(ranking_table(d));
     for (const auto& effect : d.effects) {
         names.blocks.push_back(Paragraph{fmt::format("{} with probability {:.2f}: {}.", effect.name, effect.probability,
                                                      effect_kind(effect.name).equation)});
@@ -315,12 +381,13 @@ Report report_of(const Diagnosis& d, const Json& summary) {
     }
     if (d.next_experiment) names.blocks.push_back(Paragraph{"The experiment that would decide: " + *d.next_experiment});
     report.sections.push_back(std::move(names));
-    report.sections.push_back({"Before and after",
-                               {Figure{"loop",
-                                       "Thrust over position, and what of it does not move the mass: friction and the "
-                                       "forces on the axis.",
-                                       loop_plot(proof, residuals)},
-                                Figure{"spectrum", "What is left over frequency.", spectrum_plot(proof, Ts)}}});
+    report.sections.push_back(
+        {"Before and after",
+         {Figure{"loop",
+                 "Thrust over position, and what of it does not move the mass: friction and the "
+                 "forces on the axis.",
+                 loop_plot(proof, residuals)},
+          Figure{"spectrum", "What is left over frequency.", spectrum_plot(proof, residuals.named, Ts)}}});
     BulletList unseen;
     unseen.items = untested(d);
     report.sections.push_back({"What these records cannot show", {unseen}});
@@ -425,9 +492,12 @@ void write_diagnosis(const Diagnosis& d, const Json& summary, RunFolder& folder,
     table.add("u_after", "N", proof.u_after);
     table.add("y_after", "m", proof.y_after);
     folder.write("validate.csv", to_csv(table));
+    const Residuals residuals(d, proof);
+    folder.write("residual_force.csv", to_csv(force_table(residuals)));
     RunControl whole = control;
     whole.stop = nullptr;
-    for (const auto& image : write_report(folder.path("report.html"), report_of(d, summary), whole)) folder.add(image);
+    for (const auto& image : write_report(folder.path("report.html"), report_of(d, residuals, summary), whole))
+        folder.add(image);
     folder.add("report.html");
     folder.write_json("diagnosis.json", summary);
 }

@@ -109,7 +109,7 @@ std::vector<GapShare> gap_shares(const Compared& c) {
         sign = now;
         near[k] = std::abs(c.y_before[k] - turned_at) < 0.01 * (*high - *low);
     }
-    add("since reversal", "within a hundredth of the stroke after a reversal", [&](std::size_t k) { return near[k]; });
+    add("since reversal", "less than a hundredth of the stroke", [&](std::size_t k) { return near[k]; });
     return list;
 }
 
@@ -159,6 +159,121 @@ ForceCurve force_curve(const ResidualForce& r, Coordinate coordinate, std::size_
         curve.backward.push_back(backward[i].mean());
     }
     return curve;
+}
+
+ForceMap force_over_motion(const ResidualForce& r) {
+    constexpr std::size_t columns = 60, rows = 40;
+    ForceMap map;
+    if (r.force.empty()) return map;
+    const auto [low, high] = std::minmax_element(r.position.begin(), r.position.end());
+    double fastest = 0;
+    for (const double v : r.velocity) fastest = std::max(fastest, std::abs(v));
+    if (!(*high > *low && fastest > 0)) return map;
+    const auto edges = [](double from, double to, std::size_t cells) {
+        std::vector<double> list;
+        for (std::size_t i = 0; i <= cells; ++i)
+            list.push_back(from + (to - from) * static_cast<double>(i) / static_cast<double>(cells));
+        return list;
+    };
+    map.x_edges = edges(*low, *high, columns);
+    map.y_edges = edges(-fastest, fastest, rows);
+    std::vector<double> sum(columns * rows);
+    std::vector<std::size_t> count(columns * rows);
+    const auto cell = [](double part, std::size_t cells) {
+        return std::min(static_cast<std::size_t>(part * static_cast<double>(cells)), cells - 1);
+    };
+    for (std::size_t k = 0; k < r.force.size(); ++k) {
+        const std::size_t column = cell((r.position[k] - *low) / (*high - *low), columns);
+        const std::size_t row = cell((r.velocity[k] + fastest) / (2 * fastest), rows);
+        sum[row * columns + column] += r.force[k];
+        ++count[row * columns + column];
+    }
+    for (std::size_t i = 0; i < sum.size(); ++i) {
+        map.values.push_back(count[i] ? sum[i] / static_cast<double>(count[i])
+                                      : std::numeric_limits<double>::quiet_NaN());
+    }
+    return map;
+}
+
+ForceMap force_over_time_and_frequency(const ResidualForce& r) {
+    constexpr std::size_t rows = 40;
+    ForceMap map;
+    const auto length = std::max(r.force.size() / 20, static_cast<std::size_t>(std::ceil(0.3 / r.sample_time)));
+    if (r.force.size() < 2 * length) return map;
+    // Below the first row a piece has not one period. Each row is looked at in steps that no line of a piece falls between.
+    const double lowest = 1 / (static_cast<double>(length) * r.sample_time);
+    for (std::size_t i = 0; i <= rows; ++i) {
+        map.y_edges.push_back(lowest *
+                              std::pow(r.bandwidth / lowest, static_cast<double>(i) / static_cast<double>(rows)));
+    }
+    std::vector<double> frequency;
+    std::vector<std::size_t> row_of;
+    for (std::size_t row = 0; row < rows; ++row) {
+        const double from = map.y_edges[row], width = map.y_edges[row + 1] - from;
+        const auto steps = static_cast<std::size_t>(std::ceil(2 * width / lowest));
+        for (std::size_t i = 0; i < steps; ++i) {
+            frequency.push_back(from + width * (static_cast<double>(i) + 0.5) / static_cast<double>(steps));
+            row_of.push_back(row);
+        }
+    }
+    const std::size_t pieces = 2 * r.force.size() / length - 1;
+    std::vector<std::vector<double>> columns;
+    for (std::size_t p = 0; p < pieces; ++p) {
+        const std::size_t begin = p * length / 2;
+        const auto amplitude = amplitude_spectrum({r.force.begin() + static_cast<std::ptrdiff_t>(begin),
+                                                   r.force.begin() + static_cast<std::ptrdiff_t>(begin + length)},
+                                                  r.sample_time, frequency);
+        columns.emplace_back(rows, 0.0);
+        for (std::size_t i = 0; i < frequency.size(); ++i) {
+            double& here = columns.back()[row_of[i]];
+            here = std::max(here, amplitude[i]);
+        }
+        // The half in its middle.
+        map.x_edges.push_back(r.time[begin + length / 4]);
+    }
+    map.x_edges.push_back(map.x_edges.back() + static_cast<double>(length) / 2 * r.sample_time);
+    for (std::size_t row = 0; row < rows; ++row) {
+        for (const auto& column : columns) map.values.push_back(column[row]);
+    }
+    return map;
+}
+
+std::optional<Repetition> repetition_of(const Measurement& m) {
+    constexpr std::size_t shortest = 50;
+    const std::size_t n = m.size(), begin = n / 4;
+    std::vector<const std::vector<double>*> signals;
+    if (m.drive.closed_loop()) {
+        signals = {&m.drive.reference, &m.drive.excitation};
+    } else {
+        signals = {&m.drive.u};
+    }
+    std::vector<double> tolerance;
+    bool moves = false;
+    for (const auto* signal : signals) {
+        const auto [low, high] =
+            std::minmax_element(signal->begin() + static_cast<std::ptrdiff_t>(begin), signal->end());
+        tolerance.push_back(1e-6 * (*high - *low));
+        moves = moves || *high > *low;
+    }
+    if (!moves) return std::nullopt;
+    for (std::size_t period = shortest; begin + 2 * period <= n; ++period) {
+        const auto repeats = [&](std::size_t s) {
+            for (std::size_t k = begin; k + period < n; ++k) {
+                if (std::abs((*signals[s])[k + period] - (*signals[s])[k]) > tolerance[s]) return false;
+            }
+            return true;
+        };
+        if (!repeats(0) || (signals.size() > 1 && !repeats(1))) continue;
+        double sum = 0;
+        for (std::size_t k = begin; k + period < n; ++k) {
+            const double difference = m.position()[k + period] - m.position()[k];
+            sum += difference * difference;
+        }
+        const double step = (m.drive.t.back() - m.drive.t.front()) / static_cast<double>(n - 1);
+        return Repetition{static_cast<double>(period) * step,
+                          std::sqrt(sum / static_cast<double>(2 * (n - begin - period)))};
+    }
+    return std::nullopt;
 }
 
 std::vector<std::string> untested(const Diagnosis& d) {
@@ -225,7 +340,16 @@ std::string where_they_disagree(const Diagnosis& d) {
         fmt::format("On {} measured and simulated position differ by {:.3g} um rms, {:.3g} times what noise "
                     "and rounding leave",
                     c.measurement.source, 1e6 * c.gap.before, ratio);
-    if (ratio < 1.3) return text + ": they agree everywhere.";
+    const auto repetition = repetition_of(c.measurement);
+    const std::string repeats =
+        repetition ? fmt::format(" The drive repeats every {:.4g} s; repetitions of the measured position differ by "
+                                 "{:.3g} um rms each, {:.2g} times what noise and rounding leave: {}.",
+                                 repetition->period, 1e6 * repetition->rms, repetition->rms / c.gap.floor,
+                                 repetition->rms < 1.5 * c.gap.floor
+                                     ? "what is more than that comes back in each of them"
+                                     : "the machine is noisier than described, or something keeps a time of its own")
+                   : "";
+    if (ratio < 1.3) return text + ": they agree everywhere." + repeats;
     auto shares = gap_shares(c);
     std::stable_sort(shares.begin(), shares.end(),
                      [](const GapShare& a, const GapShare& b) { return a.lift() > b.lift(); });
@@ -234,13 +358,12 @@ std::string where_they_disagree(const Diagnosis& d) {
     for (const auto& part : shares) {
         if (part.lift() < 1.3 || part.error < 0.1 || told.size() == 4) break;
         if (std::find(told.begin(), told.end(), part.axis) != told.end()) continue;
-        text +=
-            fmt::format(" {:.0f} % of the squared error {} ({}) in {:.0f} % of the time.", 100 * part.error,
-                        part.axis == "time" ? fmt::format("lies between {}", part.part) : "lies where: " + part.part,
-                        part.axis, 100 * part.time);
+        text += fmt::format(" {:.0f} % of the squared error falls into {:.0f} % of the time: {} {}.", 100 * part.error,
+                            100 * part.time, part.axis, part.part);
         told.push_back(part.axis);
     }
     if (told.empty()) text += " The error is spread evenly over times, positions, velocities and directions.";
+    text += repeats;
     // The strongest frequencies.
     const double Ts = sample_time_of(c);
     std::vector<double> gap(c.y_before.size());

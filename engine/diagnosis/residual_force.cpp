@@ -118,14 +118,14 @@ Motion motion_of(const MachineModel& machine, const std::vector<double>& y, cons
 } // namespace
 
 ResidualForce residual_force(const MachineModel& machine, const Measurement& measurement,
-                             const SimulatedSignals& simulated) {
+                             const SimulatedSignals& simulated, double asked_bandwidth) {
     const std::size_t length = good_length(measurement.size());
     const double Ts = machine.sample_time;
     ResidualForce result;
     // The widest band in which noise and rounding stay well below the force that is looked for.
     const double white = std::hypot(machine.noise_rms, machine.encoder_resolution / std::sqrt(12.0));
     for (const double bandwidth : {200.0, 150.0, 100.0, 60.0, 40.0}) {
-        if (bandwidth > 0.2 / Ts) continue;
+        if (bandwidth > 0.2 / Ts || (asked_bandwidth > 0 && bandwidth != asked_bandwidth)) continue;
         const Motion measured = motion_of(machine, measurement.position(), measurement.thrust, bandwidth, length);
         const Motion model = motion_of(machine, simulated.position, simulated.thrust, bandwidth, length);
         double noise = 0;

@@ -29,7 +29,8 @@ struct ResidualForce {
     std::vector<double> force;            // d, measured less simulated [N]: what pushes the machine and not the model
 };
 
+// `bandwidth`: that of another one to compare with [Hz]; 0: the widest in which the force stands out of the noise.
 ResidualForce residual_force(const MachineModel& machine, const Measurement& measurement,
-                             const SimulatedSignals& simulated);
+                             const SimulatedSignals& simulated, double bandwidth = 0);
 
 } // namespace tribode

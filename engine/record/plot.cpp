@@ -48,6 +48,10 @@ const std::string& name_of(SeriesStyle style) { return style_names[static_cast<s
 
 Range shown_range(const Panel& panel, bool of_x) {
     if (const auto& asked = of_x ? panel.x_range : panel.y_range) return *asked;
+    if (!panel.map.label.empty()) {
+        const auto& edges = of_x ? panel.map.x_edges : panel.map.y_edges;
+        return {edges.front(), edges.back()};
+    }
     double low = INFINITY, high = -INFINITY;
     for (const auto& series : panel.series) {
         for (std::size_t i = 0; i < series.x.size(); ++i) {
@@ -150,6 +154,38 @@ std::string curve(const std::string& block, const Series& series, const std::str
     return fmt::format("${} with lines {} {}", block, line, title);
 }
 
+// The cells with their colours, one to a line: centre, edges, value.
+std::string datablock(const std::string& name, const ColorMap& map) {
+    std::string text = "$" + name + " << EOD\n";
+    const std::size_t columns = map.x_edges.size() - 1;
+    for (std::size_t i = 0; i < map.values.size(); ++i) {
+        if (!std::isfinite(map.values[i])) continue;
+        const std::size_t x = i % columns, y = i / columns;
+        for (const double value : {map.x_edges[x], map.y_edges[y], map.x_edges[x], map.x_edges[x + 1], map.y_edges[y],
+                                   map.y_edges[y + 1], map.values[i]}) {
+            append_text(text, value);
+            text += ' ';
+        }
+        text += '\n';
+    }
+    return text + "EOD\n";
+}
+
+std::string color_scale(const ColorMap& map) {
+    double low = 0, high = 0;
+    for (const double value : map.values) {
+        if (!std::isfinite(value)) continue;
+        low = std::min(low, value);
+        high = std::max(high, value);
+    }
+    const double largest = std::max(-low, high);
+    const double most = map.strongest > 0 ? map.strongest : largest > 0 ? largest : 1;
+    const char* colors = low < 0 ? "-1 '#08519c', -0.4 '#9ecae1', 0 '#f7f7f7', 0.4 '#fcae91', 1 '#a50f15'"
+                                 : "0 '#f7f7f7', 0.4 '#fcae91', 1 '#a50f15'";
+    return fmt::format("set palette defined ({})\nset cbrange [{}:{}]\nset cblabel {} noenhanced\n", colors,
+                       low < 0 ? to_text(-most) : "0", to_text(most), quoted(map.label));
+}
+
 std::string script_of(const Plot& plot, double height, const std::string& terminal) {
     std::string text = terminal;
     const std::size_t panels = std::max<std::size_t>(plot.panels.size(), 1);
@@ -158,6 +194,7 @@ std::string script_of(const Plot& plot, double height, const std::string& termin
         for (std::size_t s = 0; s < panel.series.size(); ++s) {
             text += datablock(fmt::format("d{}_{}", p, s), panel, panel.series[s]);
         }
+        if (!panel.map.label.empty()) text += datablock(fmt::format("m{}", p), panel.map);
     }
     text += "set grid xtics ytics mxtics mytics lt 1 lc rgb '#cccccc' lw 0.8, lt 1 lc rgb '#e8e8e8' lw 0.6\n"
             "set border lc rgb '#404040'\nset tics nomirror\n";
@@ -170,10 +207,12 @@ std::string script_of(const Plot& plot, double height, const std::string& termin
     const bool titled =
         std::any_of(plot.panels.begin(), plot.panels.end(), [](const auto& p) { return !p.title.empty(); });
     const double left = std::clamp((60 + 8 * static_cast<double>(longest)) / plot.width, 0.095, 0.5);
-    text += fmt::format("set multiplot layout {},1 title {} noenhanced font ',15' margins {},0.975,{},{} "
+    const bool mapped =
+        std::any_of(plot.panels.begin(), plot.panels.end(), [](const auto& p) { return !p.map.label.empty(); });
+    text += fmt::format("set multiplot layout {},1 title {} noenhanced font ',15' margins {},{},{},{} "
                         "spacing 0,{}\n",
-                        panels, quoted(plot.title), to_text(left), to_text(60 / height), to_text(1 - 90 / height),
-                        to_text(panels > 1 ? (titled ? 105 : 85) / height : 0));
+                        panels, quoted(plot.title), to_text(left), mapped ? 0.885 : 0.975, to_text(60 / height),
+                        to_text(1 - 90 / height), to_text(panels > 1 ? (titled ? 105 : 85) / height : 0));
     for (std::size_t p = 0; p < plot.panels.size(); ++p) {
         const auto& panel = plot.panels[p];
         text += panel.title.empty() ? "unset title\n" : fmt::format("set title {} noenhanced\n", quoted(panel.title));
@@ -184,6 +223,12 @@ std::string script_of(const Plot& plot, double height, const std::string& termin
         if (!panel.y_names.empty()) text += named_ticks(panel.y_names);
         text += legend(panel.legend);
         std::string curves;
+        const bool any_cell = std::any_of(panel.map.values.begin(), panel.map.values.end(),
+                                          [](double value) { return std::isfinite(value); });
+        if (any_cell) {
+            text += color_scale(panel.map);
+            curves = fmt::format("$m{} using 1:2:3:4:5:6:7 with boxxyerror fs solid noborder lc palette notitle", p);
+        }
         const auto colors = shown_colors(panel);
         for (std::size_t s = 0; s < panel.series.size(); ++s) {
             const auto& series = panel.series[s];
@@ -271,6 +316,16 @@ std::string run_gnuplot(const std::string& script) {
 
 void check(const Plot& plot) {
     for (const auto& panel : plot.panels) {
+        if (const ColorMap& map = panel.map; !map.label.empty()) {
+            const bool fits = map.x_edges.size() > 1 && map.y_edges.size() > 1 &&
+                              map.values.size() == (map.x_edges.size() - 1) * (map.y_edges.size() - 1);
+            if (!fits) {
+                throw InputError(fmt::format("plot \"{}\", map \"{}\": has {} values, must have one for each cell "
+                                             "between {} and {} edges",
+                                             plot.title, map.label, map.values.size(), map.x_edges.size(),
+                                             map.y_edges.size()));
+            }
+        }
         for (const auto& series : panel.series) {
             if (series.x.size() == series.y.size()) continue;
             throw InputError(fmt::format("plot \"{}\", series \"{}\": x has {} values and y {}, must be equal",
@@ -345,6 +400,16 @@ Plot plot_from_json(const Json& json, const std::string& where) {
         panel.y_names = entry.texts("y_names", {});
         if (panel.y_log && !panel.y_names.empty()) entry.fail("y_names", "do not go with a logarithmic axis");
         panel.legend = entry.choice("legend", Panel::legend_places(), panel.legend);
+        if (entry.has("map")) {
+            FieldReader map = entry.table("map");
+            panel.map.label = map.text("label");
+            panel.map.x_edges = values(map, "x_edges");
+            panel.map.y_edges = values(map, "y_edges");
+            panel.map.values = values(map, "values");
+            panel.map.strongest = map.number("strongest", "", Allowed::non_negative, 0);
+            map.finish();
+            if (panel.map.label.empty()) entry.fail("map", "must have a label: what the colours show");
+        }
         entry.each("series", [&](FieldReader& curve_fields) {
             Series series;
             series.name = curve_fields.text("name", "");

@@ -22,6 +22,14 @@ struct Series {
 
 using Range = std::array<double, 2>; // lowest and highest value shown
 
+// A quantity over x and y as colours, cell by cell: from white, or, where it has both signs, from blue over white to red.
+struct ColorMap {
+    std::string label;                    // of the colours, with the unit; empty: no map
+    std::vector<double> x_edges, y_edges; // ascending, of the cells
+    std::vector<double> values;           // row by row from the lowest y; what is not finite leaves its cell empty
+    double strongest = 0;                 // value of the full colour; 0: the largest there is
+};
+
 struct Panel {
     std::string title;            // mostly empty
     std::string x_label, y_label; // with units, e.g. "Frequency [Hz]"
@@ -30,6 +38,7 @@ struct Panel {
     std::vector<std::string> y_names;      // at y = 1, 2, ... in place of numbers; y_log must be false
     std::string legend = "above";          // see legend_places
     std::vector<Series> series;
+    ColorMap map; // below the series
 
     static const std::vector<std::string>& legend_places(); // above, the corners, none
 };

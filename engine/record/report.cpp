@@ -288,10 +288,13 @@ struct Page {
     std::string operator()(const Figure& figure) {
         const std::size_t i = next++;
         const std::string alt = escaped(alternative_text(figure));
-        std::string text = "<figure class=\"plot\">\n";
+        // Colour maps are in the page as an image alone.
+        const bool mapped = std::any_of(figure.plot.panels.begin(), figure.plot.panels.end(),
+                                        [](const Panel& panel) { return !panel.map.label.empty(); });
+        std::string text = mapped ? "<figure>\n" : "<figure class=\"plot\">\n";
         text += fmt::format("<img alt=\"{}\" width=\"{}\" height=\"{}\" src=\"data:image/png;base64,{}\">\n", alt,
                             figure.plot.width, shown_height(figure.plot), base64(images[i]));
-        text += "<script type=\"application/json\">" + data_of(figure.plot) + "</script>\n";
+        if (!mapped) text += "<script type=\"application/json\">" + data_of(figure.plot) + "</script>\n";
         text += fmt::format("<figcaption>{}{}<a href=\"{}.png\">Image</a></figcaption>\n</figure>\n",
                             escaped(figure.caption), figure.caption.empty() ? "" : " ", escaped(link_to(files[i])));
         return text;

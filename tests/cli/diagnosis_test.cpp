@@ -71,7 +71,8 @@ TEST_F(Diagnosis, AMachineWithTheEffectThatWasFoundLacksNothing) {
                               "What these records cannot show", "How it was found"}) {
         EXPECT_NE(page.find(title), std::string::npos) << title;
     }
-    for (const char* file : {"residual_force.png", "response.png", "loop.png", "spectrum.png", "machine.lua"}) {
+    for (const char* file : {"residual_force.png", "residual_maps.png", "residual_force.csv", "response.png",
+                             "loop.png", "spectrum.png", "machine.lua"}) {
         EXPECT_TRUE(std::filesystem::exists(folder / (std::string("out/") + file))) << file;
     }
 

@@ -48,6 +48,31 @@ TEST(Plot, NamesStandAtTheYAxis) {
               "input: tb.plot: panels[1].y_names do not go with a logarithmic axis");
 }
 
+TEST(Plot, AMapColoursItsCells) {
+    const TemporaryFolder folder;
+    const Json figure = Json::parse(R"({"panels": [{"y_log": true, "map": {"label": "Force [N]", "x_edges": [0, 1, 3],
+        "y_edges": [1, 10, 100], "values": [-2, null, 0, 2]}}]})");
+    const Plot plot = plot_from_json(figure, "tb.plot");
+    EXPECT_EQ(shown_range(plot.panels[0], true), (Range{0, 3}));
+    EXPECT_EQ(shown_range(plot.panels[0], false), (Range{1, 100}));
+    draw_plot(folder / "x", plot);
+    const std::string svg = read_file(folder / "x.svg");
+    EXPECT_NE(svg.find("Force [N]"), std::string::npos);
+    // Full blue, white and full red; the empty cell has none.
+    for (const char* color : {"rgb( 8,  81, 156)", "rgb(247, 247, 247)", "rgb(165,  15,  21)"}) {
+        EXPECT_NE(svg.find(color), std::string::npos) << color;
+    }
+    EXPECT_EQ(problem_of([] {
+                  Plot wrong{.title = "p", .panels = {{.map = {"F", {0, 1}, {0, 1}, {1, 2}}}}};
+                  plot_png(wrong);
+              }),
+              "input: plot \"p\", map \"F\": has 2 values, must have one for each cell between 2 and 2 edges");
+    EXPECT_EQ(problem_of([] {
+                  plot_from_json({{"panels", {{{"map", {{"label", ""}}}}}}}, "tb.plot");
+              }),
+              "input: tb.plot: panels[1].map must have a label: what the colours show");
+}
+
 TEST(Plot, RefusesWhatDoesNotFit) {
     Plot plot{.title = "p"};
     plot.panels.push_back({.series = {{.name = "s", .x = {1, 2}, .y = {1}}}});
