@@ -182,8 +182,41 @@ std::optional<double> EquationRecorder::number_returned(int result, const Record
     return value;
 }
 
-// Calls the function on numbers and compares: at random points, and at points at which one variable, or all,
-// have a value that a comparison in the function may name.
+namespace {
+
+// Changes one coordinate so that the expression has exactly the value; false where none was found that can.
+bool move_to(const Tape& expression, double value, std::vector<double>& point) {
+    double result = 0;
+    for (double& x : point) {
+        const double before = x;
+        const auto miss_at = [&](double at) {
+            x = at;
+            expression.evaluate({point}, {&result, 1});
+            return result - value;
+        };
+        double from = before, to = before + 1, miss = miss_at(from);
+        for (int step = 0; step < 20; ++step) {
+            const double next_miss = miss_at(to);
+            if (next_miss == 0) return true;
+            const double slope = (next_miss - miss) / (to - from);
+            from = to;
+            miss = next_miss;
+            to -= next_miss / slope;
+            if (!std::isfinite(to) || to == from) break;
+        }
+        // Numbers that are compared have few digits, and so has what gives them.
+        for (const double digits : {1.0, 8.0, 100.0, 1000.0}) {
+            if (std::isfinite(from) && miss_at(std::round(from * digits) / digits) == 0) return true;
+        }
+        x = before;
+    }
+    return false;
+}
+
+} // namespace
+
+// Calls the function on numbers and compares: at random points, and at points at which one variable, all of them, or an
+// expression have a value that a comparison in the function may name.
 void EquationRecorder::compare(int function, const std::vector<Recorded>& recorded, const std::string& what,
                                const std::string& line, bool single) {
     std::vector<Term> terms;
@@ -229,6 +262,39 @@ void EquationRecorder::compare(int function, const std::vector<Recorded>& record
             check();
         }
     }
+    // What is compared for equality may be an expression: points at which one of this scope has such a value.
+    if (!compares_for_equality(function)) return;
+    for (const Term term : expressions_of_scope()) {
+        const Tape expression(graph_, scope_.terms, {term});
+        for (const double value : compared_numbers(function)) {
+            for (std::size_t i = 0; i < count; ++i) point[i] = static_cast<double>(i % 7) / 4 - 0.5;
+            if (move_to(expression, value, point)) check();
+        }
+    }
+}
+
+// The newest expressions, not too many, that are made of the variables of the scope alone.
+std::vector<Term> EquationRecorder::expressions_of_scope() const {
+    constexpr std::size_t most = 100, looked_at = 1000;
+    const std::size_t oldest = graph_.size() - std::min(graph_.size(), looked_at);
+    const std::set<Term> known(scope_.terms.begin(), scope_.terms.end());
+    std::vector<Term> list;
+    for (std::size_t i = graph_.size(); i-- > oldest && list.size() < most;) {
+        const auto term = static_cast<Term>(i);
+        if (operand_count(graph_[term].op) == 0 || is_condition(graph_[term].op)) continue;
+        const auto variables = graph_.variables_of(std::span(&term, 1));
+        const bool is_own = std::all_of(variables.begin(), variables.end(), [&](Term v) { return known.contains(v); });
+        if (is_own && !variables.empty()) list.push_back(term);
+    }
+    return list;
+}
+
+bool EquationRecorder::compares_for_equality(int function) const {
+    int first = 0;
+    const auto lines = source_of(function, first);
+    return std::any_of(lines.begin(), lines.end(), [](const std::string& line) {
+        return line.find("==") != std::string::npos || line.find("~=") != std::string::npos;
+    });
 }
 
 // The text of the function, line by line; empty where its file cannot be read.

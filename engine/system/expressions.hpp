@@ -74,6 +74,7 @@ class Expressions {
     Term make(Op op, Term a, Term b = 0, Term c = 0);
 
     const Node& operator[](Term term) const { return nodes_[term]; }
+    std::size_t size() const { return nodes_.size(); } // terms, from 0
     bool is_constant(Term term, double value) const {
         return nodes_[term].op == Op::constant && nodes_[term].value == value;
     }

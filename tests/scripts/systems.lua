@@ -240,7 +240,9 @@ for _, der in ipairs {
     return { x = n, y = 0 }
   end,
   function(s) return { x = ({ [1] = 5 })[s.x] or 0, y = 0 } end,
-  function() return { x = math.random(), y = 0 } end,
+  function(s) return { x = s.x + s.y == 2.5 and 1 or 2, y = 0 } end,
+  function(s) return { x = 3 * s.x - 0.75 == 1.5 and 1 or 2, y = 0 } end,
+  function(s) return { x = s.x ^ 2 == 6.25 and 1 or 2, y = 0 } end,
 } do
   local ok, text = pcall(system_of(der))
   assert(not ok and text:find "systems.lua:%d+: tb.system: der takes a branch on the value", text)
