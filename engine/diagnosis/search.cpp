@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <limits>
+#include <map>
 #include <optional>
 #include <set>
 #include <tuple>
@@ -119,6 +120,9 @@ class Search {
             }
             rank(pool);
             if (pool.empty()) break;
+            if (level > 1 && adequate(pool.front())) {
+                for (auto& next : simplified(pool.front(), level)) pool.push_back(std::move(next));
+            }
             // The loop's noise is that of the machine as it is now known.
             try {
                 set_floors(ModelFit(machine_, all_).machine(pool.front().together));
@@ -327,6 +331,25 @@ class Search {
         grow(again, control_.workers);
         Scored straight = scored(std::move(again));
         if (straight.score < one.score) one = std::move(straight);
+    }
+
+    // An effect of many numbers may have taken the place of a simpler one, which alone did less and was left: each of these
+    // gives way to its simpler kin.
+    std::vector<Scored> simplified(const Scored& one, std::size_t level) const {
+        static const std::map<std::string, std::set<std::string>> simpler = {
+            {"asymmetric_friction", {"coulomb_friction", "viscous_friction", "constant_force"}},
+            {"presliding_hysteresis", {"coulomb_friction"}}};
+        std::vector<Scored> list;
+        for (std::size_t i = 0; i < one.together.effects.size(); ++i) {
+            const auto kin = simpler.find(one.together.effects[i]->effect);
+            if (kin == simpler.end()) continue;
+            Hypothesis without = one.together;
+            without.remove(i);
+            refine(without, all_, 4, control_.workers);
+            for (auto& next : extended(scored(std::move(without)), level, kin->second, one.together.chi_square))
+                list.push_back(std::move(next));
+        }
+        return list;
     }
 
     void reassess(std::vector<Scored>& pool) const {

@@ -136,6 +136,29 @@ TEST(Diagnosis, AMachineWithItsEffectLacksNothing) {
     EXPECT_EQ(diagnosed(hidden, first.after.description).verdict, "nothing_missing");
 }
 
+// A slow record shows little of the drag, a fast one beside it a good deal more.
+TEST(Diagnosis, RecordsToFitAreUsedTogether) {
+    const MachineModel machine = MachineModel::from_description(small_axis(), "case");
+    const Json hidden = Json::parse(R"([{"name": "quadratic_drag", "parameters": {"c": 300}}])");
+    const auto record = [&](double amplitude, double frequency, std::uint64_t seed) {
+        return measurement_from_table(measured(small_axis(), hidden, sine_record(amplitude, frequency, 2), seed),
+                                      machine, "case");
+    };
+    const DiagnosisOptions options{.max_effects = 1};
+    const RunControl control{.workers = 2};
+    const Measurement slow = record(0.008, 1, 1), fast = record(0.02, 1.5, 2), proof = record(0.015, 1, 3);
+    const Diagnosis alone = diagnose(machine, {slow}, proof, options, control);
+    const Diagnosis both = diagnose(machine, {slow, fast}, proof, options, control);
+    for (const Diagnosis* d : {&alone, &both}) {
+        ASSERT_EQ(d->verdict, "effect_found");
+        ASSERT_EQ(d->effects[0].name, "quadratic_drag");
+        expect_parameter(d->effects[0], "c", 300);
+    }
+    EXPECT_LT(both.effects[0].standard_errors["c"].get<double>(),
+              0.3 * alone.effects[0].standard_errors["c"].get<double>());
+    EXPECT_EQ(both.fitted.size(), 2u);
+}
+
 TEST(Diagnosis, AFieldWithinItsToleranceIsNoEffect) {
     Json believed = small_axis();
     believed["friction"]["viscous"] = 4.6; // 15 % off, where 10 % is its standard deviation
