@@ -337,7 +337,7 @@ std::string where_they_disagree(const Diagnosis& d) {
     const Compared& c = d.kept_out.empty() ? d.fitted.front() : d.kept_out.front();
     const double ratio = c.gap.before / c.described_floor;
     std::string text =
-        fmt::format("On {} measured and simulated position differ by {:.3g} um rms, {:.3g} times what noise "
+        fmt::format("On {} measured and simulated position differ by {:.3g} um rms, {:.4g} times what noise "
                     "and rounding leave",
                     c.measurement.source, 1e6 * c.gap.before, ratio);
     const auto repetition = repetition_of(c.measurement);

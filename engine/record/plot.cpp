@@ -182,7 +182,7 @@ std::string color_scale(const ColorMap& map) {
     const double most = map.strongest > 0 ? map.strongest : largest > 0 ? largest : 1;
     const char* colors = low < 0 ? "-1 '#08519c', -0.4 '#9ecae1', 0 '#f7f7f7', 0.4 '#fcae91', 1 '#a50f15'"
                                  : "0 '#f7f7f7', 0.4 '#fcae91', 1 '#a50f15'";
-    return fmt::format("set palette defined ({})\nset cbrange [{}:{}]\nset cblabel {} noenhanced\n", colors,
+    return fmt::format("set palette defined ({})\nset cbrange [{}:{}]\nset cblabel {} offset 1,0 noenhanced\n", colors,
                        low < 0 ? to_text(-most) : "0", to_text(most), quoted(map.label));
 }
 

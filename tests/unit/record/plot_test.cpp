@@ -58,9 +58,11 @@ TEST(Plot, AMapColoursItsCells) {
     draw_plot(folder / "x", plot);
     const std::string svg = read_file(folder / "x.svg");
     EXPECT_NE(svg.find("Force [N]"), std::string::npos);
-    // Full blue, white and full red; the empty cell has none.
-    for (const char* color : {"rgb( 8,  81, 156)", "rgb(247, 247, 247)", "rgb(165,  15,  21)"}) {
-        EXPECT_NE(svg.find(color), std::string::npos) << color;
+    // Full blue, white and full red, each in the scale and in a cell; the empty cell has none.
+    for (const std::string color : {"rgb(  8,  81, 156)", "rgb(247, 247, 247)", "rgb(165,  15,  21)"}) {
+        int count = 0;
+        for (auto at = svg.find(color); at != std::string::npos; at = svg.find(color, at + 1)) ++count;
+        EXPECT_EQ(count, 2) << color;
     }
     EXPECT_EQ(problem_of([] {
                   Plot wrong{.title = "p", .panels = {{.map = {"F", {0, 1}, {0, 1}, {1, 2}}}}};
