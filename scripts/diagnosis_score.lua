@@ -1,6 +1,7 @@
 -- How good is tb.diagnose? Runs it on a folder of cases whose answer is known, and counts. A case is a folder
 -- NNN with nominal.json (the machine as its user believes it to be), ident.csv.gz and valid.csv.gz (records of the real
--- one; more to fit in ident_2.csv.gz and so on) and truth.json (what it has besides, and in `accept` the names that physics cannot tell from it).
+-- one; more to fit in ident_2.csv.gz and so on) and truth.json (what it has besides, and in `accept` the names that
+-- physics cannot tell from it).
 --
 --   tribode run scripts/diagnosis_cases.lua -o results/cases -D count=60 -D seed=7
 --   tribode run scripts/diagnosis_score.lua -o results/score -D cases=results/cases/cases
