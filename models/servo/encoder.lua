@@ -12,13 +12,13 @@ local tb = require "tribode"
 return function(settings)
   local is_noisy = settings.noise_rms > 0
   local function noise(k) return is_noisy and settings.noise_rms * tb.standard_normal(settings.seed, 1, k) or 0 end
-  local function detect(y, noise, metre)
+  local function detect(y, added, metre)
     local q, error = y, 0
     for _, e in ipairs(settings.errors) do
       local angle = 2 * math.pi * (y / metre) / e.period_m
       error = error + (e.A * math.sin(angle + (e.phase or 0)) + (e.A2 or 0) * math.sin(2 * angle + (e.phase2 or 0)))
     end
-    q = q + metre * error + noise
+    q = q + metre * error + added
     if settings.resolution > 0 then q = settings.resolution * math.floor(q / settings.resolution + 0.5) end
     return q
   end
