@@ -372,14 +372,24 @@ void EquationSystem::recognize_affine() {
     for (std::size_t i = first_value; i < inputs_.size(); ++i) {
         if (!std::binary_search(used.begin(), used.end(), inputs_[i])) continue;
         const std::size_t place = i - first_value;
-        if (place >= equations_.discrete.size()) {
-            pattern_relations_.push_back(place);
-        } else if (const std::size_t modes = equations_.discrete[place].modes.size(); modes > 0) {
-            pattern_modes_.push_back({place, static_cast<double>(modes)});
-        } else {
-            pattern_values_.push_back(place);
-        }
+        const bool is_relation = place >= equations_.discrete.size();
+        const auto modes = is_relation ? 0 : static_cast<double>(equations_.discrete[place].modes.size());
+        pattern_.push_back({place, is_relation ? 3 : modes, is_relation});
     }
+    // A value has a number of its own, base 0; relations and modes are digits of as many others as they need.
+    constexpr double most = 0x1p53; // up to which whole numbers are exact
+    std::ranges::stable_sort(pattern_, {}, [](const Digit& digit) { return digit.base > 0; });
+    double reach = most; // none is begun yet
+    std::size_t numbers = 0;
+    for (Digit& digit : pattern_) {
+        if (digit.base == 0 || reach * digit.base > most) {
+            ++numbers;
+            reach = digit.base == 0 ? most : 1;
+        }
+        reach *= digit.base == 0 ? 1 : digit.base;
+        digit.number = numbers - 1;
+    }
+    has_pattern_ = !varies_ && numbers <= AffinePattern{}.size();
 }
 
 void EquationSystem::compile(const CCompiler& compiler) {
@@ -493,8 +503,11 @@ bool EquationSystem::carry_out(const Update& update, SystemState& state) const {
     thread_local std::vector<double> values;
     values.resize(update.targets.size());
     update.tape.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, values);
-    for (std::size_t i = 0; i < values.size(); ++i) {
-        if (std::isfinite(values[i])) continue;
+    double sum = 0; // stays zero as long as all values are finite
+    for (const double value : values) sum += 0 * value;
+    if (sum != 0) {
+        const auto i = static_cast<std::size_t>(
+            std::ranges::find_if_not(values, [](double value) { return std::isfinite(value); }) - values.begin());
         throw InputError(fmt::format("{}: {} gets the value {} at t = {:.9g} s, must be finite", update.name,
                                      equations_.graph->name(inputs_[update.targets[i]]), values[i], state.t));
     }
@@ -528,13 +541,13 @@ void EquationSystem::refresh_relations(const std::vector<double>& before, System
 }
 
 // Carries out what has become true, until nothing does. Returns the places of what was carried out.
-std::vector<int> EquationSystem::settle(SystemState& state, std::optional<std::size_t> crossed) const {
+void EquationSystem::settle(SystemState& state, std::vector<int>& fired, std::optional<std::size_t> crossed) const {
     auto& memory = static_cast<Memory&>(*state.discrete);
     thread_local std::vector<double> now, before;
     thread_local std::vector<std::size_t> due;
     now.resize(conditions_.size());
     before.resize(2 * relations_.size());
-    std::vector<int> fired;
+    fired.clear();
     for (int round = 0; round < most_rounds; ++round) {
         condition_.evaluate({std::span(&state.t, 1), state.x, memory.values}, now);
         due.clear();
@@ -542,7 +555,7 @@ std::vector<int> EquationSystem::settle(SystemState& state, std::optional<std::s
             if (now[i] != 0 && memory.conditions[i] == 0) due.push_back(i);
         }
         memory.conditions = now;
-        if (due.empty()) return fired;
+        if (due.empty()) return;
         margins_of(state, before);
         for (const std::size_t i : due) {
             carry_out(when_updates_[i], state);
@@ -551,7 +564,6 @@ std::vector<int> EquationSystem::settle(SystemState& state, std::optional<std::s
         refresh_relations(before, state, crossed);
     }
     memory.restless = true;
-    return fired;
 }
 
 EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, EventLog& log) const {
@@ -569,7 +581,9 @@ EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, Event
     memory.taken_margin[guard] = before[guard];
     // It may open a branch with relations of its own.
     refresh_relations(before, state, guard);
-    for (const int when : settle(state, guard)) log.push_back({state.t, when, 0});
+    thread_local std::vector<int> fired;
+    settle(state, fired, guard);
+    for (const int when : fired) log.push_back({state.t, when, 0});
     find_active(state);
     return EventEffect::restart;
 }
@@ -589,7 +603,7 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
     memory.fired.clear();
     if (to_events) {
         refresh_relations(before, state);
-        memory.fired = settle(state);
+        settle(state, memory.fired);
         find_active(state);
         changed = changed || !memory.fired.empty() || memory.restless;
     }
@@ -631,30 +645,16 @@ void EquationSystem::affine_coefficient(const Sparse& matrix, const std::vector<
 }
 
 std::optional<AffinePattern> EquationSystem::affine_pattern(const DiscreteState& d) const {
-    // A value has a number of its own; relations and modes are digits of as many others as they need.
-    constexpr double most = 0x1p53; // up to which whole numbers are exact
-    AffinePattern pattern{0, 0, 0};
-    if (varies_ || pattern_values_.size() > pattern.size()) return std::nullopt;
+    if (!has_pattern_) return std::nullopt;
     const auto& values = memory(d).values;
     const auto& active = memory(d).active;
-    std::size_t part = 0;
-    for (const std::size_t place : pattern_values_) pattern[part++] = values[place];
-    double reach = most; // none is begun yet
-    const auto add = [&](double digit, double base) {
-        if (reach * base > most) {
-            ++part;
-            reach = 1;
-        }
-        if (part > pattern.size()) return;
-        pattern[part - 1] = base * pattern[part - 1] + digit;
-        reach *= base;
-    };
-    for (const auto& [place, count] : pattern_modes_) add(values[place], count);
-    // One that does not matter is the same, whatever it is.
-    for (const std::size_t place : pattern_relations_) {
-        add(active[place - equations_.discrete.size()] != 0 ? 1 + values[place] : 0, 3);
+    AffinePattern pattern{};
+    for (const Digit& digit : pattern_) {
+        double value = values[digit.place];
+        // One that does not matter is the same, whatever it is.
+        if (digit.is_relation) value = active[digit.place - equations_.discrete.size()] != 0 ? 1 + value : 0;
+        pattern[digit.number] = digit.base * pattern[digit.number] + value;
     }
-    if (part > pattern.size()) return std::nullopt;
     return pattern;
 }
 

@@ -131,7 +131,8 @@ class EquationSystem final : public HybridSystem {
     void find_active(SystemState& state) const;
     void refresh_relations(const std::vector<double>& before, SystemState& state,
                            std::optional<std::size_t> crossed = std::nullopt) const;
-    std::vector<int> settle(SystemState& state, std::optional<std::size_t> crossed = std::nullopt) const;
+    // Carries out what a `when` has come to hold for, until none comes any more; `fired`: their places.
+    void settle(SystemState& state, std::vector<int>& fired, std::optional<std::size_t> crossed = std::nullopt) const;
     void affine_coefficient(const Sparse& matrix, const std::vector<Tape>& by_time, int n, double t0, double h,
                             std::span<const double> c, const DiscreteState& d, std::span<double> coefficient) const;
     std::set<Term> moving_terms(const std::vector<Term>& order) const;
@@ -153,13 +154,16 @@ class EquationSystem final : public HybridSystem {
     static constexpr int most_degree = 3;
     std::vector<Tape> rate_by_time_, guard_by_time_; // n-th derivatives by t, n = 1 .. most_degree
     bool varies_ = false;                            // b or h depend on t
-    // What A and G depend on: relations, modes, with how many there are, and numbers; as places in values.
-    struct Mode {
+    // What A and G depend on: relations, modes and numbers, as places in values, and which number of the pattern each is
+    // in: as its next digit to this base, or alone where that is 0.
+    struct Digit {
         std::size_t place;
-        double count;
+        double base;
+        bool is_relation;
+        std::size_t number = 0;
     };
-    std::vector<std::size_t> pattern_relations_, pattern_values_;
-    std::vector<Mode> pattern_modes_;
+    std::vector<Digit> pattern_;
+    bool has_pattern_ = false; // they fit into a pattern, and nothing depends on t besides
 };
 
 } // namespace tribode
