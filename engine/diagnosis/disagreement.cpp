@@ -337,13 +337,13 @@ std::string where_they_disagree(const Diagnosis& d) {
     const Compared& c = d.kept_out.empty() ? d.fitted.front() : d.kept_out.front();
     const double ratio = c.gap.before / c.described_floor;
     std::string text =
-        fmt::format("On {} measured and simulated position differ by {:.3g} um rms, {:.4g} times what noise "
+        fmt::format("On {} measured and simulated position differ by {:.4g} um rms, {:.4g} times what noise "
                     "and rounding leave",
                     c.measurement.source, 1e6 * c.gap.before, ratio);
     const auto repetition = repetition_of(c.measurement);
     const std::string repeats =
         repetition ? fmt::format(" The drive repeats every {:.4g} s; repetitions of the measured position differ by "
-                                 "{:.3g} um rms each, {:.2g} times what noise and rounding leave: {}.",
+                                 "{:.4g} um rms each, {:.4g} times what noise and rounding leave: {}.",
                                  repetition->period, 1e6 * repetition->rms, repetition->rms / c.gap.floor,
                                  repetition->rms < 1.5 * c.gap.floor
                                      ? "what is more than that comes back in each of them"
