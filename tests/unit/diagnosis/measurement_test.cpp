@@ -212,6 +212,18 @@ TEST(Measurement, SamplesThatAreNotTheMachinesAreNoticed) {
     }
 }
 
+// The axis moves by 16 um a sample at most, so that noise makes leaps and halts of it.
+TEST(Measurement, NoiseOnASlowMotionIsNoFault) {
+    for (const double noise : {0.5e-6, 1e-6, 2e-6, 4e-6}) {
+        Json noisy = small_axis();
+        noisy["noise_rms_m"] = noise;
+        for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+            EXPECT_EQ(refusal(measured(noisy, Json::array(), sine_record(0.01, 1, 3), seed), noisy), "")
+                << noise << " m, seed " << seed;
+        }
+    }
+}
+
 TEST(Measurement, AThrustThatRestsAtItsLimitsByDesignIsNotClipped) {
     DriveRecord record = open_record();
     for (std::size_t k = 0; k < record.u.size(); ++k) {
