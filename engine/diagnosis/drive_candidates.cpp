@@ -155,7 +155,7 @@ void Proposer::backlash() {
 void Proposer::encoder() {
     const Signal& y = c_.measurement.position();
     const double shortest = std::max({4e-6, 4 * c_.machine.encoder_resolution, stroke_ / 20000});
-    const double longest = std::min(0.5 * stroke_, 0.05);
+    const double longest = std::min(stroke_, 0.05);
     std::vector<std::vector<double>> one, two;
     for (const auto& found : sinusoids(y, c_.whitened, {}, shortest, longest, 3)) {
         const double A = found.amplitude * c_.innovation;
