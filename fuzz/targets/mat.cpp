@@ -1,0 +1,30 @@
+#include "record/mat.hpp"
+#include "base/error.hpp"
+#include "record/record_file.hpp"
+#include "record/zip.hpp"
+#include "target.hpp"
+
+namespace tribode::fuzz {
+
+void run_mat(std::string_view bytes) {
+    try {
+        const auto variables = mat_variables(bytes, most_unpacked_of(bytes.size()), "a.mat");
+        Table table;
+        for (const auto& variable : variables) {
+            if (!variable.refusal.empty()) continue;
+            if (table.columns.empty() || variable.values.size() == table.rows()) {
+                table.add(variable.name, "", variable.values);
+            }
+        }
+        const std::string written = to_mat(table);
+        const auto again = mat_variables(written, most_unpacked_of(written.size()), "again.mat");
+        require(again.size() == table.columns.size(), "the same variables");
+    } catch (const InputError&) {
+    }
+    try {
+        if (is_mat5(bytes)) record_from_bytes(bytes, "a.mat");
+    } catch (const InputError&) {
+    }
+}
+
+} // namespace tribode::fuzz
