@@ -1,4 +1,5 @@
 #include "base/error.hpp"
+#include "base/kernel_sandbox.hpp"
 #include "base/run_control.hpp"
 #include "base/text.hpp"
 #include "batch/merge.hpp"
@@ -19,16 +20,24 @@
 
 #include <CLI/CLI.hpp>
 #include <atomic>
+#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
+#include <cstring>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <new>
 #include <optional>
 #include <thread>
 #include <unistd.h>
 
 using namespace tribode;
+
+// OpenBLAS, which Ceres brings along, asks this function of its own for the number of its threads as soon as it is loaded.
+// None are of use here. Under a limit of the address space they would wait for memory for ever, and the end of the program
+// for them; and threads from before main would be outside the kernel's sandbox.
+extern "C" __attribute__((visibility("default"))) int openblas_num_threads_env() { return 1; }
 
 namespace {
 
@@ -70,8 +79,8 @@ class ProgressDisplay {
         constexpr std::size_t width = 30;
         const std::size_t filled = of ? width * done / of : width;
         std::fprintf(stderr, "%s%s", terminal_ ? "\r" : "",
-                     fmt::format("{} [{:#<{}}{:.<{}}] {}/{}  {:.3g}/s  {}{}", what, "", filled, "", width - filled,
-                                 done, of, rate,
+                     fmt::format("{} [{:#<{}}{:.<{}}] {}/{}  {:.3g}/s  {}{}", printable(what), "", filled, "",
+                                 width - filled, done, of, rate,
                                  last ? fmt::format("{:.1f} s    ", elapsed) : fmt::format("{:.0f} s left ", left),
                                  terminal_ && !last ? "" : "\n")
                          .c_str());
@@ -145,6 +154,19 @@ struct MachineAndRecord {
     }
 };
 
+// For commands that read files of others and write one of their own. A machine may be a program that requires what lies beside it.
+void confine(const std::string& machine, const std::vector<std::string>& read, const std::vector<std::string>& write) {
+    KernelSandbox sandbox;
+    sandbox.read.assign(read.begin(), read.end());
+    if (!machine.empty()) {
+        const std::filesystem::path file = machine;
+        sandbox.read.insert(sandbox.read.end(), {file, file.has_parent_path() ? file.parent_path() : "."});
+    }
+    for (const auto& file : write) sandbox.allow_output(file);
+    sandbox.allow_program("gnuplot");
+    sandbox.enter();
+}
+
 struct SimulateCommand {
     MachineAndRecord what;
     std::string output, events;
@@ -168,6 +190,7 @@ struct SimulateCommand {
     }
 
     int run(const Common& common) {
+        confine(what.machine, {what.input}, events.empty() ? std::vector{output} : std::vector{output, events});
         const MachineModel model = what.model();
         options.method = method_named(solver);
         options.fixed_step = step.value_or(model.sample_time / 10);
@@ -212,6 +235,7 @@ struct CompareCommand {
     }
 
     int run(const Common& common) {
+        confine(what.machine, {what.input}, {output});
         const MachineModel model = what.model();
         const DriveRecord record = what.record(model);
         RunFolder folder(output); // first: a folder that cannot be made is said before the work
@@ -251,6 +275,9 @@ struct DiagnoseCommand {
 
     int run(const Common& common) {
         const auto start = std::chrono::steady_clock::now();
+        std::vector<std::string> records_to_read = data;
+        if (!validate.empty()) records_to_read.push_back(validate);
+        confine(machine, records_to_read, {output});
         const MachineModel model = MachineModel::from_description(read_description(machine), machine);
         std::vector<std::string> hashes;
         const auto measurement = [&](const std::string& file) {
@@ -280,7 +307,8 @@ struct RunCommand {
     ScriptRequest request;
     std::vector<std::string> defines;
     std::string machine, data, input;
-    std::size_t memory_mib = ScriptLimits{}.memory_bytes >> 20;
+    std::size_t memory_mib = ScriptLimits{}.memory_bytes >> 20, cpu_seconds = 0; // 0: no limit
+    CLI::Option* memory = nullptr;
 
     void add_to(CLI::App& app, Common& common) {
         app.add_option("script", request.script, "experiment script, .lua")->required();
@@ -296,7 +324,9 @@ struct RunCommand {
                      "let the script open any file and use the whole standard library of Lua");
         add_compile(app, request);
         app.add_option("--max-instructions", request.limits.instructions, "limit of the script's Lua instructions");
-        app.add_option("--max-memory", memory_mib, "limit of the script's memory in MiB");
+        memory = app.add_option("--max-memory", memory_mib, "limit of the script's memory in MiB");
+        app.add_option("--max-cpu", cpu_seconds, "limit of the processor time of each process in seconds")
+            ->check(CLI::PositiveNumber);
         app.add_flag("--quiet", common.quiet, "no progress display");
     }
 
@@ -307,7 +337,13 @@ struct RunCommand {
         }
         for (const auto& [name, value] : request.defines) request.named.emplace_back(value);
         request.limits.memory_bytes = memory_mib << 20;
-        ScriptRun(request, common.control()).execute();
+        request.confine = true;
+        // The engine may hold more than the script, such as the data of a plot, but not without end.
+        const std::size_t besides = std::size_t{1} << 30;
+        limit_process(memory->count() > 0 ? 4 * request.limits.memory_bytes + besides : 0, cpu_seconds);
+        ScriptRun run(request, common.control());
+        run.confine();
+        run.execute();
         return done;
     }
 };
@@ -335,8 +371,15 @@ struct BatchCommand {
         plan_app->add_option("-D", defines, "name=value: sets an option of the script")
             ->take_all()
             ->allow_extra_args(false);
+        for (auto* command : {run_app, resume_app, shard_app, slurm_app}) {
+            command
+                ->add_option("-D", defines,
+                             "name=value: an option as it was planned, again: lets the script read what it names")
+                ->take_all()
+                ->allow_extra_args(false);
+        }
         plan_app->add_option("--shards", shards, "how many (default: by the time of some points)")
-            ->check(CLI::Range(std::size_t{1}, std::size_t{1} << 30));
+            ->check(CLI::Range(std::size_t{1}, Manifest::most_shards));
         plan_app->add_option("--shard-seconds", plan.shard_seconds, "duration of the longest shards (default 120)")
             ->check(CLI::PositiveNumber);
         plan_app->add_flag("--quick", plan.script.quick, "a small version of the work, to try a script");
@@ -375,12 +418,17 @@ struct BatchCommand {
         if (slurm_app->parsed()) return submit_missing(common);
         if (shard_app->parsed()) {
             common.workers = 1;
-            return run_script_batch(folder, shard, plan.script.compile, common.control()) ? done : shard_interrupted;
+            return run_script_batch(request(shard), common.control()) ? done : shard_interrupted;
         }
         return run_missing(common);
     }
 
+    BatchRunRequest request(std::optional<std::size_t> one) const {
+        return {folder, one, defines_of(defines), plan.script.compile, true};
+    }
+
     int run_plan(const Common& common) {
+        plan.script.confine = true;
         plan.script.defines = defines_of(defines);
         for (const auto& [name, value] : plan.script.defines) plan.script.named.emplace_back(value);
         if (shards) plan.shards = shards;
@@ -398,7 +446,7 @@ struct BatchCommand {
 
     int run_missing(const Common& common) {
         const auto place = std::filesystem::absolute(folder); // the work goes to another folder
-        const bool complete = run_script_batch(folder, std::nullopt, plan.script.compile, common.control());
+        const bool complete = run_script_batch(request(std::nullopt), common.control());
         const BatchStatus status = read_status(place, Manifest::read(place));
         if (!complete) {
             throw EndedEarly(
@@ -419,6 +467,8 @@ struct BatchCommand {
         const auto missing = missing_shards(place, manifest);
         const auto open = again ? missing : without_queued(place, missing);
         slurm.program = std::filesystem::read_symlink("/proc/self/exe").string();
+        slurm.defines = defines_of(defines);
+        require_defines(place, manifest, slurm.defines);
         const auto arrays = slurm_arrays(place, manifest, open, slurm, slurm_largest_index());
         if (dry_run) {
             for (const auto& array : arrays) fmt::print("{}\n", array.script);
@@ -437,19 +487,27 @@ struct BatchCommand {
     }
 
     int show_status(const Common& common) const {
+        confine("", {folder}, {});
         const Manifest manifest = Manifest::read(folder);
-        BatchStatus status = read_status(folder, manifest);
         const RunControl control = common.control();
-        for (; watch && !status.complete() && !control.stop_requested(); status = read_status(folder, manifest)) {
+        BatchFiles files(folder, manifest);
+        BatchStatus status = read_status(files, manifest, control);
+        while (watch && !status.complete()) {
             if (control.progress) control.progress(status.name, status.done, status.points);
             std::this_thread::sleep_for(std::chrono::seconds(1));
+            if (control.stop_requested()) break;
+            status = read_status(files, manifest, control);
         }
         fmt::print("{}\n", as_json ? status.json().dump(2) : status.text());
         return done;
     }
 
     int merge(const Common& common) const {
-        const MergeSummary summary = merge_batch(folder, Manifest::read(folder), output);
+        KernelSandbox sandbox;
+        sandbox.read = files_of_batch(folder);
+        sandbox.allow_output(output);
+        sandbox.enter();
+        const MergeSummary summary = merge_script_batch(folder, output, common.control());
         if (!common.quiet) {
             fmt::print("{} points, {} failed, in {}\n", summary.points, summary.failed, output);
             if (!summary.left_out.empty()) {
@@ -463,7 +521,7 @@ struct BatchCommand {
 int report(const std::string& problem, ExitCode code) {
     std::fflush(stdout);
     display.close_line();
-    std::fprintf(stderr, "tribode: %s\n", problem.c_str());
+    std::fprintf(stderr, "tribode: %s\n", printable(problem, "\n\t").c_str());
     return code;
 }
 
@@ -506,13 +564,12 @@ std::string usage_problem(const CLI::App& app, const CLI::ParseError& problem) {
     return fmt::format("{}: {}; {} --help tells what is allowed", name, problem.what(), name);
 }
 
-} // namespace
-
-int main(int argc, char** argv) {
+int run_program(int argc, char** argv) {
     tribode::enable_lua_forces();
     std::signal(SIGINT, on_interrupt);
     std::signal(SIGTERM, on_interrupt);
-    std::signal(SIGXFSZ, SIG_IGN); // a file above the size limit is an error of the write, also in a script
+    std::signal(SIGXCPU, on_interrupt); // at the limit of the processor's time
+    std::signal(SIGXFSZ, SIG_IGN);      // a file above the size limit is an error of the write, also in a script
     CLI::App app("Tribode: simulation and frequency-response analysis of servo systems with friction", "tribode");
     app.set_version_flag("--version", "tribode " + version());
     app.require_subcommand(1);
@@ -552,7 +609,21 @@ int main(int argc, char** argv) {
         return report(problem.what(), wrong_input);
     } catch (const EndedEarly& problem) {
         return report(problem.what(), ended_early);
+    } catch (const std::bad_alloc&) {
+        return report("there is not enough memory, or less than --max-memory leaves", anything_else);
     } catch (const std::exception& problem) {
         return report(problem.what(), anything_else);
     }
+}
+
+} // namespace
+
+int main(int argc, char** argv) {
+    const int code = run_program(argc, argv);
+    // What was printed may still wait in a buffer, and a device that is full shows only now.
+    const bool flushed = std::fflush(stdout) == 0;
+    if ((flushed && !std::ferror(stdout)) || code != done) return code;
+    return report(fmt::format("standard output: cannot be written ({})",
+                              flushed ? "an earlier write failed" : std::strerror(errno)),
+                  anything_else);
 }

@@ -335,13 +335,14 @@ std::vector<double> logarithm_errors(const std::vector<Point>& points, std::vect
     options.apply_loss_function = false;
     std::vector<double> residuals;
     ceres::CRSMatrix sparse;
-    problem->Evaluate(options, nullptr, &residuals, nullptr, &sparse);
+    const bool evaluated = problem->Evaluate(options, nullptr, &residuals, nullptr, &sparse);
+    const std::size_t parameters = logarithms.size();
+    std::vector<double> errors(parameters, std::numeric_limits<double>::infinity());
+    if (!evaluated) return errors;
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     const Eigen::MatrixXd jacobian = Eigen::Map<const RowMajor>(sparse.values.data(), sparse.num_rows, sparse.num_cols);
 
     const Bounds bounds(points);
-    const std::size_t parameters = logarithms.size();
-    std::vector<double> errors(parameters, std::numeric_limits<double>::infinity());
     Eigen::ColPivHouseholderQR<Eigen::MatrixXd> factor;
     factor.setThreshold(1e-8);
     factor.compute(jacobian);
@@ -376,6 +377,11 @@ std::vector<Point> points_in_band(const FrequencyResponse& response, const Modal
         if (!std::isfinite(value.real()) || !std::isfinite(value.imag()) || value == 0.0)
             throw InputError("modal fit: the response at " + to_text(f) + " Hz is " + to_text(value.real()) + " + j " +
                              to_text(value.imag()) + ", must be finite and not zero");
+        // Beyond, its square and those of its ratios to others are no numbers.
+        constexpr double least = 1e-60, most = 1e60;
+        if (!(std::abs(value) >= least && std::abs(value) <= most))
+            throw InputError("modal fit: the response at " + to_text(f) + " Hz has the magnitude " +
+                             to_text(std::abs(value)) + ", must be from " + to_text(least) + " to " + to_text(most));
         points.push_back({2 * std::numbers::pi * f, value});
     }
     std::ranges::stable_sort(points, {}, &Point::omega);

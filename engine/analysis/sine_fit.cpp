@@ -136,13 +136,19 @@ SineFit fit_sine(std::span<const double> samples, double sample_time, double fre
 Window whole_periods(std::size_t first, long periods, double sample_time, double frequency_hz) {
     require_sampling(sample_time, frequency_hz);
     const double count = std::round(static_cast<double>(periods) / (frequency_hz * sample_time));
+    constexpr double most = 1e15; // samples
+    if (!(count <= most)) {
+        throw InputError("a window of " + std::to_string(periods) + " periods of " + to_text(frequency_hz) +
+                         " Hz has " + to_text(count) + " samples, must have " + to_text(most) + " at most");
+    }
     return {first, static_cast<std::size_t>(count)};
 }
 
 long periods_within(std::size_t samples, double sample_time, double frequency_hz) {
     require_sampling(sample_time, frequency_hz);
     // One period more than the quotient may fit, because windows end at the nearest sample.
-    const long whole = static_cast<long>(static_cast<double>(samples) * frequency_hz * sample_time);
+    constexpr double most = 1e15; // far more than there are samples
+    const auto whole = static_cast<long>(std::min(static_cast<double>(samples) * frequency_hz * sample_time, most));
     return whole_periods(0, whole + 1, sample_time, frequency_hz).count <= samples ? whole + 1 : whole;
 }
 

@@ -31,6 +31,23 @@ std::string_view trim(std::string_view text) {
     return text.substr(first, text.find_last_not_of(blanks) - first + 1);
 }
 
+std::string printable(std::string_view text, std::string_view kept) {
+    std::string result;
+    for (std::size_t i = 0; i < text.size(); ++i) {
+        const auto c = static_cast<unsigned char>(text[i]);
+        // In UTF-8, U+0080 to U+009F are control characters, too.
+        const bool high = c == 0xc2 && i + 1 < text.size() && (static_cast<unsigned char>(text[i + 1]) & 0xe0) == 0x80;
+        const bool control = c < 0x20 || c == 0x7f || high;
+        if (control && kept.find(text[i]) == std::string_view::npos) {
+            result += fmt::format("\\x{:02x}", c);
+            if (high) result += fmt::format("\\x{:02x}", static_cast<unsigned char>(text[++i]));
+        } else {
+            result += text[i];
+        }
+    }
+    return result;
+}
+
 std::optional<double> parse_number(std::string_view text) {
     text = trim(text);
     if (text.starts_with('+') && !text.starts_with("+-")) text.remove_prefix(1);

@@ -24,6 +24,9 @@ std::string suggestion(std::string_view name, const std::vector<std::string>& ca
 
 std::string_view trim(std::string_view text);
 
+// The text with control characters but `kept` as \x1b, so that what a file holds does nothing to a terminal.
+std::string printable(std::string_view text, std::string_view kept = {});
+
 // SHA-256 of the bytes, 64 hexadecimal digits.
 std::string sha256(std::string_view bytes);
 

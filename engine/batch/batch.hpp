@@ -4,9 +4,14 @@
 #include <functional>
 #include <map>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace tribode {
+
+// Whether a parameter or a result may have this name in a table of points: index, failed and reason are taken, and a comma, a
+// quote, a slash or a control character such as a line break has no place in it.
+bool is_column_name(std::string_view name);
 
 // One quantity that is kept of a point: a number, or a list of numbers.
 struct KeptField {

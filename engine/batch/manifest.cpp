@@ -4,10 +4,12 @@
 #include "record/json_file.hpp"
 #include "record/output_file.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <ctime>
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <set>
 
 namespace tribode {
 
@@ -55,13 +57,23 @@ Manifest Manifest::read(const fs::path& folder) {
                                      folder.string(), file_name));
     }
     const Json json = read_json(path);
+    Manifest m = from_json(json, path.string());
+    if (json.value("identity", Json()) != m.identity()) {
+        throw InputError(fmt::format("{}: was changed after the batch was planned by version {} (its content does "
+                                     "not fit its identity); plan the batch anew in another folder",
+                                     path.string(), m.version));
+    }
+    return m;
+}
+
+Manifest Manifest::from_json(const Json& json, const std::string& where) {
     Manifest m;
     try {
         const int found = json.at("schema").get<int>();
         if (found != schema) {
             throw InputError(fmt::format("{}: is of schema {}, this program (version {}) knows schema {}: use the "
                                          "version that planned it",
-                                         path.string(), found, tribode::version(), schema));
+                                         where, found, tribode::version(), schema));
         }
         m.version = json.at("version").get<std::string>();
         m.name = json.at("name").get<std::string>();
@@ -78,16 +90,18 @@ Manifest Manifest::read(const fs::path& folder) {
         m.working_folder = json.at("working_folder").get<std::string>();
         m.points_sha256 = json.at("points_sha256").get<std::string>();
         m.pilot = json.at("pilot");
-        if (m.files.empty() || m.count == 0 || m.shards == 0 || m.shards > m.count) {
-            throw InputError(fmt::format("{}: is not the manifest of a batch", path.string()));
+        const std::set<std::string> names(m.parameters.begin(), m.parameters.end());
+        const bool named =
+            names.size() == m.parameters.size() && std::all_of(names.begin(), names.end(), is_column_name);
+        if (m.files.empty() || m.count == 0 || m.shards == 0 || m.shards > m.count || !named) {
+            throw InputError(fmt::format("{}: is not the manifest of a batch", where));
         }
-        if (json.at("identity").get<std::string>() != m.identity()) {
-            throw InputError(fmt::format("{}: was changed after the batch was planned by version {} (its content does "
-                                         "not fit its identity); plan the batch anew in another folder",
-                                         path.string(), m.version));
+        if (m.count > most_points || m.shards > most_shards) {
+            throw InputError(fmt::format("{}: has {} points in {} shards, must be at most {} points in {} shards",
+                                         where, m.count, m.shards, most_points, most_shards));
         }
     } catch (const Json::exception& problem) {
-        throw InputError(fmt::format("{}: is not the manifest of a batch ({})", path.string(), problem.what()));
+        throw InputError(fmt::format("{}: is not the manifest of a batch ({})", where, problem.what()));
     }
     return m;
 }
@@ -100,7 +114,13 @@ void Manifest::require_unchanged(const fs::path& folder,
                                      (folder / file_name).string(), version, tribode::version()));
     }
     for (const auto& file : files) {
-        if (sha256(read_file(path_of(file.name))) == file.sha256) continue;
+        const fs::path place = path_of(file.name);
+        // The folder may come from a stranger, and a device has no end.
+        if (fs::exists(place) && !fs::is_regular_file(place)) {
+            throw InputError(fmt::format("{}: is among the files that the batch in {} was planned from, and is none",
+                                         file.name, folder.string()));
+        }
+        if (sha256(read_file(place)) == file.sha256) continue;
         throw InputError(fmt::format("{}: has changed since the batch in {} was planned; restore it, or plan the batch "
                                      "anew in another folder",
                                      file.name, folder.string()));

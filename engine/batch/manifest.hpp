@@ -24,6 +24,8 @@ struct ShardRange {
 // identity, which every result file carries; the number of shards and the pilot do not.
 struct Manifest {
     static constexpr int schema = 1; // of the folder and its files
+    // The index of a point is a double in the results, and each shard is a file.
+    static constexpr std::size_t most_points = std::size_t{1} << 53, most_shards = 1'000'000;
 
     std::string version; // of the program that planned it
     std::string name;
@@ -46,6 +48,8 @@ struct Manifest {
     void write(const std::filesystem::path& folder) const;
     // Throws InputError: no batch, another schema, changed by hand.
     static Manifest read(const std::filesystem::path& folder);
+    // The fields of the file, whatever it says of its identity. `where` begins the messages. Throws InputError.
+    static Manifest from_json(const Json& json, const std::string& where);
     // Throws InputError where another version of the program planned the batch, or a file has changed since.
     // `path_of` turns the name of a file into its place.
     void require_unchanged(const std::filesystem::path& folder,

@@ -1,6 +1,7 @@
 #include "batch/merge.hpp"
 #include "base/error.hpp"
 #include "base/text.hpp"
+#include "batch/batch_files.hpp"
 #include "batch/shard_file.hpp"
 #include "record/hdf5.hpp"
 #include "record/mat.hpp"
@@ -22,17 +23,8 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-// "1-40, 81-100": the points of the shards, at most ten ranges.
-std::string points_of(const std::vector<std::size_t>& shards, const Manifest& manifest) {
-    std::vector<ShardRange> ranges;
-    for (const std::size_t shard : shards) {
-        const ShardRange range = manifest.range(shard);
-        if (!ranges.empty() && ranges.back().last + 1 == range.first) {
-            ranges.back().last = range.last;
-        } else {
-            ranges.push_back(range);
-        }
-    }
+// "1-40, 81-100", at most ten ranges.
+std::string text_of(const std::vector<ShardRange>& ranges) {
     std::string text;
     constexpr std::size_t most = 10;
     for (std::size_t i = 0; i < std::min(most, ranges.size()); ++i) {
@@ -41,18 +33,35 @@ std::string points_of(const std::vector<std::size_t>& shards, const Manifest& ma
     return ranges.size() > most ? text + ", ..." : text;
 }
 
-void require_complete(const fs::path& folder, const Manifest& manifest) {
-    std::vector<std::size_t> missing;
-    std::size_t points = 0;
+// As `tribode batch status` counts them: the points that an attempt has kept are there.
+[[noreturn]] void refuse_incomplete(const fs::path& folder, const Manifest& manifest, const RunControl& control) {
+    const auto there = BatchFiles(folder, manifest).look(control);
+    std::vector<ShardRange> missing;
+    std::size_t points = 0, shards = 0;
     for (std::size_t shard = 1; shard <= manifest.shards; ++shard) {
-        if (read_shard_header(rows_path(folder, shard), manifest, shard)) continue;
-        missing.push_back(shard);
-        points += manifest.range(shard).size();
+        const auto found = there.find(shard);
+        if (found != there.end() && found->second.complete) continue;
+        ++shards;
+        ShardRange range = manifest.range(shard);
+        if (found != there.end()) range.first += found->second.done;
+        if (range.first > range.last) continue; // all are kept, but the file has not its name yet
+        points += range.size();
+        if (!missing.empty() && missing.back().last + 1 == range.first) {
+            missing.back().last = range.last;
+        } else {
+            missing.push_back(range);
+        }
     }
-    if (missing.empty()) return;
     throw InputError(fmt::format(
-        "{}: {} of {} points are missing ({}; {} of {} shards); tribode batch resume runs them", folder.string(),
-        points, manifest.count, points_of(missing, manifest), missing.size(), manifest.shards));
+        "{}: {} of {} points are missing ({}{}{} of {} shards); tribode batch resume runs them", folder.string(),
+        points, manifest.count, text_of(missing), points ? "; " : "", shards, manifest.shards));
+}
+
+void require_complete(const fs::path& folder, const Manifest& manifest, const RunControl& control) {
+    for (std::size_t shard = 1; shard <= manifest.shards; ++shard) {
+        if (control.stop_requested()) throw EndedEarly("interrupted while the files of the batch were read");
+        if (!read_shard_header(rows_path(folder, shard), manifest, shard)) refuse_incomplete(folder, manifest, control);
+    }
 }
 
 // What a format makes of the rows.
@@ -209,24 +218,28 @@ class MatSink : public RowSink {
 
 } // namespace
 
-void for_each_point(const fs::path& folder, const Manifest& manifest, const std::function<void(const PointRow&)>& use) {
-    require_complete(folder, manifest);
+void for_each_point(const fs::path& folder, const Manifest& manifest, const std::function<void(const PointRow&)>& use,
+                    const RunControl& control) {
+    require_complete(folder, manifest, control);
     PointRow row;
     for (std::size_t shard = 1; shard <= manifest.shards; ++shard) {
         const fs::path path = rows_path(folder, shard);
         ShardReader reader(path, manifest, shard);
         const std::size_t wanted = manifest.range(shard).size();
-        while (reader.points() < wanted && reader.next(row)) use(row);
+        while (reader.points() < wanted && reader.next(row)) {
+            if (control.stop_requested()) throw EndedEarly("interrupted while the batch was read");
+            use(row);
+        }
         if (reader.points() < wanted) {
             throw InputError(
-                fmt::format("{}: is damaged after {} of {} points; remove it, and tribode batch resume runs "
-                            "its points again",
+                fmt::format("{}: is damaged after {} of {} points; tribode batch resume runs the others again",
                             path.string(), reader.points(), wanted));
         }
     }
 }
 
-MergeSummary merge_batch(const fs::path& folder, const Manifest& manifest, const fs::path& output) {
+MergeSummary merge_batch(const fs::path& folder, const Manifest& manifest, const fs::path& output,
+                         const RunControl& control) {
     const std::string kind = output.extension().string();
     if (kind != ".h5" && kind != ".hdf5" && kind != ".csv" && kind != ".mat") {
         throw InputError(fmt::format("{}: a merged batch is a .h5, a .csv or a .mat", output.string()));
@@ -237,19 +250,22 @@ MergeSummary merge_batch(const fs::path& folder, const Manifest& manifest, const
     std::map<std::string, KeptColumn> kept;
     Sha256 points;
     std::string text = points_header(manifest.parameters);
-    for_each_point(folder, manifest, [&](const PointRow& row) {
-        ++summary.points;
-        summary.failed += !row.failure.empty();
-        for (const auto& field : row.fields) {
-            KeptColumn& column = kept.try_emplace(field.name, KeptColumn{field.name, 1, false}).first->second;
-            column.width = std::max(column.width, field.values.size());
-            column.list = column.list || field.list;
-        }
-        append_point_line(text, row.index, row.parameters);
-        if (text.size() < (1 << 16)) return;
-        points.add(text);
-        text.clear();
-    });
+    for_each_point(
+        folder, manifest,
+        [&](const PointRow& row) {
+            ++summary.points;
+            summary.failed += !row.failure.empty();
+            for (const auto& field : row.fields) {
+                KeptColumn& column = kept.try_emplace(field.name, KeptColumn{field.name, 1, false}).first->second;
+                column.width = std::max(column.width, field.values.size());
+                column.list = column.list || field.list;
+            }
+            append_point_line(text, row.index, row.parameters);
+            if (text.size() < (1 << 16)) return;
+            points.add(text);
+            text.clear();
+        },
+        control);
     points.add(text);
     if (points.hex() != manifest.points_sha256) {
         throw InputError(fmt::format("{}: the points that were run are not the planned ones of points.csv: the script "
@@ -274,10 +290,13 @@ MergeSummary merge_batch(const fs::path& folder, const Manifest& manifest, const
         sink = std::make_unique<Hdf5Sink>(output, manifest, summary.columns);
     }
     std::vector<double> numbers;
-    for_each_point(folder, manifest, [&](const PointRow& row) {
-        spread(row, summary.columns, numbers);
-        sink->add(row, numbers);
-    });
+    for_each_point(
+        folder, manifest,
+        [&](const PointRow& row) {
+            spread(row, summary.columns, numbers);
+            sink->add(row, numbers);
+        },
+        control);
     sink->commit();
     return summary;
 }

@@ -1,4 +1,5 @@
 #pragma once
+#include "base/run_control.hpp"
 #include "batch/manifest.hpp"
 
 #include <string>
@@ -21,9 +22,9 @@ struct MergeSummary {
 
 // Calls `use` for every point, in the order of the index, with one point in memory at a time.
 // Throws InputError where points are missing (it lists them), a file is damaged or belongs to another batch, or the points
-// are not the planned ones.
+// are not the planned ones, EndedEarly on a stop request.
 void for_each_point(const std::filesystem::path& folder, const Manifest& manifest,
-                    const std::function<void(const PointRow&)>& use);
+                    const std::function<void(const PointRow&)>& use, const RunControl& control = {});
 
 // Writes all points to one file, .h5, .csv or .mat by its name: a row per index, failed ones with NaN and their reason.
 // The bytes depend on the points alone, not on shards, workers or attempts.
@@ -33,6 +34,6 @@ void for_each_point(const std::filesystem::path& folder, const Manifest& manifes
 //   CSV    the same columns; a list becomes name_1, name_2, ..., up to 1000 columns in all; `reason` is the last column
 //   MAT    as CSV without the reason; other characters than letters and digits in a name become _; made in memory
 MergeSummary merge_batch(const std::filesystem::path& folder, const Manifest& manifest,
-                         const std::filesystem::path& output);
+                         const std::filesystem::path& output, const RunControl& control = {});
 
 } // namespace tribode

@@ -24,10 +24,9 @@ struct RecordHead {
     std::uint64_t length, checksum;
 };
 
-constexpr std::uint64_t longest_record = std::uint64_t{1} << 36; // longer ones are rubbish
+} // namespace
 
-// FNV-1a over words of eight bytes: tells a torn record from a whole one.
-std::uint64_t checksum(std::string_view bytes) {
+std::uint64_t record_checksum(std::string_view bytes) {
     std::uint64_t hash = 0xcbf29ce484222325ULL;
     const auto add = [&hash](std::uint64_t word) {
         hash = (hash ^ word) * 0x100000001b3ULL;
@@ -43,6 +42,8 @@ std::uint64_t checksum(std::string_view bytes) {
     add(bytes.size());
     return hash;
 }
+
+namespace {
 
 template <class T>
 void put(std::string& out, const T& value) {
@@ -60,7 +61,11 @@ void put_numbers(std::string& out, const std::vector<double>& numbers) {
     out.append(reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(double));
 }
 
-// Reads what `put` wrote. The checksum has said that the bytes are whole; a wrong length is still no way out of them.
+// A record that no run of the batch writes.
+struct Malformed {};
+
+// Reads what `put` wrote. The checksum says that the bytes are whole, not who wrote them: no length is believed that the
+// bytes do not have, before anything is made for it.
 class Taker {
   public:
     explicit Taker(std::string_view bytes) : bytes_(bytes) {}
@@ -76,14 +81,21 @@ class Taker {
         return {some(length), length};
     }
     void numbers(std::vector<double>& numbers) {
-        numbers.resize(take<std::uint32_t>());
-        const std::size_t length = numbers.size() * sizeof(double);
-        if (length) std::memcpy(numbers.data(), some(length), length);
+        const std::size_t count = this->count(sizeof(double));
+        numbers.resize(count);
+        if (count) std::memcpy(numbers.data(), some(count * sizeof(double)), count * sizeof(double));
     }
+    // How many things follow, of which each takes at least so many bytes.
+    std::size_t count(std::size_t least_bytes) {
+        const std::size_t count = take<std::uint32_t>();
+        if (count > (bytes_.size() - at_) / least_bytes) throw Malformed{};
+        return count;
+    }
+    bool at_end() const { return at_ == bytes_.size(); }
 
   private:
     const char* some(std::size_t length) {
-        if (length > bytes_.size() - at_) throw InputError("a record of a shard is damaged");
+        if (length > bytes_.size() - at_) throw Malformed{};
         at_ += length;
         return bytes_.data() + at_ - length;
     }
@@ -106,25 +118,38 @@ void put_record(std::string& out, const PointRow& row) {
         put_numbers(out, field.values);
     }
     const auto content = std::string_view(out).substr(begin + sizeof(RecordHead));
-    const RecordHead head{content.size(), checksum(content)};
+    const RecordHead head{content.size(), record_checksum(content)};
     std::memcpy(out.data() + begin, &head, sizeof head);
 }
 
-void take_record(std::string_view bytes, PointRow& row) {
+// Throws Malformed.
+void take_record(std::string_view bytes, std::size_t parameters, PointRow& row) {
+    constexpr std::size_t least_of_a_field = 2 * sizeof(std::uint32_t) + sizeof(std::uint8_t);
     Taker taker(bytes);
     row.index = taker.take<std::uint64_t>();
     taker.numbers(row.parameters);
     row.failure = taker.text();
-    row.fields.resize(taker.take<std::uint32_t>());
+    row.fields.resize(taker.count(least_of_a_field));
     for (auto& field : row.fields) {
         field.name = taker.text();
         field.list = taker.take<std::uint8_t>() != 0;
         taker.numbers(field.values);
+        if (!is_column_name(field.name) || (!field.list && field.values.size() != 1)) throw Malformed{};
     }
+    const bool in_order = std::is_sorted(row.fields.begin(), row.fields.end(),
+                                         [](const auto& a, const auto& b) { return a.name <= b.name; });
+    if (!taker.at_end() || !in_order || row.parameters.size() != parameters) throw Malformed{};
+    if (!row.failure.empty() && !row.fields.empty()) throw Malformed{};
 }
 
 // Apart from the complete ones, so that it is a short list.
 fs::path parts_folder(const fs::path& folder) { return folder / "parts"; }
+
+std::string host_name() {
+    char name[256] = "";
+    ::gethostname(name, sizeof name - 1);
+    return name;
+}
 
 std::string stem_of(std::size_t shard) { return fmt::format("{:05}", shard); }
 
@@ -171,9 +196,31 @@ std::vector<fs::path> parts_of(const fs::path& folder, std::size_t shard) {
     return parts;
 }
 
+bool is_at_work(const fs::path& part) {
+    constexpr std::chrono::seconds still_active{30};
+    // 00012.<host>-<pid>-<n>.part, where the name of a host may have a dash, too.
+    const std::string name = part.filename().string(), ours = "." + host_name() + "-";
+    const std::size_t at = name.find(ours);
+    if (at != std::string::npos &&
+        std::count(name.begin() + static_cast<std::ptrdiff_t>(at + ours.size()), name.end(), '-') == 1) {
+        const int file = ::open(part.c_str(), O_RDONLY | O_CLOEXEC);
+        struct flock whole {};
+        whole.l_type = F_WRLCK;
+        whole.l_whence = SEEK_SET;
+        const bool known = file >= 0 && ::fcntl(file, F_GETLK, &whole) == 0;
+        if (file >= 0) ::close(file);
+        if (known) return whole.l_type != F_UNLCK;
+    }
+    std::error_code problem;
+    const auto written = fs::last_write_time(part, problem);
+    return !problem && fs::file_time_type::clock::now() - written < still_active;
+}
+
 std::optional<ShardHeader> read_shard_header(const fs::path& path, const Manifest& manifest, std::size_t shard) {
     const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
-    if (file < 0) return std::nullopt;
+    if (file < 0 && errno == ENOENT) return std::nullopt;
+    // What is there and cannot be read is not missing: it is not run again.
+    if (file < 0) throw InputError(fmt::format("{}: cannot be read ({})", path.string(), std::strerror(errno)));
     ShardHeader header{};
     const ssize_t got = ::pread(file, &header, sizeof header, 0);
     ::close(file);
@@ -186,7 +233,8 @@ std::optional<ShardHeader> read_shard_header(const fs::path& path, const Manifes
 
 ShardReader::ShardReader(const fs::path& path, const Manifest& manifest, std::size_t shard)
     : path_(path),
-      file_(std::fopen(path.c_str(), "rbe")) {
+      file_(std::fopen(path.c_str(), "rbe")),
+      parameters_(manifest.parameters.size()) {
     if (!file_) throw InputError(fmt::format("{}: cannot be read ({})", path.string(), std::strerror(errno)));
     struct stat about {};
     if (::fstat(fileno(file_.get()), &about) == 0) size_ = static_cast<std::uint64_t>(about.st_size);
@@ -199,29 +247,41 @@ ShardReader::ShardReader(const fs::path& path, const Manifest& manifest, std::si
 bool ShardReader::read_record() {
     RecordHead head;
     if (std::fread(&head, sizeof head, 1, file_.get()) != 1) return false;
-    if (head.length > longest_record || head.length > size_ - bytes_) return false;
+    if (size_ - bytes_ < sizeof head || head.length > size_ - bytes_ - sizeof head) return false;
     record_.resize(head.length);
     if (std::fread(record_.data(), 1, record_.size(), file_.get()) != record_.size()) return false;
-    if (checksum(record_) != head.checksum) return false;
+    if (record_checksum(record_) != head.checksum) return false;
     bytes_ += sizeof head + head.length;
-    ++points_;
     return true;
 }
 
 bool ShardReader::next(PointRow& row) {
     if (!read_record()) return false;
-    take_record(record_, row);
-    if (row.index != header_.first + points_ - 1) {
-        throw InputError(
-            fmt::format("{}: holds point {} in place of {}", path_.string(), row.index, header_.first + points_ - 1));
+    try {
+        take_record(record_, parameters_, row);
+    } catch (const Malformed&) {
+        throw InputError(fmt::format("{}: what it holds of point {} is no result of this batch; remove it, and tribode "
+                                     "batch resume runs its points again",
+                                     path_.string(), header_.first + points_));
     }
+    if (row.index != header_.first + points_) {
+        throw InputError(
+            fmt::format("{}: holds point {} in place of {}", path_.string(), row.index, header_.first + points_));
+    }
+    ++points_;
     failed_ += !row.failure.empty();
     return true;
 }
 
-bool ShardReader::skip() {
+std::size_t ShardReader::count() {
     PointRow row;
-    return next(row);
+    try {
+        while (header_.first + points_ <= header_.last && next(row)) {
+        }
+    } catch (const InputError&) {
+        // What follows is none of its points.
+    }
+    return points_;
 }
 
 // ---- writing -----------------------------------------------------------------------------------------------------
@@ -230,32 +290,37 @@ ShardWriter::ShardWriter(const fs::path& folder, const Manifest& manifest, std::
     : folder_(folder),
       shard_(shard),
       header_(header_of(manifest, shard)) {
-    char host[256] = "";
-    ::gethostname(host, sizeof host - 1);
     const auto parts = parts_of(folder, shard);
+    // What has the name of a complete shard is taken over, too: it is damaged, or there would be no attempt.
+    auto sources = parts;
+    sources.push_back(rows_path(folder, shard));
     const auto now = std::chrono::system_clock::now().time_since_epoch();
-    path_ = parts_folder(folder) / fmt::format("{}.{}-{}-{:x}.part", stem_of(shard), host, ::getpid(),
+    path_ = parts_folder(folder) / fmt::format("{}.{}-{}-{:x}.part", stem_of(shard), host_name(), ::getpid(),
                                                std::chrono::duration_cast<std::chrono::nanoseconds>(now).count());
     std::error_code problem;
     fs::create_directories(path_.parent_path(), problem);
     fs::create_directories(folder / "shards", problem);
     file_ = ::open(path_.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (file_ < 0) fail();
+    // For those who ask who is at work; where the file system has no locks, the time of the file says it.
+    struct flock whole {};
+    whole.l_type = F_WRLCK;
+    whole.l_whence = SEEK_SET;
+    ::fcntl(file_, F_SETLK, &whole);
     counted_ = written_ = synced_ = Clock::now();
     try {
         write(std::string_view(reinterpret_cast<const char*>(&header_), sizeof header_));
         fs::path longest;
         std::size_t most = 0;
-        for (const auto& part : parts) {
+        for (const auto& source : sources) {
             try {
-                ShardReader reader(part, manifest, shard);
-                while (reader.skip()) {
-                }
-                if (reader.points() <= most) continue;
-                most = reader.points();
-                longest = part;
+                ShardReader reader(source, manifest, shard);
+                const std::size_t whole_points = reader.count();
+                if (whole_points <= most) continue;
+                most = whole_points;
+                longest = source;
             } catch (const InputError&) {
-                // Another's, or cut off at its head: not taken over.
+                // Not there, another's, or cut off at its head: not taken over.
             }
         }
         if (most > 0) {
@@ -321,6 +386,10 @@ void ShardWriter::finish() {
     if (::rename(path_.c_str(), rows.c_str()) != 0) {
         // Another attempt has taken this one over; where it has come to the end, its bytes are the same.
         if (errno == ENOENT && fs::exists(rows)) return;
+        if (errno == ENOENT) {
+            throw EndedEarly(
+                fmt::format("{}: was taken over by another attempt at its shard, or removed", path_.string()));
+        }
         fail();
     }
     // The new name has to reach the disk, too.

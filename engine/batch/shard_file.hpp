@@ -32,12 +32,19 @@ struct ShardHeader {
     double seconds;             // spent on them
 };
 
+// What stands in front of each record, behind its length (8 bytes each): FNV-1a over words of eight bytes. Tells a torn
+// record from a whole one.
+std::uint64_t record_checksum(std::string_view record);
+
 // A point as it stands in such a file: the same row gives the same bytes.
 std::string to_bytes(const PointRow& row);
 
 std::filesystem::path rows_path(const std::filesystem::path& folder, std::size_t shard);
 // The attempts at a shard that are left, of any batch.
 std::vector<std::filesystem::path> parts_of(const std::filesystem::path& folder, std::size_t shard);
+
+// Whether a process is at work on the attempt: by its lock where it is one of this computer, else by the last half minute.
+bool is_at_work(const std::filesystem::path& part);
 
 // What the header of a file says; nothing where there is none. Throws InputError where the file is no shard of the batch.
 std::optional<ShardHeader> read_shard_header(const std::filesystem::path& path, const Manifest& manifest,
@@ -51,8 +58,8 @@ class ShardReader {
 
     // The next point; false at the end of what is whole.
     bool next(PointRow& row);
-    // The same without its content.
-    bool skip();
+    // Reads on to the last of the points, or of those that are whole; returns how many there are.
+    std::size_t count();
 
     std::size_t points() const { return points_; } // read so far
     std::size_t failed() const { return failed_; }
@@ -67,6 +74,7 @@ class ShardReader {
 
     std::filesystem::path path_;
     std::unique_ptr<std::FILE, Closer> file_;
+    std::size_t parameters_; // of a point
     ShardHeader header_{};
     std::string record_;
     std::size_t points_ = 0, failed_ = 0;
@@ -90,7 +98,8 @@ class ShardWriter {
     void add(const PointRow& row);
     // Writes what was gathered. Called before a point that may take long.
     void flush();
-    // Gives the complete file its name. All attempts at this shard are then removed.
+    // Gives the complete file its name. All attempts at this shard are then removed. Throws EndedEarly where another
+    // attempt has taken this one over and is still at work.
     void finish();
 
   private:

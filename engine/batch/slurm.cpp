@@ -4,6 +4,7 @@
 #include "record/output_file.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <cstring>
 #include <fcntl.h>
@@ -55,7 +56,16 @@ CommandResult run_command(std::vector<std::string> words) {
     return result;
 }
 
+void require_one_line(const std::string& text) {
+    if (std::none_of(text.begin(), text.end(), [](unsigned char c) { return std::iscntrl(c); })) return;
+    throw InputError(fmt::format("\"{}\" has a line break or another control character, which a script of Slurm cannot "
+                                 "hold; choose another name",
+                                 printable(text)));
+}
+
+// In a script, where a line break would end a comment line of sbatch and begin a command.
 std::string quoted(const std::string& text) {
+    require_one_line(text);
     std::string result = "'";
     for (const char c : text) result += c == '\'' ? std::string("'\\''") : std::string(1, c);
     return result + "'";
@@ -102,6 +112,8 @@ std::vector<SlurmArray> slurm_arrays(const fs::path& folder, const Manifest& man
         const std::size_t offset = (shard - 1) / largest_index * largest_index;
         tasks[offset].push_back(shard - offset);
     }
+    std::string defines;
+    for (const auto& [name, value] : options.defines) defines += " -D " + quoted(name + "=" + value);
     std::vector<SlurmArray> arrays;
     for (const auto& [offset, indices] : tasks) {
         std::string text = fmt::format("#!/bin/bash\n"
@@ -114,9 +126,12 @@ std::vector<SlurmArray> slurm_arrays(const fs::path& folder, const Manifest& man
                                        job_name(manifest.name), index_list(indices),
                                        options.max_running ? fmt::format("%{}", options.max_running) : "",
                                        quoted((folder / "slurm" / "%A_%a.log").string()));
-        for (const auto& line : options.sbatch) text += fmt::format("#SBATCH {}\n", line);
+        for (const auto& line : options.sbatch) {
+            require_one_line(line);
+            text += fmt::format("#SBATCH {}\n", line);
+        }
         text += fmt::format("\n"
-                            "{} batch shard {} $(({} + SLURM_ARRAY_TASK_ID)) --quiet &\n"
+                            "{} batch shard {} $(({} + SLURM_ARRAY_TASK_ID)){} --quiet &\n"
                             "task=$!\n"
                             "trap 'kill -TERM $task 2>/dev/null' TERM\n"
                             "wait $task\n"
@@ -132,7 +147,7 @@ std::vector<SlurmArray> slurm_arrays(const fs::path& folder, const Manifest& man
                             "    exit 1\n"
                             "fi\n"
                             "exit $status\n",
-                            quoted(options.program), quoted(folder.string()), offset, options.restarts);
+                            quoted(options.program), quoted(folder.string()), offset, defines, options.restarts);
         arrays.push_back({offset, indices.size(), std::move(text)});
     }
     return arrays;

@@ -2,6 +2,7 @@
 #include "batch/manifest.hpp"
 
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -11,10 +12,11 @@ namespace tribode {
 // by the files of the batch, and a task that Slurm forgot, or a site where it may not start one again, costs another
 // `tribode batch slurm` or `resume`.
 struct SlurmOptions {
-    std::size_t max_running = 0;     // tasks of one array at one time; 0: as many as the site lets
-    int restarts = 3;                // of a task that was killed or interrupted
-    std::vector<std::string> sbatch; // options of the site, e.g. "--partition=short": a line #SBATCH each
-    std::string program;             // path of tribode, the same on every node
+    std::size_t max_running = 0;                // tasks of one array at one time; 0: as many as the site lets
+    int restarts = 3;                           // of a task that was killed or interrupted
+    std::vector<std::string> sbatch;            // options of the site, e.g. "--partition=short": a line #SBATCH each
+    std::string program;                        // path of tribode, the same on every node
+    std::map<std::string, std::string> defines; // -D of each task
 };
 
 // One array: task i runs shard offset + i.

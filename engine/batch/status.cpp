@@ -1,7 +1,5 @@
 #include "batch/status.hpp"
-#include "batch/shard_file.hpp"
 
-#include <chrono>
 #include <fmt/format.h>
 
 namespace tribode {
@@ -9,16 +7,18 @@ namespace tribode {
 namespace fs = std::filesystem;
 
 Json BatchStatus::json() const {
-    return {{"name", name},
-            {"points", points},
-            {"done", done},
-            {"failed", failed},
-            {"missing", points - done},
-            {"shards", {{"total", shards}, {"complete", complete_shards}, {"active", active_shards}}},
-            {"seconds_per_point", seconds_per_point},
-            {"points_per_second", points_per_second},
-            {"seconds_left", seconds_left},
-            {"complete", complete()}};
+    return {
+        {"name", name},
+        {"points", points},
+        {"done", done},
+        {"failed", failed},
+        {"missing", points - done},
+        {"shards",
+         {{"total", shards}, {"complete", complete_shards}, {"active", active_shards}, {"damaged", damaged.size()}}},
+        {"seconds_per_point", seconds_per_point},
+        {"points_per_second", points_per_second},
+        {"seconds_left", seconds_left},
+        {"complete", complete()}};
 }
 
 static std::string duration_text(double seconds) {
@@ -30,37 +30,28 @@ static std::string duration_text(double seconds) {
 std::string BatchStatus::text() const {
     std::string line = fmt::format("{}: {} of {} points done, {} failed; {} of {} shards complete, {} at work", name,
                                    done, points, failed, complete_shards, shards, active_shards);
+    if (!damaged.empty()) {
+        line += fmt::format("; {} is damaged{}, tribode batch resume runs again what it has lost", damaged[0].string(),
+                            damaged.size() > 1 ? fmt::format(", and {} more", damaged.size() - 1) : "");
+    }
     if (points_per_second > 0) line += fmt::format("; {:.3g} points/s", points_per_second);
     if (seconds_left > 0) line += fmt::format(", {} left", duration_text(seconds_left));
     return line;
 }
 
-BatchStatus read_status(const fs::path& folder, const Manifest& manifest) {
-    constexpr std::chrono::seconds still_active{30};
+BatchStatus read_status(BatchFiles& files, const Manifest& manifest, const RunControl& control) {
     BatchStatus status;
     status.name = manifest.name;
     status.points = manifest.count;
     status.shards = manifest.shards;
     double seconds = 0;
-    const auto now = fs::file_time_type::clock::now();
-    for (std::size_t shard = 1; shard <= manifest.shards; ++shard) {
-        auto header = read_shard_header(rows_path(folder, shard), manifest, shard);
-        if (header) {
-            ++status.complete_shards;
-        } else {
-            for (const auto& part : parts_of(folder, shard)) {
-                const auto attempt = read_shard_header(part, manifest, shard);
-                if (!attempt) continue;
-                std::error_code problem;
-                const auto written = fs::last_write_time(part, problem);
-                if (!problem && now - written < still_active) ++status.active_shards;
-                if (!header || attempt->done > header->done) header = attempt;
-            }
-        }
-        if (!header) continue;
-        status.done += header->done;
-        status.failed += header->failed;
-        seconds += header->seconds;
+    for (const auto& [number, shard] : files.look(control)) {
+        status.complete_shards += shard.complete;
+        status.active_shards += shard.active;
+        status.done += shard.done;
+        status.failed += shard.failed;
+        seconds += shard.seconds;
+        if (!shard.complete && !shard.damaged.empty()) status.damaged.push_back(shard.damaged);
     }
     if (status.done > 0) status.seconds_per_point = seconds / static_cast<double>(status.done);
     if (status.active_shards > 0 && seconds > 0) {
@@ -68,6 +59,11 @@ BatchStatus read_status(const fs::path& folder, const Manifest& manifest) {
         status.seconds_left = static_cast<double>(status.points - status.done) / status.points_per_second;
     }
     return status;
+}
+
+BatchStatus read_status(const fs::path& folder, const Manifest& manifest, const RunControl& control) {
+    BatchFiles files(folder, manifest);
+    return read_status(files, manifest, control);
 }
 
 } // namespace tribode

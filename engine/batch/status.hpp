@@ -1,5 +1,5 @@
 #pragma once
-#include "batch/manifest.hpp"
+#include "batch/batch_files.hpp"
 
 namespace tribode {
 
@@ -8,16 +8,19 @@ struct BatchStatus {
     std::string name;
     std::size_t points = 0, done = 0, failed = 0;
     std::size_t shards = 0, complete_shards = 0;
-    std::size_t active_shards = 0; // attempts that were written to within the last half minute
-    double seconds_per_point = 0;  // on average of the points done, on one worker [s]; 0: unknown
-    double points_per_second = 0;  // of all that is active
-    double seconds_left = 0;       // 0: unknown, or nothing is active
+    std::size_t active_shards = 0;              // attempts that a process is at work on
+    std::vector<std::filesystem::path> damaged; // files that have the name of a complete shard and are none
+    double seconds_per_point = 0;               // on average of the points done, on one worker [s]; 0: unknown
+    double points_per_second = 0;               // of all that is active
+    double seconds_left = 0;                    // 0: unknown, or nothing is active
 
     bool complete() const { return complete_shards == shards; }
     Json json() const;
     std::string text() const;
 };
 
-BatchStatus read_status(const std::filesystem::path& folder, const Manifest& manifest);
+// Throws InputError where a result belongs to another batch, EndedEarly on a stop request.
+BatchStatus read_status(BatchFiles& files, const Manifest& manifest, const RunControl& control = {});
+BatchStatus read_status(const std::filesystem::path& folder, const Manifest& manifest, const RunControl& control = {});
 
 } // namespace tribode

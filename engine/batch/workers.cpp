@@ -1,5 +1,6 @@
 #include "batch/workers.hpp"
 #include "base/error.hpp"
+#include "batch/batch_files.hpp"
 #include "batch/shard_file.hpp"
 
 #include <algorithm>
@@ -165,7 +166,8 @@ class Pool {
     ShardEnd work(std::size_t shard, Notice& notice) const {
         const auto say = [&notice](const char* text) { std::strncpy(notice.text, text, sizeof notice.text - 1); };
         try {
-            if (fs::exists(rows_path(folder_, shard))) return ShardEnd::complete; // by another, meanwhile
+            // By another, meanwhile.
+            if (shard_state(folder_, manifest_, shard).complete) return ShardEnd::complete;
             ShardWriter writer(folder_, manifest_, shard);
             const std::size_t before = writer.next_index();
             while (!writer.complete()) {
@@ -296,14 +298,6 @@ FolderLock::FolderLock(const fs::path& folder) {
 
 FolderLock::~FolderLock() {
     if (file_ >= 0) ::close(file_);
-}
-
-std::vector<std::size_t> missing_shards(const fs::path& folder, const Manifest& manifest) {
-    std::vector<std::size_t> missing;
-    for (std::size_t shard = 1; shard <= manifest.shards; ++shard) {
-        if (!read_shard_header(rows_path(folder, shard), manifest, shard)) missing.push_back(shard);
-    }
-    return missing;
 }
 
 bool run_shards(const fs::path& folder, const Manifest& manifest, const Batch& batch,

@@ -1,6 +1,6 @@
 #pragma once
 #include "base/run_control.hpp"
-#include "batch/manifest.hpp"
+#include "batch/batch_files.hpp"
 
 #include <filesystem>
 #include <vector>
@@ -19,9 +19,6 @@ class FolderLock {
   private:
     int file_ = -1;
 };
-
-// The shards without a complete result, in order. Throws InputError where a result belongs to another batch.
-std::vector<std::size_t> missing_shards(const std::filesystem::path& folder, const Manifest& manifest);
 
 // Runs shards on control.workers processes, each shard in a process of its own that is a copy of this one (fork): what a
 // point does to its process, up to its crash, ends with it. The caller must have no other threads.

@@ -15,8 +15,8 @@ struct ServoAxis {
     double encoder_resolution = 0;
     std::vector<PeriodicEncoderError> encoder_errors;
 
-    // Throws InputError where the effects together leave something that cannot be: friction, a delay or a body below
-    // zero, backlash in a machine with modes.
+    // Throws InputError where the machine and its effects together leave something that cannot be: gains that are next to
+    // nothing or all too large, friction or a delay below zero, backlash in a machine with modes.
     void require_possible() const;
 };
 

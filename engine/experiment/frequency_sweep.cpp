@@ -223,6 +223,11 @@ SweepPoint run_point(const MachineModel& machine, const SweepOptions& options, s
 
 void SweepOptions::read(FieldReader& fields) {
     frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, frequency_hz);
+    constexpr std::size_t most_frequencies = 1'000'000;
+    if (frequency_hz.size() > most_frequencies) {
+        fields.fail("frequency_hz",
+                    fmt::format("has {} entries, must have {} at most", frequency_hz.size(), most_frequencies));
+    }
     amplitude = fields.number("amplitude_N", "N", Allowed::positive, amplitude);
     settle_periods = fields.number("settle_periods", "", Allowed::non_negative, settle_periods);
     settle_time = fields.number("settle_time_s", "s", Allowed::non_negative, settle_time);
@@ -247,6 +252,8 @@ SweepResult run_sweep(const MachineModel& machine, const SweepOptions& options, 
     std::vector<std::optional<SweepPoint>> points = kept.load();
     std::vector<std::size_t> missing;
     for (std::size_t i = 0; i < points.size(); ++i) {
+        // One of another frequency is none of this sweep.
+        if (points[i] && points[i]->frequency_hz != options.frequency_hz[i]) points[i].reset();
         if (!points[i]) missing.push_back(i);
     }
 

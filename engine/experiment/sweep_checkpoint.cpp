@@ -3,6 +3,7 @@
 #include "base/text.hpp"
 #include "record/json_file.hpp"
 
+#include <fmt/format.h>
 #include <limits>
 
 namespace tribode {
@@ -13,6 +14,20 @@ constexpr std::chrono::seconds saving_interval{5};
 
 Json to_json(std::complex<double> z) { return Json::array({z.real(), z.imag()}); }
 std::complex<double> complex_of(const Json& json) { return {json.at(0).get<double>(), json.at(1).get<double>()}; }
+
+// A count of something.
+long count_of(const Json& json) {
+    constexpr std::int64_t most = std::int64_t{1} << 53;
+    if (!json.is_number_integer() || json.get<std::int64_t>() < 0 || json.get<std::int64_t>() > most) {
+        throw Error("is not a count");
+    }
+    return json.get<long>();
+}
+
+// What the numbers of the points are checked by: a flipped bit is no result.
+std::string checksum_of(const Json& points) {
+    return sha256(points.dump(-1, ' ', false, Json::error_handler_t::replace));
+}
 
 // Numbers as JSON has them: infinite and undefined ones, which an undistorted or silent signal may give, are null.
 double number_of(const Json& json) {
@@ -58,7 +73,9 @@ SweepPoint point_of(const Json& json) {
     p.position_distortion = number_of(json.at("distortion").at(1));
     p.settling_time = json.at("settling_time").get<double>();
     p.settled = json.at("settled").get<bool>();
-    p.outcome = {static_cast<RunEnd>(json.at("outcome").at(0).get<int>()), json.at("outcome").at(1).get<double>(),
+    const long end = count_of(json.at("outcome").at(0));
+    if (end > static_cast<long>(RunEnd::diverged)) throw Error("is not an outcome");
+    p.outcome = {static_cast<RunEnd>(end), json.at("outcome").at(1).get<double>(),
                  json.at("outcome").at(2).get<std::string>()};
     long* const counts[] = {&p.statistics.steps,
                             &p.statistics.rejected_steps,
@@ -68,7 +85,7 @@ SweepPoint point_of(const Json& json) {
                             &p.statistics.events,
                             &p.statistics.samples,
                             &p.statistics.restarts};
-    for (std::size_t i = 0; i < std::size(counts); ++i) *counts[i] = json.at("counts").at(i).get<long>();
+    for (std::size_t i = 0; i < std::size(counts); ++i) *counts[i] = count_of(json.at("counts").at(i));
     return p;
 }
 
@@ -76,7 +93,7 @@ SweepPoint point_of(const Json& json) {
 
 SweepCheckpoint::SweepCheckpoint(std::filesystem::path path, const MachineModel& machine, const SweepOptions& o)
     : path_(std::move(path)),
-      count_(o.frequency_hz.size()) {
+      frequency_hz_(o.frequency_hz) {
     Json friction_model; // null: the machine's own
     if (o.friction_model) {
         friction_model = Json::array({o.friction_model->viscous});
@@ -107,19 +124,21 @@ SweepCheckpoint::SweepCheckpoint(std::filesystem::path path, const MachineModel&
 }
 
 std::vector<std::optional<SweepPoint>> SweepCheckpoint::load() {
-    std::vector<std::optional<SweepPoint>> points(count_);
+    std::vector<std::optional<SweepPoint>> points(frequency_hz_.size());
     if (path_.empty() || !std::filesystem::exists(path_)) return points;
     try {
         const Json file = read_json(path_);
+        const Json& kept = file.at("points");
+        if (file.at("sha256") != checksum_of(kept)) throw Error("another checksum");
         if (file.at("key") != key_) return points;
-        for (const auto& [index, point] : file.at("points").items()) {
-            points.at(std::stoul(index)) = point_of(point);
+        for (const auto& [index, point] : kept.items()) {
+            const std::size_t place = std::stoul(index);
+            points.at(place) = point_of(point);
+            if (points[place]->frequency_hz != frequency_hz_[place]) throw Error("another frequency");
             points_[index] = point;
         }
     } catch (const std::exception&) {
-        // Not readable: the points are computed again.
-        points.assign(count_, std::nullopt);
-        points_ = Json::object();
+        throw InputError(fmt::format("{}: is damaged; remove it, and the sweep begins anew", path_.string()));
     }
     return points;
 }
@@ -138,7 +157,7 @@ void SweepCheckpoint::save() {
 }
 
 void SweepCheckpoint::save_locked() {
-    write_json(path_, Json{{"key", key_}, {"points", points_}});
+    write_json(path_, Json{{"key", key_}, {"points", points_}, {"sha256", checksum_of(points_)}});
     saved_ = std::chrono::steady_clock::now();
 }
 

@@ -17,17 +17,20 @@ class SweepCheckpoint {
   public:
     SweepCheckpoint(std::filesystem::path path, const MachineModel& machine, const SweepOptions& options);
 
-    std::vector<std::optional<SweepPoint>> load();        // one place per frequency
+    // One place per frequency. Throws InputError where the file is damaged: its numbers have a checksum.
+    std::vector<std::optional<SweepPoint>> load();
     void add(std::size_t index, const SweepPoint& point); // saves now and then
     void save();
     void remove();
+
+    const std::string& key() const { return key_; } // of what the file belongs to
 
   private:
     void save_locked();
 
     std::filesystem::path path_;
     std::string key_; // hash of what determines the points
-    std::size_t count_;
+    std::vector<double> frequency_hz_;
     std::mutex mutex_;
     Json points_ = Json::object();                  // index -> point
     std::chrono::steady_clock::time_point saved_{}; // never: the first point is kept at once

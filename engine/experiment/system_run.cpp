@@ -1,5 +1,6 @@
 #include "experiment/system_run.hpp"
 #include "base/error.hpp"
+#include "base/text.hpp"
 #include "solver/simulator.hpp"
 
 #include <algorithm>
@@ -29,17 +30,30 @@ class SystemRecorder final : public Observer {
     }
 
     void sampled(ClockId, long, const SystemState& state) override {
-        for (const int when : system_.fired_by_sample(state)) events_.push_back({state.t, when, 0});
+        for (const int when : system_.fired_by_sample(state)) {
+            events_.emplace_back(of_guards_->size(), Event{state.t, when, 0});
+        }
     }
 
-    // Those of samples.
-    const EventLog& events() const { return events_; }
+    void follow(const EventLog& of_guards) { of_guards_ = &of_guards; }
+
+    // Those of guards and those of samples, in the order in which they happened.
+    EventLog events() const {
+        EventLog all;
+        auto sampled = events_.begin();
+        for (std::size_t i = 0; i <= of_guards_->size(); ++i) {
+            for (; sampled != events_.end() && sampled->first == i; ++sampled) all.push_back(sampled->second);
+            if (i < of_guards_->size()) all.push_back((*of_guards_)[i]);
+        }
+        return all;
+    }
 
   private:
     const EquationSystem& system_;
     Table& table_;
     std::vector<double> outputs_;
-    EventLog events_;
+    const EventLog* of_guards_ = nullptr;
+    std::vector<std::pair<std::size_t, Event>> events_; // of samples, each behind so many of guards
 };
 
 Table empty_table(const Equations& equations) {
@@ -51,19 +65,36 @@ Table empty_table(const Equations& equations) {
     return table;
 }
 
-// Multiples of the step, and the end.
-std::vector<double> grid_of(const SystemRunOptions& options) {
-    const double step = options.output_step > 0 ? options.output_step : options.duration / 1000;
-    const double count = std::floor(options.duration / step * (1 + 1e-12));
+// Of the tables in a term that have no values everywhere, where they have.
+std::string limits_of_tables(const Equations& equations, Term root) {
+    std::string text;
+    for (const Term term : equations.graph->reachable(std::span(&root, 1))) {
+        if ((*equations.graph)[term].op != Op::lookup) continue;
+        const auto& table = *equations.graph->table_of(term);
+        for (int variable = 0; variable < table.variables(); ++variable) {
+            const auto [low, high] = table.domain(variable);
+            if (!std::isfinite(low)) continue;
+            const std::string in = table.variables() == 1 ? "" : variable == 0 ? " in x" : " in y";
+            text += fmt::format("; {} has values from {} to {}{}", table.name(), to_text(low), to_text(high), in);
+        }
+    }
+    return text;
+}
+
+// From the start in steps, and the end.
+std::vector<double> grid_of(double start, const SystemRunOptions& options) {
+    const double duration = options.end - start;
+    const double step = options.output_step > 0 ? options.output_step : duration / 1000;
+    const double count = std::floor(duration / step * (1 + 1e-12));
     if (!(count < most_rows)) {
-        throw InputError(fmt::format("{} s in steps of {} s are more than {} rows", options.duration, step, most_rows));
+        throw InputError(fmt::format("{} s in steps of {} s are more than {} rows", duration, step, most_rows));
     }
     std::vector<double> grid;
-    for (double k = 0; k <= count; ++k) grid.push_back(std::min(k * step, options.duration));
-    if (grid.back() < options.duration * (1 - 1e-12)) {
-        grid.push_back(options.duration);
+    for (double k = 0; k <= count; ++k) grid.push_back(std::min(start + k * step, options.end));
+    if (options.end - grid.back() > std::max(1e-12 * duration, 1e-15 * options.end)) {
+        grid.push_back(options.end);
     } else {
-        grid.back() = options.duration;
+        grid.back() = options.end;
     }
     return grid;
 }
@@ -74,28 +105,43 @@ SystemRun run_system(const EquationSystem& system, const SystemRunOptions& optio
     SystemRun result;
     result.table = empty_table(system.equations());
     result.method = resolved(options.solver.method, system);
-    Simulator run(system, options.solver, control);
+    SystemState start = options.resume ? system.restored(options.resume->system) : system.initial_state(options.start);
+    const double begin = start.t;
+    if (!(options.end > begin)) {
+        throw InputError(fmt::format("the run is to end at t = {:.9g} s, must be after its start at t = {:.9g} s",
+                                     options.end, begin));
+    }
+    // What lies within a step and outside all conditions, a short bump of an input for one, only shorter steps can see.
+    constexpr double max_step_part = 1.0 / 50;
+    SolverOptions solver = options.solver;
+    if (solver.max_step == 0) solver.max_step = max_step_part * (options.end - begin);
+    Simulator run(system, solver, std::move(start), control);
+    if (options.resume && options.resume->method == name_of(result.method)) run.propose_step(options.resume->step);
     SystemRecorder recorder(system, result.table);
+    recorder.follow(run.events());
     run.observe(&recorder);
-    run.set_output_grid(grid_of(options));
-    result.outcome = run.advance_to(options.duration);
+    for (const double t : options.output_times) {
+        if (t >= begin && t <= options.end) continue;
+        throw InputError(
+            fmt::format("a row is to be at t = {} s, must be between the start at {} s and the end at {} s", to_text(t),
+                        to_text(begin), to_text(options.end)));
+    }
+    run.set_output_grid(options.output_times.empty() ? grid_of(begin, options) : options.output_times);
+    result.outcome = run.advance_to(options.end);
     result.statistics = run.statistics();
 
-    // At one instant the guards come before the samples.
-    result.events = run.events();
-    result.events.insert(result.events.end(), recorder.events().begin(), recorder.events().end());
-    std::stable_sort(result.events.begin(), result.events.end(),
-                     [](const Event& a, const Event& b) { return a.t < b.t; });
+    result.events = recorder.events();
     result.final_states = run.state().x;
     const auto discrete = system.discrete(run.state());
     result.final_discrete.assign(discrete.begin(), discrete.end());
+    result.state = {system.snapshot(run.state()), options.fingerprint, name_of(result.method), run.proposed_step()};
 
     if (const auto& culprit = result.outcome.not_finite) {
         const auto& state = system.equations().states[culprit->state];
         const std::string line = state.where.empty() ? "" : fmt::format(" ({})", state.where);
-        result.outcome.message =
-            fmt::format("der({}){} is not a finite number at t = {:.9g} s; the last good state is that of t = {:.9g} s",
-                        state.name, line, culprit->t, result.outcome.t);
+        result.outcome.message = fmt::format(
+            "der({}){} is not a finite number at t = {:.9g} s; the last good state is that of t = {:.9g} s{}",
+            state.name, line, culprit->t, result.outcome.t, limits_of_tables(system.equations(), state.rate));
     }
     return result;
 }

@@ -1,5 +1,6 @@
 #pragma once
 #include "base/run_control.hpp"
+#include "experiment/run_state.hpp"
 #include "record/table.hpp"
 #include "solver/integrator.hpp"
 #include "solver/run_outcome.hpp"
@@ -8,9 +9,12 @@
 namespace tribode {
 
 struct SystemRunOptions {
-    double duration = 1;    // [s]
-    double output_step = 0; // of the grid of the results [s]; 0: a thousandth of the duration
-    SolverOptions solver;   // absolute tolerance: times the nominal value of each state
+    double start = 0, end = 1;        // [s]
+    double output_step = 0;           // of the grid of the results [s]; 0: a thousandth of the duration
+    std::vector<double> output_times; // ascending, instead of the grid [s]; empty: the grid
+    SolverOptions solver;             // absolute tolerance: times the nominal value of each state
+    std::optional<RunState> resume;   // begins with this, at its time, instead of with the start values
+    std::string fingerprint;          // of the equations, for the state at the end
 };
 
 // What a run of a system of equations gave, up to where it came.
@@ -19,12 +23,13 @@ struct SystemRun {
     EventLog events;                  // in time; subject: the place of the `when`
     std::vector<double> final_states; // right limits, in the order of the equations
     std::vector<double> final_discrete;
+    RunState state;                    // there, to continue with
     Method method = Method::automatic; // the one used
     RunOutcome outcome;
     RunStatistics statistics;
 };
 
-// Runs the system from its start values at t = 0. A run whose rates were not finite says which one, and when. Throws
+// Runs the system from its start values, or on from the state of another run of it. A run whose rates were not finite says which one, and when. Throws
 // InputError where the options are wrong or the solver cannot run the system.
 SystemRun run_system(const EquationSystem& system, const SystemRunOptions& options, const RunControl& control = {});
 

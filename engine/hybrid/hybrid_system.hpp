@@ -1,4 +1,5 @@
 #pragma once
+#include "hybrid/enclosure.hpp"
 #include "hybrid/system_state.hpp"
 
 #include <array>
@@ -18,6 +19,7 @@ struct StateVariable {
     std::string unit;
     std::optional<std::size_t> rate; // the state that is its derivative: a position's velocity
     double scale = 1; // its absolute tolerance is scale times the run's: 1 for a position, for which atol is in metres
+    double limit = 1e100; // a size beyond which the solution counts as diverged
 };
 
 // Sample instants are offset + k period with an integer k >= 0, never a running sum.
@@ -44,7 +46,8 @@ using AffinePattern = std::array<double, 3>;
 
 // What handling an event did to the right side.
 enum class EventEffect {
-    none,       // x and the derivative are as before: the integrator goes on
+    none,       // x, the derivative and the guards are as before: the integrator goes on
+    guards,     // the guards changed, x and the derivative did not: it goes on with the new ones
     derivative, // the derivative changed, x and the guards did not: the integrator starts afresh
     restart     // x jumped, or the guards changed: they are looked at again, and the integrator starts afresh
 };
@@ -78,8 +81,21 @@ class HybridSystem {
     // g(t, x; d), guard_count() entries.
     virtual void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const = 0;
 
+    // Whether enclose_guards() is there: bounds of g(t, x; d), and of its rate of change along a trajectory, from those of
+    // t and of x and dx/dt, over a piece of the trajectory; guard_count() entries. They hold all values, rounding
+    // included. Then events are found for certain (EventSearch).
+    virtual bool encloses_guards() const { return false; }
+    virtual void enclose_guards(const Enclosure& t, std::span<const Enclosure> x, const DiscreteState& d,
+                                std::span<Enclosure> g) const;
+    // Of a system that encloses its guards: whether this one does not depend on x, whatever d is.
+    virtual bool depends_on_time_alone(GuardId) const { return false; }
+
     // The guard fell. Discrete states change here and in on_sample, nowhere else. What changed goes to the log.
     virtual EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const = 0;
+
+    // Guards that fell at one instant, in declared order. Unless overridden they are handled one after the other, and then
+    // none of them may say `guards`.
+    virtual EventEffect on_crossings(std::span<const GuardId> guards, SystemState& state, EventLog& log) const;
 
     // Sample instant k of the clock.
     virtual EventEffect on_sample(ClockId clock, long k, SystemState& state) const = 0;

@@ -119,7 +119,7 @@ MachineModel MachineModel::from_description(const Json& description, const std::
     try {
         m.axis();
     } catch (const InputError& error) {
-        throw InputError(fmt::format("{}: effects: {}", where, error.what()));
+        throw InputError(fmt::format("{}: {}{}", where, m.effects.empty() ? "" : "effects: ", error.what()));
     }
     return m;
 }
@@ -139,7 +139,11 @@ ServoAxis MachineModel::axis() const {
     axis.input_delay = input_delay;
     axis.encoder_resolution = encoder_resolution;
     for (const auto& effect : effects) effect.apply(axis);
-    if (!effects.empty()) axis.require_possible();
+    axis.require_possible();
+    if (axis.input_delay > most_delayed_samples * sample_time) {
+        throw InputError(fmt::format("they leave an input delay of {} s, must be {} sample times at most",
+                                     to_text(axis.input_delay), most_delayed_samples));
+    }
     return axis;
 }
 

@@ -14,13 +14,14 @@ constexpr double two_pi = 2 * std::numbers::pi;
 // displacement times 100 rad/s, a force of the order of displacement times the stiffness of rolling friction.
 constexpr double velocity_scale = 100;
 constexpr double force_scale = 1e6;
+constexpr double position_limit = 1e9; // [m]: an axis that got there has an unstable loop
 // Of half a gap: far above the rounding of positions, far below what one sees of a contact.
 constexpr double contact_margin = 1e-9;
 } // namespace
 
 ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total_gain_(p_.rigid_gain) {
     const auto add_states = [&](const std::string& name) {
-        states_.push_back({name + " position", "m", states_.size() + 1, 1.0});
+        states_.push_back({name + " position", "m", states_.size() + 1, 1.0, position_limit});
         states_.push_back({name + " velocity", "m/s", std::nullopt, velocity_scale});
     };
     add_states("driven point");

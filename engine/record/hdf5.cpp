@@ -49,6 +49,9 @@ std::unique_lock<std::mutex> enter_library() {
     std::unique_lock lock(mutex);
     // At the end of the process the library would write once more what a full disk refused, and crash.
     [[maybe_unused]] static const herr_t nothing_at_exit = H5dont_atexit();
+    // A file is read from memory and reaches nothing else: no link to other files, no filter loaded from a library.
+    [[maybe_unused]] static const herr_t no_links_outside = H5Lunregister(H5L_TYPE_EXTERNAL);
+    [[maybe_unused]] static const herr_t no_plugins = H5PLset_loading_state(0);
     H5Eset_auto2(H5E_DEFAULT, nullptr, nullptr);
     return lock;
 }
@@ -157,6 +160,7 @@ std::string file_image(const std::vector<NamedTable>& tables, const Json& attrib
 struct Link {
     std::string name;
     H5O_type_t type;
+    bool is_inside; // the file itself
 };
 
 std::vector<Link> links_of(hid_t group) {
@@ -166,11 +170,16 @@ std::vector<Link> links_of(hid_t group) {
     const H5_index_t index = (order & H5P_CRT_ORDER_TRACKED) ? H5_INDEX_CRT_ORDER : H5_INDEX_NAME;
 
     std::vector<Link> links;
-    const auto add = [](hid_t parent, const char* name, const H5L_info_t*, void* list) -> herr_t {
+    const auto add = [](hid_t parent, const char* name, const H5L_info_t* link, void* list) -> herr_t {
+        auto& found = *static_cast<std::vector<Link>*>(list);
+        if (link->type != H5L_TYPE_HARD && link->type != H5L_TYPE_SOFT) {
+            found.push_back({name, H5O_TYPE_UNKNOWN, false});
+            return 0;
+        }
         H5O_info_t about;
         // A link that leads nowhere is passed over like everything that is not a vector of numbers.
         if (H5Oget_info_by_name2(parent, name, &about, H5O_INFO_BASIC, H5P_DEFAULT) >= 0) {
-            static_cast<std::vector<Link>*>(list)->push_back({name, about.type});
+            found.push_back({name, about.type, true});
         }
         return 0;
     };
@@ -196,6 +205,10 @@ std::string read_text_attribute(hid_t object, const char* name) {
     return text.c_str(); // up to the first zero
 }
 
+Variable link_outside(std::string name) {
+    return {std::move(name), "", {}, "is a link to another file, which is not followed"};
+}
+
 // The dataset as a column, or why it cannot be one.
 Variable read_variable(hid_t group, const std::string& name, std::size_t file_size) {
     Variable variable{name, "", {}, ""};
@@ -204,6 +217,10 @@ Variable read_variable(hid_t group, const std::string& name, std::size_t file_si
         return variable;
     };
     const Handle dataset(H5Dopen2(group, name.c_str(), H5P_DEFAULT), "H5Dopen2");
+    // Before all else: asking for the shape of a virtual dataset opens its sources.
+    const Handle creation(H5Dget_create_plist(dataset), "H5Dget_create_plist");
+    if (H5Pget_layout(creation) == H5D_VIRTUAL || H5Pget_external_count(creation) != 0)
+        return refuse("has its numbers in another file, which is not read");
     const Handle type(H5Dget_type(dataset), "H5Dget_type");
     const Handle space(H5Dget_space(dataset), "H5Dget_space");
     const H5T_class_t kind = H5Tget_class(type);
@@ -246,7 +263,9 @@ std::vector<Variable> variables_of(std::string_view bytes) {
     std::vector<Variable> variables;
     for (const Link& link : links_of(root)) {
         if (link.name.starts_with('#')) continue; // where MATLAB keeps the parts of cells and objects
-        if (link.type == H5O_TYPE_DATASET) {
+        if (!link.is_inside) {
+            variables.push_back(link_outside(link.name));
+        } else if (link.type == H5O_TYPE_DATASET) {
             variables.push_back(read_variable(root, link.name, bytes.size()));
         } else if (link.type == H5O_TYPE_GROUP) {
             const Handle group(H5Gopen2(root, link.name.c_str(), H5P_DEFAULT), "H5Gopen2");
@@ -255,8 +274,9 @@ std::vector<Variable> variables_of(std::string_view bytes) {
                 continue;
             }
             for (const Link& inner : links_of(group)) {
-                if (inner.type != H5O_TYPE_DATASET) continue;
-                variables.push_back(read_variable(group, inner.name, bytes.size()));
+                if (inner.is_inside && inner.type != H5O_TYPE_DATASET) continue;
+                variables.push_back(inner.is_inside ? read_variable(group, inner.name, bytes.size())
+                                                    : link_outside(inner.name));
                 variables.back().name = link.name + "/" + inner.name;
             }
         }
@@ -436,6 +456,7 @@ Hdf5RowFile::Hdf5RowFile(std::filesystem::path path, std::size_t rows, std::vect
     try {
         refused_is_output_error(path_, [&] {
             const Handle creation = ordered(H5P_FILE_CREATE);
+            std::filesystem::remove(c.part, problem); // a link of this name is not written through
             c.file.emplace(H5Fcreate(c.part.c_str(), H5F_ACC_TRUNC, creation, H5P_DEFAULT), "H5Fcreate");
             for (const auto& [name, value] : attributes.items()) write_attribute(*c.file, name, value);
             for (const auto& set : c.datasets) {

@@ -17,4 +17,7 @@ void write_json(const std::filesystem::path& path, const Json& value);
 // and on a key that stands twice in one table.
 Json read_json(const std::filesystem::path& path);
 
+// The same of a text already read; `source` takes the place of the file's name.
+Json parse_json(const std::string& text, const std::string& source);
+
 } // namespace tribode

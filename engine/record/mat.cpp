@@ -216,7 +216,7 @@ bool is_mat5(std::string_view bytes) {
     return mark == std::string_view("\0\1IM", 4) || mark == std::string_view("\1\0MI", 4);
 }
 
-std::vector<Variable> mat_variables(std::string_view bytes, const std::string& source) {
+std::vector<Variable> mat_variables(std::string_view bytes, std::size_t most, const std::string& source) {
     const bool big_endian = bytes.size() >= header_size && bytes[version_place + 2] == 'M';
     Cursor cursor(bytes.substr(std::min(bytes.size(), header_size)), big_endian, source);
     if (!is_mat5(bytes)) cursor.fail();
@@ -226,7 +226,8 @@ std::vector<Variable> mat_variables(std::string_view bytes, const std::string& s
         Element element = cursor.next();
         std::string unpacked;
         if (element.type == compressed) {
-            unpacked = inflate_zlib(element.data, source);
+            unpacked = inflate_zlib(element.data, most, source);
+            most -= unpacked.size();
             element = cursor.inside(unpacked).next();
         }
         if (element.type != matrix || element.data.empty()) continue;

@@ -17,8 +17,9 @@ bool is_mat5(std::string_view bytes);
 
 // The variables in the order of the file, of one name the last. A column is a real array of class double with one
 // dimension at most that is not 1; structs, texts, matrices, complex and other numbers are named with a refusal.
-// Throws InputError where the bytes are damaged or cut short; `source` begins the message.
-std::vector<Variable> mat_variables(std::string_view bytes, const std::string& source);
+// Throws InputError where the bytes are damaged or cut short, or all its parts together unpack to more than `most` bytes;
+// `source` begins the message.
+std::vector<Variable> mat_variables(std::string_view bytes, std::size_t most, const std::string& source);
 
 // The bytes of a MAT file of version 5: each column as an n x 1 double array, not packed, without a date, so that the
 // same table gives the same bytes. Units are not kept: the format has no place for them.

@@ -41,10 +41,15 @@ bool write_all(int file, std::string_view bytes) {
     return true;
 }
 
-bool write_whole_file(const fs::path& path, std::string_view bytes) {
+// A new file of this name, whatever was there: neither a symbolic nor a hard link is written through.
+int open_new(const fs::path& path) {
     constexpr mode_t read_and_write_as_umask_allows = 0666;
-    Descriptor file(
-        ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, read_and_write_as_umask_allows));
+    ::unlink(path.c_str());
+    return ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, read_and_write_as_umask_allows);
+}
+
+bool write_whole_file(const fs::path& path, std::string_view bytes) {
+    Descriptor file(open_new(path));
     return file.number() >= 0 && write_all(file.number(), bytes) && ::fsync(file.number()) == 0 && file.close();
 }
 
@@ -91,7 +96,7 @@ OutputFile::OutputFile(fs::path path) : path_(std::move(path)), part_(path_) {
     if (fs::is_directory(path_)) fail_to_write(path_, "it is a folder");
     if (path_.has_parent_path()) fs::create_directories(path_.parent_path(), problem);
     if (problem) fail_to_write(path_, problem.message());
-    file_ = ::open(part_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW | O_CLOEXEC, 0666);
+    file_ = open_new(part_);
     if (file_ < 0) fail();
 }
 
@@ -144,6 +149,7 @@ std::string read_file(const fs::path& path) {
     if (::fstat(file.number(), &about) != 0) fail(std::strerror(errno));
     if (S_ISDIR(about.st_mode)) fail("it is a folder");
 
+    constexpr std::size_t most_of_no_file = std::size_t{1} << 30; // of a pipe or a device
     // One byte more than the file has, so that its end is seen without growing; pipes tell no size and grow.
     std::string bytes(static_cast<std::size_t>(about.st_size) + 1, '\0');
     std::size_t length = 0;
@@ -153,6 +159,7 @@ std::string read_file(const fs::path& path) {
         if (got < 0) fail(std::strerror(errno));
         if (got == 0) break;
         length += static_cast<std::size_t>(got);
+        if (length > most_of_no_file && !S_ISREG(about.st_mode)) fail("it is no file and has no end");
         if (length == bytes.size()) bytes.resize(2 * bytes.size() + 65536);
     }
     bytes.resize(length);

@@ -3,8 +3,10 @@
 #include "base/field_reader.hpp"
 #include "base/text.hpp"
 #include "record/output_file.hpp"
+#include "record/run_folder.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <cmath>
 #include <csignal>
@@ -28,14 +30,23 @@ constexpr std::array palette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e6
 
 const std::vector<std::string> style_names = {"line", "dashed", "points", "line_points"};
 
-// A text in gnuplot's single quotes, where only the quote itself needs care.
+// A text in gnuplot's double quotes: letters, digits, blanks and what is not ASCII as they are, control characters as blanks,
+// everything else by its number. So nothing in a text ends its quotes or its line (gnuplot reads lines as C strings), and
+// nothing is left to be taken for a command in backquotes or a macro. Every text of a plot goes through here; all else in
+// a script is numbers and words of the engine's own.
 std::string quoted(const std::string& text) {
-    std::string result = "'";
+    std::string result = "\"";
     for (const char c : text) {
-        if (c == '\'') result += '\'';
-        result += c == '\n' ? ' ' : c;
+        const auto code = static_cast<unsigned char>(c);
+        if (code < 0x20 || code == 0x7f) {
+            result += ' ';
+        } else if (code == ' ' || code >= 0x80 || std::isalnum(code)) {
+            result += c;
+        } else {
+            result += fmt::format("\\{:03o}", code);
+        }
     }
-    return result + "'";
+    return result + "\"";
 }
 
 bool shown(const Panel& panel, double x, double y) {
@@ -270,8 +281,9 @@ std::string run_gnuplot(const std::string& script) {
     posix_spawn_file_actions_adddup2(&actions, in.read_end, STDIN_FILENO);
     posix_spawn_file_actions_adddup2(&actions, out.write_end, STDOUT_FILENO);
     posix_spawn_file_actions_adddup2(&actions, messages.write_end, STDERR_FILENO);
-    const std::string program = "gnuplot", dash = "-";
-    char* arguments[] = {const_cast<char*>(program.c_str()), const_cast<char*>(dash.c_str()), nullptr};
+    // Without the start-up files of the user or of the folder: they may hold any command.
+    std::string program = "gnuplot", no_start_up_files = "--default-settings", dash = "-";
+    char* arguments[] = {program.data(), no_start_up_files.data(), dash.data(), nullptr};
     pid_t child = 0;
     const int failure = posix_spawnp(&child, "gnuplot", &actions, nullptr, arguments, environ);
     posix_spawn_file_actions_destroy(&actions);
@@ -361,10 +373,9 @@ std::string plot_svg(const Plot& plot) {
 }
 
 void draw_plot(const std::filesystem::path& path, const Plot& plot) {
-    auto file = path;
-    write_file(file += ".png", plot_png(plot));
-    file = path;
-    write_file(file += ".svg", plot_svg(plot));
+    const std::string name = path.filename().string();
+    write_file(path_inside(path.parent_path(), name + ".png"), plot_png(plot));
+    write_file(path_inside(path.parent_path(), name + ".svg"), plot_svg(plot));
 }
 
 Plot plot_from_json(const Json& json, const std::string& where) {

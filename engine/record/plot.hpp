@@ -51,8 +51,8 @@ struct Plot {
     std::vector<Panel> panels;
 };
 
-// Draws with gnuplot and writes `<path>.png` and `<path>.svg` through write_file. Same plot, same bytes.
-// Throws InputError where the lengths of a series differ, or gnuplot is not installed; OutputError where a file cannot
+// Draws with gnuplot and writes `<path>.png` and `<path>.svg` through write_file, not through links that lead out of their
+// folder. Same plot, same bytes. Throws InputError where the lengths of a series differ, or gnuplot is not installed; OutputError where a file cannot
 // be written.
 void draw_plot(const std::filesystem::path& path, const Plot& plot);
 

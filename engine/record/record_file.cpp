@@ -89,7 +89,8 @@ void read_text(Content& content, std::string_view text, const std::string& sourc
     for (const auto& name : passed_over) content.variables.push_back({name, "", {}, "is not among those asked for"});
 }
 
-Content content_of(std::string_view bytes, const std::string& source, const RecordOptions& options,
+// `packed`: bytes of the file itself.
+Content content_of(std::string_view bytes, std::size_t packed, const std::string& source, const RecordOptions& options,
                    const std::vector<std::string>& wanted) {
     Content content;
     if (is_hdf5(bytes)) {
@@ -98,7 +99,7 @@ Content content_of(std::string_view bytes, const std::string& source, const Reco
         return content;
     }
     if (is_mat5(bytes)) {
-        content.variables = mat_variables(bytes, source);
+        content.variables = mat_variables(bytes, most_unpacked_of(packed), source);
         return content;
     }
     constexpr std::size_t beginning = 4096;
@@ -262,7 +263,7 @@ RecordOptions RecordOptions::read(FieldReader& fields) {
 Record record_from_bytes(std::string_view bytes, const std::string& source, const RecordOptions& options,
                          const std::vector<std::string>& wanted) {
     const std::string unpacked = is_gzip(bytes) ? gunzip(bytes, source) : "";
-    const Content content = content_of(is_gzip(bytes) ? unpacked : bytes, source, options, wanted);
+    const Content content = content_of(is_gzip(bytes) ? unpacked : bytes, bytes.size(), source, options, wanted);
     Record record{Chooser(content, source, options, wanted).table(), std::nullopt};
     for (const auto& [name, factor] : options.scale) {
         record.table[name]; // a name that is not there is refused

@@ -5,6 +5,7 @@
 #include "record/json_file.hpp"
 #include "record/output_file.hpp"
 #include "record/report_assets.hpp"
+#include "record/run_folder.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -405,7 +406,7 @@ std::vector<std::string> write_report(const fs::path& page, const Report& report
     const auto files = file_names(figures, page.stem().string());
     std::vector<std::string> images(figures.size());
     const auto done = for_each_index(figures.size(), control, "figures", [&](std::size_t i) {
-        const fs::path file = page.parent_path() / (files[i] + ".png");
+        const fs::path file = path_inside(page.parent_path(), files[i] + ".png");
         images[i] = figures[i]->drawn ? read_file(file) : plot_png(figures[i]->plot);
         if (!figures[i]->drawn) write_file(file, images[i]);
     });
@@ -455,7 +456,7 @@ Figure figure_from_json(const Json& json, const std::string& where, const fs::pa
         figure.file = json.get<std::string>();
         figure.drawn = true;
         require_beside(figure.file);
-        const fs::path file = folder / (figure.file + plot_data_extension);
+        const fs::path file = path_inside(folder, figure.file + plot_data_extension);
         figure.plot = plot_from_json(read_json(file), file.string());
         return figure;
     }

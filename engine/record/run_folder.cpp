@@ -32,22 +32,29 @@ RunFolder::RunFolder(fs::path folder) : folder_(std::move(folder)) {
     }
 }
 
-fs::path RunFolder::path(std::string_view name) const {
+fs::path path_inside(const fs::path& folder, std::string_view name) {
     const auto refuse = [&](std::string_view problem) {
-        throw InputError(
-            fmt::format("\"{}\" {}, must name a file inside the run folder {}", name, problem, folder_.string()));
+        throw InputError(fmt::format("\"{}\" {}, must name a file inside the run folder {}",
+                                     name.substr(0, name.find('\0')), problem, folder.string()));
     };
+    // The system would read the name up to this byte only.
+    if (name.find('\0') != std::string_view::npos) refuse("goes on behind a zero byte");
     const fs::path normal = fs::path(name).lexically_normal();
     if (normal.is_absolute()) refuse("is an absolute path");
     if (!normal.has_filename() || normal == "." || normal == "..") refuse("is not a file name");
     if (*normal.begin() == "..") refuse("leads out of it");
 
     std::error_code problem;
-    const fs::path full = folder_ / normal;
-    const fs::path resolved = fs::weakly_canonical(full, problem);
-    if (problem || !lies_inside(resolved, fs::canonical(folder_))) refuse("leads out of it through a link");
+    const fs::path full = folder / normal, root = folder.empty() ? fs::path(".") : folder;
+    const fs::path resolved = fs::weakly_canonical(root / normal, problem);
+    // A link without a target is left as it is, and writing through it would make the target.
+    const bool leads_out = problem || !lies_inside(resolved, fs::weakly_canonical(root)) ||
+                           fs::is_symlink(fs::symlink_status(resolved, problem));
+    if (leads_out) refuse("leads out of it through a link");
     return full;
 }
+
+fs::path RunFolder::path(std::string_view name) const { return path_inside(folder_, name); }
 
 void RunFolder::note(std::string_view name, std::string_view bytes) {
     std::string hash = sha256(bytes);

@@ -9,6 +9,11 @@
 
 namespace tribode {
 
+// The full path of a name inside a folder. Throws InputError where it would lie outside: an absolute path, `..`, a zero
+// byte, or a symbolic link that leads out or nowhere. Whatever is written or read by a name that a script, a file or a
+// table gives goes through here.
+std::filesystem::path path_inside(const std::filesystem::path& folder, std::string_view name);
+
 // The folder that a run writes to and the list of what it has written. Names are paths inside the folder. The
 // functions may be called from any thread.
 class RunFolder {
@@ -18,8 +23,7 @@ class RunFolder {
 
     const std::filesystem::path& folder() const { return folder_; }
 
-    // The full path of a name. Throws InputError where it would lie outside the folder: an absolute path, `..` or a
-    // symbolic link that leads out.
+    // path_inside this folder.
     std::filesystem::path path(std::string_view name) const;
 
     // Writes through write_file and notes the hash; a name written twice holds the last bytes. The manifest's name is

@@ -81,6 +81,11 @@ std::vector<double> parameters_of(const Json& point, const std::vector<std::stri
 
 // Appends numbers, lists of numbers and tables of these, the latter as table.field.
 void append_fields(std::vector<KeptField>& fields, const std::string& name, const Json& value) {
+    if (!is_column_name(name)) {
+        throw InputError(fmt::format("run returned a field \"{}\"; index, failed and reason are taken, and a comma, a "
+                                     "quote, a slash or a line break has no place in a name",
+                                     name));
+    }
     const auto refuse = [&](std::string_view found) {
         throw InputError(
             fmt::format("run returned {} = {}, must be a number, a list of numbers or a table of these", name, found));
@@ -108,16 +113,12 @@ std::vector<KeptField> fields_of(const Json& result) {
     }
     std::vector<KeptField> fields;
     for (const auto& [name, value] : result.items()) {
-        if (name.empty() || name == "index" || name == "failed" || name == "reason" ||
-            name.find_first_of(",\"/\r\n") != std::string::npos) {
-            throw InputError(
-                fmt::format("run returned a field \"{}\"; index, failed and reason are taken, and a comma, a "
-                            "quote, a slash or a line break has no place in a name",
-                            name));
-        }
         append_fields(fields, name, value);
     }
     std::sort(fields.begin(), fields.end(), [](const auto& a, const auto& b) { return a.name < b.name; });
+    const auto twice =
+        std::adjacent_find(fields.begin(), fields.end(), [](const auto& a, const auto& b) { return a.name == b.name; });
+    if (twice != fields.end()) throw InputError(fmt::format("run returned two fields \"{}\"", twice->name));
     return fields;
 }
 
@@ -279,13 +280,21 @@ std::string name_in_manifest(const fs::path& file, const fs::path& working_folde
     return !ready.empty() && ScriptRun::ready_file(ready.string()) != ready ? ready.string() : file.string();
 }
 
-ScriptRequest request_of(const Manifest& manifest, const fs::path& folder) {
+// Where a file of the manifest lies: seen from the folder that the batch was planned in, or a ready one.
+fs::path place_of(const std::string& name, const fs::path& folder, const Manifest& manifest) {
+    const fs::path there = folder / manifest.working_folder / name;
+    return fs::exists(there) ? there : ScriptRun::ready_file(name);
+}
+
+ScriptRequest request_of(const Manifest& manifest, const BatchRunRequest& asked, const fs::path& folder) {
     ScriptRequest request;
     request.script = ScriptRun::ready_file(manifest.files.front().name);
     request.folder = folder / "files";
     request.defines = manifest.defines;
     for (const auto& [name, value] : manifest.defines) request.named.emplace_back(value);
     request.quick = manifest.quick;
+    request.compile = asked.compile;
+    request.confine = asked.confine;
     request.only_batch = true;
     return request;
 }
@@ -322,6 +331,8 @@ PlannedBatch plan_script_batch(const BatchPlanRequest& request, const RunControl
     script_request.folder = folder / "files";
     script_request.only_batch = true;
     ScriptRun script(script_request, inside_a_point(control));
+    script.note_named();
+    script.confine(folder);
     const Manifest manifest =
         plan_batch_of(script, script.read_batch().batch, folder, {request.shards, request.shard_seconds});
     PlannedBatch planned{manifest.count, manifest.shards, manifest.pilot["seconds_per_point"].get<double>(), {}};
@@ -338,7 +349,38 @@ PlannedBatch plan_script_batch(const BatchPlanRequest& request, const RunControl
     return planned;
 }
 
-bool run_script_batch(const fs::path& in, std::optional<std::size_t> shard, bool compile, const RunControl& control) {
+void require_defines(const fs::path& folder, const Manifest& manifest,
+                     const std::map<std::string, std::string>& given) {
+    for (const auto& [name, value] : given) {
+        const auto planned = manifest.defines.find(name);
+        if (planned != manifest.defines.end() && planned->second == value) continue;
+        throw InputError(fmt::format("-D {}={}: the batch was planned {}; its options do not change", name, value,
+                                     planned == manifest.defines.end() ? "without this option"
+                                                                       : "with " + name + "=" + planned->second));
+    }
+    const fs::path root = fs::weakly_canonical(folder), working = root / manifest.working_folder;
+    std::error_code problem;
+    const auto is_known = [&](const fs::path& file) {
+        return std::any_of(manifest.files.begin(), manifest.files.end(), [&](const SourceFile& known) {
+            return fs::equivalent(file, place_of(known.name, root, manifest), problem);
+        });
+    };
+    for (const auto& [name, value] : manifest.defines) {
+        const fs::path place = fs::weakly_canonical(working / value, problem);
+        // Most options are numbers and words, and name nothing.
+        if (given.contains(name) || value.empty() || !fs::exists(place, problem)) continue;
+        if (std::mismatch(root.begin(), root.end(), place.begin(), place.end()).first == root.end()) continue;
+        if (!fs::is_directory(place, problem) && is_known(place)) continue;
+        throw InputError(
+            fmt::format("{}: the option {} of the batch names \"{}\", which lies outside its folder and is no "
+                        "file that its manifest knows; if the script may read it, give -D {}={} again",
+                        folder.string(), name, value, name, value));
+    }
+}
+
+bool run_script_batch(const BatchRunRequest& asked, const RunControl& control) {
+    const fs::path& in = asked.folder;
+    const std::optional<std::size_t>& shard = asked.shard;
     const fs::path folder = fs::weakly_canonical(fs::absolute(in));
     const Manifest manifest = Manifest::read(folder);
     if (shard && (*shard < 1 || *shard > manifest.shards)) {
@@ -359,16 +401,15 @@ bool run_script_batch(const fs::path& in, std::optional<std::size_t> shard, bool
     std::vector<std::size_t> shards;
     if (!shard) {
         lock.emplace(folder);
-        shards = missing_shards(folder, manifest);
-    } else {
-        const auto missing = missing_shards(folder, manifest);
-        if (std::find(missing.begin(), missing.end(), *shard) != missing.end()) shards = {*shard};
+        shards = missing_shards(folder, manifest, control);
+    } else if (!shard_state(folder, manifest, *shard).complete) {
+        shards = {*shard};
     }
     if (shards.empty()) return true;
 
-    ScriptRequest request = request_of(manifest, folder);
-    request.compile = compile;
-    ScriptRun script(request, inside_a_point(control));
+    require_defines(folder, manifest, asked.defines);
+    ScriptRun script(request_of(manifest, asked, folder), inside_a_point(control));
+    script.confine(folder);
     const Batch& batch = script.read_batch().batch;
     if (!is_same(manifest, batch)) {
         throw InputError(fmt::format("{}: the script describes another batch than when it was planned, though no file "
@@ -392,7 +433,20 @@ bool run_batch_of(ScriptRun& script, const fs::path& in, const RunControl& contr
                         in.string()));
     }
     const FolderLock lock(folder);
-    return run_shards(folder, manifest, batch, missing_shards(folder, manifest), control);
+    return run_shards(folder, manifest, batch, missing_shards(folder, manifest, control), control);
+}
+
+std::vector<fs::path> files_of_batch(const fs::path& folder) {
+    const Manifest manifest = Manifest::read(folder);
+    std::vector<fs::path> files = {folder};
+    for (const auto& file : manifest.files) files.push_back(place_of(file.name, folder, manifest));
+    return files;
+}
+
+MergeSummary merge_script_batch(const fs::path& folder, const fs::path& output, const RunControl& control) {
+    const Manifest manifest = Manifest::read(folder);
+    manifest.require_unchanged(folder, [&](const std::string& name) { return place_of(name, folder, manifest); });
+    return merge_batch(folder, manifest, output, control);
 }
 
 Json merged_batch(const fs::path& folder) {

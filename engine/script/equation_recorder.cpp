@@ -2,9 +2,9 @@
 #include "base/error.hpp"
 #include "base/random.hpp"
 #include "base/text.hpp"
-#include "script/symbols.hpp"
 #include "script/table_fields.hpp"
 #include "script/trampoline.hpp"
+#include "script/vector_names.hpp"
 #include "system/tape.hpp"
 
 #include <algorithm>
@@ -24,76 +24,139 @@ std::string line_of(lua_State* lua, int index) {
     return fmt::format("{}:{}: ", info.short_src, info.linedefined);
 }
 
-void push_scope(lua_State* lua, const Scope& scope, const std::function<void(std::size_t)>& push_value) {
-    lua_newtable(lua);
-    const int top = lua_gettop(lua);
-    for (std::size_t i = 0; i < scope.names.size(); ++i) {
-        lua_pushvalue(lua, top);
-        std::string_view rest = scope.names[i];
-        for (auto dot = rest.find('.'); dot != std::string_view::npos; dot = rest.find('.')) {
-            const std::string part(rest.substr(0, dot));
-            if (lua_getfield(lua, -1, part.c_str()) != LUA_TTABLE) {
-                lua_pop(lua, 1);
-                lua_newtable(lua);
-                lua_pushvalue(lua, -1);
-                lua_setfield(lua, -3, part.c_str());
-            }
-            lua_remove(lua, -2);
-            rest.remove_prefix(dot + 1);
-        }
-        push_value(i);
-        lua_setfield(lua, -2, std::string(rest).c_str());
-        lua_pop(lua, 1);
-    }
-    // Only now: the lookups above must find nothing quietly. Behind an empty table, so that an assignment is met.
-    const auto push_guarded = [&](int table) {
-        lua_createtable(lua, 0, 1);
-        lua_pushnil(lua);
-        push_function(lua, [names = scope.names](lua_State* state) -> int {
-            const std::string name = lua_isstring(state, 2) ? lua_tostring(state, 2) : luaL_typename(state, 2);
-            throw InputError(fmt::format("{} is not a variable of the system{}", name, suggestion(name, names)));
-        });
-        lua_setfield(lua, -2, "__index");
-        lua_setmetatable(lua, table);
-        lua_newtable(lua);
-        lua_createtable(lua, 0, 2);
-        lua_pushvalue(lua, table);
-        lua_setfield(lua, -2, "__index");
-        lua_pushnil(lua);
-        push_function(lua, [](lua_State*) -> int {
-            throw InputError("the variables of a system cannot be set here; a function returns a table of new values");
-        });
-        lua_setfield(lua, -2, "__newindex");
-        lua_setmetatable(lua, -2);
+namespace {
+
+// The table that holds a name, below the one on top, which it replaces; what remains of the name: a field, or the index of
+// an element. [-0, +0]
+std::pair<std::string, std::size_t> go_to(lua_State* lua, std::string_view name) {
+    const auto enter = [&](const std::string& field) {
+        luaL_getsubtable(lua, -1, field.c_str());
+        lua_remove(lua, -2);
     };
-    lua_pushnil(lua);
-    while (lua_next(lua, top)) {
-        if (lua_istable(lua, -1)) {
-            push_guarded(lua_gettop(lua));
-            lua_pushvalue(lua, -3);
-            lua_insert(lua, -2);
-            lua_rawset(lua, top);
-        }
+    for (auto dot = name.find('.'); dot != std::string_view::npos; dot = name.find('.')) {
+        enter(std::string(name.substr(0, dot)));
+        name.remove_prefix(dot + 1);
+    }
+    if (const auto element = element_of(std::string(name))) {
+        enter(element->first);
+        return {"", element->second};
+    }
+    return {std::string(name), 0};
+}
+
+// The value on top into the table below it. [-1, +0]
+void put(lua_State* lua, const std::pair<std::string, std::size_t>& place) {
+    if (place.second > 0) {
+        lua_rawseti(lua, -2, static_cast<lua_Integer>(place.second));
+    } else {
+        lua_setfield(lua, -2, place.first.c_str());
+    }
+}
+
+void push_all(lua_State* lua, const Scope& scope, const std::function<void(std::size_t)>& push_value) {
+    lua_newtable(lua);
+    for (std::size_t i = 0; i < scope.names.size(); ++i) {
+        lua_pushvalue(lua, -1);
+        const auto place = go_to(lua, scope.names[i]);
+        push_value(i);
+        put(lua, place);
         lua_pop(lua, 1);
     }
-    push_guarded(top);
-    lua_remove(lua, top);
+}
+
+using Names = std::shared_ptr<const std::vector<std::string>>;
+
+// Instead of a value that is not there.
+int refuse_index(lua_State* lua, const Names& names, const std::string& path, lua_Integer size) {
+    if (symbol_at(lua, 2)) {
+        throw InputError(
+            fmt::format("{} is indexed by a symbolic value, which has no number while equations are recorded; "
+                        "tb.where takes one of two values, tb.table1 values over an abscissa",
+                        path.empty() ? "the table of variables" : path));
+    }
+    if (size > 0) {
+        if (lua_isinteger(lua, 2) && lua_tointeger(lua, 2) == size + 1) return 0; // where ipairs ends
+        throw InputError(fmt::format("{}[{}] is not there: {} has the elements 1 to {}", path,
+                                     lua_isstring(lua, 2) ? lua_tostring(lua, 2) : luaL_typename(lua, 2), path, size));
+    }
+    const std::string name = lua_isstring(lua, 2) ? lua_tostring(lua, 2) : luaL_typename(lua, 2);
+    throw InputError(fmt::format("{} is not a variable of the system{}", name, suggestion(name, *names)));
+}
+
+// Puts a table in the place of the one on top, through which it can be read only, and so for all tables in it. [-0, +0]
+void guard(lua_State* lua, const Names& names, const std::string& path) {
+    luaL_checkstack(lua, 10, nullptr);
+    const int table = lua_gettop(lua);
+    const auto size = static_cast<lua_Integer>(lua_rawlen(lua, table));
+    lua_pushnil(lua);
+    while (size == 0 && lua_next(lua, table)) {
+        if (lua_istable(lua, -1)) {
+            const std::string name = lua_tostring(lua, -2);
+            guard(lua, names, path.empty() ? name : path + "." + name);
+            lua_pushvalue(lua, -2);
+            lua_insert(lua, -2);
+            lua_rawset(lua, table);
+        } else {
+            lua_pop(lua, 1);
+        }
+    }
+    lua_settop(lua, table);
+    lua_createtable(lua, 0, 1);
+    lua_pushnil(lua);
+    push_function(lua, [names, path, size](lua_State* state) { return refuse_index(state, names, path, size); });
+    lua_setfield(lua, -2, "__index");
+    lua_setmetatable(lua, table);
+    lua_newtable(lua);
+    lua_createtable(lua, 0, 3);
+    lua_pushvalue(lua, table);
+    lua_setfield(lua, -2, "__index");
+    lua_pushnil(lua);
+    push_function(lua, [](lua_State*) -> int {
+        throw InputError("the variables of a system cannot be set here; a function returns a table of new values");
+    });
+    lua_setfield(lua, -2, "__newindex");
+    lua_pushnil(lua);
+    push_function(lua, [size](lua_State* state) {
+        lua_pushinteger(state, size);
+        return 1;
+    });
+    lua_setfield(lua, -2, "__len");
+    lua_setmetatable(lua, -2);
+    lua_remove(lua, table);
+}
+
+} // namespace
+
+void push_scope(lua_State* lua, const Scope& scope, const std::function<void(std::size_t)>& push_value) {
+    push_all(lua, scope, push_value);
+    // Of a vector its name alone.
+    std::vector<std::string> names;
+    for (const auto& name : scope.names) {
+        const auto element = element_of(name);
+        if (!element || element->second == 1) names.push_back(element ? element->first : name);
+    }
+    guard(lua, std::make_shared<const std::vector<std::string>>(std::move(names)), "");
 }
 
 void push_values(lua_State* lua, const Scope& scope, std::span<const double> values) {
-    lua_createtable(lua, 0, static_cast<int>(values.size()));
-    for (std::size_t i = 0; i < values.size(); ++i) {
-        std::string_view rest = scope.names[i];
-        lua_pushvalue(lua, -1);
-        for (auto dot = rest.find('.'); dot != std::string_view::npos; dot = rest.find('.')) {
-            luaL_getsubtable(lua, -1, std::string(rest.substr(0, dot)).c_str());
-            lua_remove(lua, -2);
-            rest.remove_prefix(dot + 1);
-        }
-        lua_pushnumber(lua, values[i]);
-        lua_setfield(lua, -2, std::string(rest).c_str());
-        lua_pop(lua, 1);
+    push_all(lua, scope, [&](std::size_t i) { lua_pushnumber(lua, values[i]); });
+}
+
+EquationRecorder::~EquationRecorder() { luaL_unref(lua_, LUA_REGISTRYINDEX, symbols_table_); }
+
+void EquationRecorder::add(const std::string& name, Term term, const std::string& unit) {
+    scope_.add(name, term);
+    units_.set(term, unit);
+    if (const auto element = element_of(name)) vectors_[element->first] = element->second;
+}
+
+// The same table for each function. [-0, +1]
+void EquationRecorder::push_symbols() {
+    if (symbols_table_ == LUA_NOREF) {
+        push_scope(lua_, scope_, [&](std::size_t i) { push_symbol(lua_, scope_.terms[i]); });
+        symbols_table_ = luaL_ref(lua_, LUA_REGISTRYINDEX);
     }
+    lua_rawgeti(lua_, LUA_REGISTRYINDEX, symbols_table_);
 }
 
 std::vector<Recorded> EquationRecorder::record(const std::string& what, bool single) {
@@ -104,11 +167,17 @@ std::vector<Recorded> EquationRecorder::record(const std::string& what, bool sin
     const int function = lua_gettop(lua_);
     const std::string line = line_of(lua_, function);
     lua_pushvalue(lua_, function);
-    push_scope(lua_, scope_, [&](std::size_t i) { push_symbol(lua_, scope_.terms[i]); });
-    lua_call(lua_, 1, 1);
+    push_symbols();
+    {
+        const CalledFor here(symbols_, Symbols::State::recording);
+        call_with_hint(
+            lua_, 1, 1, "nil value (field '?')",
+            "; a table that is indexed by a symbolic value gives nil, tb.table1 takes values over an abscissa");
+    }
     std::vector<Recorded> recorded = returned(what, line, single);
     lua_pop(lua_, 1);
     for (auto& entry : recorded) check_units(entry, line + what);
+    const CalledFor here(symbols_, Symbols::State::comparing);
     compare(function, recorded, what, line, single);
     lua_pop(lua_, 1);
     return recorded;
@@ -144,21 +213,33 @@ std::vector<Recorded> EquationRecorder::returned(const std::string& what, const 
                                      luaL_typename(lua_, table)));
     }
     for (const auto& name : names_of(lua_, table, line + what)) {
-        Recorded entry{name, "", 0};
-        const std::string place = fmt::format("{}{}: {}", line, what, name);
-        if (lua_getfield(lua_, table, name.c_str()) == LUA_TTABLE) { // { value, unit = "N" }
-            const int pair = lua_gettop(lua_);
-            lua_rawgeti(lua_, pair, 1);
-            entry.term = result_at(lua_gettop(lua_), place);
-            lua_pop(lua_, 1);
-            if (has_field(lua_, pair, "unit")) entry.unit = text_field(lua_, pair, "unit", place);
-        } else {
-            entry.term = result_at(lua_gettop(lua_), place);
-        }
+        lua_getfield(lua_, table, name.c_str());
+        add_returned(lua_gettop(lua_), name, fmt::format("{}{}: {}", line, what, name), list);
         lua_pop(lua_, 1);
-        list.push_back(std::move(entry));
     }
     return list;
+}
+
+// A value, { value, unit = "N" }, or the list of a vector, with a unit or without. [-0, +0]
+void EquationRecorder::add_returned(int index, const std::string& name, const std::string& place,
+                                    std::vector<Recorded>& list) {
+    if (!lua_istable(lua_, index)) {
+        list.push_back({name, "", result_at(index, place)});
+        return;
+    }
+    const std::string unit = has_field(lua_, index, "unit") ? text_field(lua_, index, "unit", place) : "";
+    const auto count = static_cast<std::size_t>(lua_rawlen(lua_, index));
+    const auto vector = vectors_.find(name);
+    if (vector != vectors_.end() && vector->second != count) {
+        throw InputError(fmt::format("{} has {} values, must have {}", place, count, vector->second));
+    }
+    const bool is_vector = vector != vectors_.end() || count > 1;
+    for (std::size_t i = 1; i <= std::max<std::size_t>(count, 1); ++i) {
+        lua_rawgeti(lua_, index, static_cast<lua_Integer>(i));
+        const std::string own = is_vector ? element_name(name, i) : name;
+        list.push_back({own, unit, result_at(lua_gettop(lua_), is_vector ? fmt::format("{}[{}]", place, i) : place)});
+        lua_pop(lua_, 1);
+    }
 }
 
 Term EquationRecorder::result_at(int index, const std::string& what) {
@@ -172,8 +253,14 @@ std::optional<double> EquationRecorder::number_returned(int result, const Record
     lua_pushvalue(lua_, result);
     if (!single) {
         if (!lua_istable(lua_, -1)) return lua_settop(lua_, top), std::nullopt;
-        lua_getfield(lua_, -1, entry.name.c_str());
-        if (lua_istable(lua_, -1)) lua_rawgeti(lua_, -1, 1);
+        const auto element = element_of(entry.name);
+        if (lua_getfield(lua_, -1, entry.name.c_str()) == LUA_TNIL && element) {
+            lua_pop(lua_, 1);
+            lua_getfield(lua_, -1, element->first.c_str());
+            if (lua_istable(lua_, -1)) lua_rawgeti(lua_, -1, static_cast<lua_Integer>(element->second));
+        } else if (lua_istable(lua_, -1)) {
+            lua_rawgeti(lua_, -1, 1);
+        }
     }
     std::optional<double> value;
     if (lua_isboolean(lua_, -1)) value = lua_toboolean(lua_, -1);
@@ -253,10 +340,13 @@ void EquationRecorder::compare(int function, const std::vector<Recorded>& record
         randomize(draw);
         check();
     }
+    // Of many variables some, as many as take no longer than the recording.
+    const std::size_t most = std::clamp<std::size_t>(200'000 / std::max<std::size_t>(count, 1), 10, 500);
+    const std::size_t stride = (count + most - 1) / most;
     for (const double value : compared_numbers(function)) {
         std::fill(point.begin(), point.end(), value);
         check();
-        for (std::size_t i = 0; i < count; ++i) {
+        for (std::size_t i = 0; i < count; i += stride) {
             randomize(random_points + i);
             point[i] = value;
             check();
@@ -297,14 +387,16 @@ bool EquationRecorder::compares_for_equality(int function) const {
     });
 }
 
-// The text of the function, line by line; empty where its file cannot be read.
+// The text of the function, line by line; empty where it is not from a file that the script was loaded from.
 std::vector<std::string> EquationRecorder::source_of(int function, int& first_line) const {
     lua_Debug info;
     lua_pushvalue(lua_, function);
     lua_getinfo(lua_, ">S", &info);
     first_line = info.linedefined;
     std::vector<std::string> lines;
+    const ScriptHost& host = host_of(lua_);
     if (info.source[0] != '@') return lines;
+    if (!host.access.allow_all && !host.loaded_files.contains(info.source + 1)) return lines;
     std::FILE* file = std::fopen(info.source + 1, "r");
     if (!file) return lines;
     std::string line;

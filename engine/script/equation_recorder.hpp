@@ -1,7 +1,9 @@
 #pragma once
+#include "script/symbols.hpp"
 #include "system/units.hpp"
 
 #include <functional>
+#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -47,12 +49,18 @@ void require_unit(const Recorded& entry, const Dimension& wanted, const char* wh
 // these say something else than what was recorded, it has a branch that cannot be, and is refused.
 class EquationRecorder {
   public:
-    EquationRecorder(lua_State* lua, Expressions& graph) : lua_(lua), graph_(graph), units_(graph) {}
+    EquationRecorder(lua_State* lua, Symbols& symbols)
+        : lua_(lua),
+          symbols_(symbols),
+          graph_(*symbols.graph),
+          units_(graph_) {}
 
-    void add(const std::string& name, Term term, const std::string& unit) {
-        scope_.add(name, term);
-        units_.set(term, unit);
-    }
+    ~EquationRecorder();
+    EquationRecorder(const EquationRecorder&) = delete;
+    EquationRecorder& operator=(const EquationRecorder&) = delete;
+
+    // All of them, before the first function is recorded.
+    void add(const std::string& name, Term term, const std::string& unit);
     const Scope& scope() const { return scope_; }
 
     // What the function on top of the stack returns: one value (`single`), or a table of them by name. [-1, +0]
@@ -60,6 +68,8 @@ class EquationRecorder {
     std::vector<Recorded> record(const std::string& what, bool single);
 
   private:
+    void push_symbols();
+    void add_returned(int index, const std::string& name, const std::string& place, std::vector<Recorded>& list);
     void check_units(Recorded& entry, const std::string& what);
     std::vector<Recorded> returned(const std::string& what, const std::string& line, bool single);
     Term result_at(int index, const std::string& what);
@@ -73,9 +83,12 @@ class EquationRecorder {
     [[noreturn]] void refuse_branch(int function, const std::string& what, const std::string& line) const;
 
     lua_State* lua_;
+    Symbols& symbols_;
     Expressions& graph_;
     Units units_;
     Scope scope_;
+    std::map<std::string, std::size_t> vectors_; // their sizes
+    int symbols_table_ = -2; // the scope as symbolic values, in the registry; LUA_NOREF: not made yet
 };
 
 } // namespace tribode

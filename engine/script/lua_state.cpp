@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <fmt/format.h>
 #include <lua.hpp>
+#include <utility>
 
 namespace tribode {
 
@@ -18,14 +19,16 @@ void* allocate(void* user, void* block, std::size_t old_size, std::size_t new_si
     if (!block) old_size = 0; // Lua then passes the kind of object instead
     if (new_size == 0) {
         std::free(block);
-        host.memory_used -= old_size;
+        host.limits.used->memory_bytes -= old_size;
         return nullptr;
     }
-    const std::size_t others = host.memory_used - old_size;
+    const std::size_t others = host.limits.used->memory_bytes - old_size;
     const bool grows = new_size > old_size;
-    if (grows && (new_size > host.limits.memory_bytes || others > host.limits.memory_bytes - new_size)) return nullptr;
+    if (grows && (new_size > host.limits.memory_bytes || others > host.limits.memory_bytes - new_size)) {
+        return nullptr;
+    }
     void* moved = std::realloc(block, new_size);
-    if (moved) host.memory_used = others + new_size;
+    if (moved) host.limits.used->memory_bytes = others + new_size;
     return moved;
 }
 
@@ -43,6 +46,7 @@ Json read_arguments(lua_State* lua, const std::string& name) {
 LuaState::LuaState(const ScriptLimits& limits, ScriptAccess access, const RunControl& control)
     : host_(std::make_unique<ScriptHost>()) {
     host_->limits = limits;
+    if (!host_->limits.used) host_->limits.used = std::make_shared<ScriptUse>();
     host_->access = std::move(access);
     host_->control = control;
     lua_.reset(lua_newstate(allocate, host_.get()));
@@ -57,7 +61,10 @@ LuaState::LuaState(const ScriptLimits& limits, ScriptAccess access, const RunCon
     watch_instructions(lua_.get());
 }
 
-LuaState::~LuaState() = default;
+LuaState::~LuaState() {
+    lua_.reset();
+    host_->limits.used->memory_bytes -= host_->graph_bytes;
+}
 
 void LuaState::Closer::operator()(lua_State* lua) const { lua_close(lua); }
 
@@ -116,8 +123,15 @@ Json LuaState::run_text(std::string_view text, const std::string& chunk_name, co
 }
 
 void LuaState::enter(const StackFunction& body) {
-    host_->instructions_used = 0;
-    protected_call(lua_.get(), body);
+    ScriptUse& used = *host_->limits.used;
+    const std::uint64_t before = std::exchange(used.instructions, 0);
+    try {
+        protected_call(lua_.get(), body);
+    } catch (const Error&) {
+        used.instructions = before;
+        throw;
+    }
+    used.instructions = before;
 }
 
 LuaState::Numbers LuaState::compile(std::string_view body, const std::vector<std::string>& arguments,
@@ -158,5 +172,7 @@ void LuaState::set_global(const std::string& name, double value) {
 const std::string& LuaState::traceback() const { return host_->traceback; }
 
 const ScriptAccess& LuaState::access() const { return host_->access; }
+
+const ScriptLimits& LuaState::limits() const { return host_->limits; }
 
 } // namespace tribode

@@ -18,9 +18,16 @@ namespace tribode {
 
 struct ScriptHost;
 
+// What a script has used of its limits, with all that it has started: nested runs, machine files.
+struct ScriptUse {
+    std::size_t memory_bytes = 0;
+    std::uint64_t instructions = 0;
+};
+
 struct ScriptLimits {
-    std::size_t memory_bytes = std::size_t{1} << 30; // all that Lua holds at one time
+    std::size_t memory_bytes = std::size_t{1} << 30; // all that Lua holds at one time, and the graph of expressions
     std::uint64_t instructions = 2'000'000'000;      // of Lua, over the life of the state, in steps of 1000
+    std::shared_ptr<ScriptUse> used = nullptr;       // of the state that starts another; null: counts begin at zero
 };
 
 // One Lua program with the engine's functions in the module `tribode`, shut in by default:
@@ -65,8 +72,8 @@ class LuaState {
     Json run_file(const std::filesystem::path& path, const Json& argument = nullptr);
     Json run_text(std::string_view text, const std::string& chunk_name, const Json& argument = nullptr);
 
-    // Runs `body` with the stack of the state, as an outermost call with a count of instructions of its own. For what
-    // calls functions that a script has left behind. Throws what `run` does.
+    // Runs `body` with the stack of the state, as an outermost call with a count of instructions of its own, which is not
+    // added to that of the state. For what calls functions that a script has left behind. Throws what `run` does.
     void enter(const StackFunction& body);
     // A function of numbers: fills the second from the first. Valid as long as this state is.
     using Numbers = std::function<void(std::span<const double>, std::span<double>)>;
@@ -79,6 +86,8 @@ class LuaState {
     const std::string& traceback() const;
 
     const ScriptAccess& access() const;
+    // For a state that this one starts: what that uses is counted here, too.
+    const ScriptLimits& limits() const;
 
   private:
     struct Closer {

@@ -1,5 +1,6 @@
 #include "script/sandbox.hpp"
 #include "base/error.hpp"
+#include "script/ordered_tables.hpp"
 #include "script/trampoline.hpp"
 
 #include <algorithm>
@@ -40,6 +41,13 @@ std::string text_argument(lua_State* lua, int index, std::string_view name) {
 int safe_load(lua_State* lua) {
     // A missing environment and one that is nil differ, so the number of arguments stays.
     lua_settop(lua, std::max(lua_gettop(lua), 3));
+    // A name that begins with @ is that of a file, and only what was read from a file has one.
+    if (lua_type(lua, 2) == LUA_TSTRING && *lua_tostring(lua, 2) == '@') {
+        std::string plain = text_argument(lua, 2, "load");
+        plain.front() = '=';
+        lua_pushlstring(lua, plain.data(), plain.size());
+        lua_replace(lua, 2);
+    }
     lua_pushliteral(lua, "t");
     lua_replace(lua, 3);
     return call_replaced(lua);
@@ -54,6 +62,7 @@ int safe_loadfile(lua_State* lua) {
         lua_insert(lua, -2);
         return 2;
     }
+    host_of(lua).loaded_files.insert(name.string());
     if (has_environment) {
         lua_pushvalue(lua, 3);
         lua_setupvalue(lua, -2, 1);
@@ -296,6 +305,7 @@ void open_libraries(lua_State* lua) {
         open_system(lua);
     }
     seed_random_numbers(lua);
+    order_tables(lua);
     luaL_getsubtable(lua, LUA_REGISTRYINDEX, LUA_LOADED_TABLE);
     lua_newtable(lua);
     lua_setfield(lua, -2, "tribode");
@@ -310,10 +320,11 @@ void push_module(lua_State* lua) {
 
 void load_file(lua_State* lua, const fs::path& path) {
     if (luaL_loadfilex(lua, path.c_str(), "t") != LUA_OK) fail_to_load(lua, path.string());
+    host_of(lua).loaded_files.insert(path.string());
 }
 
 void load_text(lua_State* lua, std::string_view text, const std::string& chunk_name) {
-    const std::string name = "@" + chunk_name;
+    const std::string name = fmt::format("={}", chunk_name); // no file, see safe_load
     if (luaL_loadbufferx(lua, text.data(), text.size(), name.c_str(), "t") != LUA_OK) fail_to_load(lua, chunk_name);
 }
 

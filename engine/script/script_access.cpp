@@ -34,6 +34,14 @@ void refuse_zero_byte(const fs::path& name) {
     }
 }
 
+// A file of the run folder that has another name elsewhere is not the run's alone.
+void refuse_hard_link(const fs::path& path, const fs::path& name) {
+    std::error_code problem;
+    if (!fs::is_regular_file(path, problem) || fs::hard_link_count(path, problem) < 2 || problem) return;
+    throw InputError(fmt::format(
+        "\"{}\" is a hard link: the file has a second name, maybe outside the run folder; copy it", name.string()));
+}
+
 } // namespace
 
 void ScriptAccess::check_read(const fs::path& name) const {
@@ -42,11 +50,13 @@ void ScriptAccess::check_read(const fs::path& name) const {
     const auto holds_it = [&](const fs::path& folder) { return lies_in(path, folder); };
     const auto note = [&] {
         std::error_code problem;
-        if (!files_read || path.empty() || holds_it(run_folder) || fs::is_directory(path, problem)) return;
+        if (!files_read || path.empty() || holds_it(run_folder)) return;
+        if (!fs::exists(path, problem) || fs::is_directory(path, problem)) return; // whether it is there, is asked, too
         files_read->insert(path);
     };
     if (allow_all) return note();
-    if (holds_it(run_folder) || std::any_of(read_folders.begin(), read_folders.end(), holds_it)) return note();
+    if (holds_it(run_folder)) return refuse_hard_link(path, name);
+    if (std::any_of(read_folders.begin(), read_folders.end(), holds_it)) return note();
     // A file holds itself alone, a folder all that lies in it. "/" is taken for a text that is no folder.
     const auto names_it = [&](const fs::path& one) { return holds_it(one) && resolved(one).has_relative_path(); };
     if (std::any_of(named.begin(), named.end(), names_it)) return note();
@@ -57,7 +67,8 @@ void ScriptAccess::check_read(const fs::path& name) const {
 
 void ScriptAccess::check_write(const fs::path& name) const {
     refuse_zero_byte(name);
-    if (allow_all || lies_in(resolved(name), run_folder)) return;
+    if (allow_all) return;
+    if (const fs::path path = resolved(name); lies_in(path, run_folder)) return refuse_hard_link(path, name);
     throw InputError(fmt::format("\"{}\" is outside the run folder{}{}, and a script writes only there; choose the "
                                  "folder with -o, or use --allow-all",
                                  name.string(), run_folder.empty() ? "" : " ", run_folder.string()));

@@ -4,6 +4,7 @@
 #include <array>
 #include <deque>
 #include <optional>
+#include <set>
 
 namespace tribode {
 
@@ -18,12 +19,12 @@ struct Failure {
 
 // What belongs to one Lua state besides Lua itself. Every coroutine reaches it: see host_of.
 struct ScriptHost {
-    ScriptLimits limits;
+    ScriptLimits limits; // with what is used of them
     ScriptAccess access;
     RunControl control;
-    std::filesystem::path script_folder; // of the running file; searched first by `require`
-    std::size_t memory_used = 0;         // [bytes]
-    std::uint64_t instructions_used = 0;
+    std::filesystem::path script_folder;           // of the running file; searched first by `require`
+    std::set<std::string> loaded_files;            // names of the files that functions are from
+    std::size_t graph_bytes = 0;                   // of the expressions, in the memory that the script has used
     std::deque<LuaState::StackFunction> functions; // a deque, because Lua keeps their addresses
     std::optional<Failure> ended;                  // a limit or a stop request: nothing runs after it
     std::array<std::string, 4> last_text;          // by kind: the last failure that was given to the script

@@ -1,6 +1,7 @@
 #include "script/script_run.hpp"
 #include "base/error.hpp"
 #include "base/field_reader.hpp"
+#include "base/kernel_sandbox.hpp"
 #include "base/text.hpp"
 #include "batch/merge.hpp"
 #include "machine/machine_model.hpp"
@@ -9,10 +10,13 @@
 #include "script/batch_script.hpp"
 #include "script/bindings.hpp"
 #include "script/machine_file.hpp"
+#include "system/compiled_c.hpp"
 
 #include <chrono>
 #include <cstdio>
+#include <cstdlib>
 #include <fmt/format.h>
+#include <sys/stat.h>
 
 namespace tribode {
 
@@ -114,6 +118,28 @@ ScriptAccess ScriptRun::access() const {
     return access;
 }
 
+void ScriptRun::confine(const std::filesystem::path& writable) const {
+    if (!request_.confine || request_.allow_all) return;
+    const ScriptAccess& access = lua_.access();
+    KernelSandbox sandbox{.read = access.named, .write = {access.run_folder, writable}, .execute = {}};
+    sandbox.read.insert(sandbox.read.end(), access.read_folders.begin(), access.read_folders.end());
+    const auto& script = request_.script;
+    sandbox.read.insert(sandbox.read.end(), {script, script.has_parent_path() ? script.parent_path() : "."});
+    sandbox.allow_program("gnuplot");
+    if (request_.compile) {
+        // The compiler starts others, and all of them write temporary files.
+        for (const char* folder : {"/usr", "/bin", "/opt", "/nix/store", "/gnu/store"})
+            sandbox.execute.emplace_back(folder);
+        const auto cache = CCompiler::usual_cache();
+        std::error_code problem; // what is wrong shows when it compiles
+        std::filesystem::create_directories(cache.parent_path(), problem);
+        ::mkdir(cache.c_str(), S_IRWXU);
+        ::setenv("TMPDIR", cache.c_str(), 1);
+        sandbox.write.push_back(cache);
+    }
+    sandbox.enter();
+}
+
 std::filesystem::path ScriptRun::home() {
     const std::filesystem::path source = TRIBODE_SOURCE_DIR;
     return std::filesystem::exists(source / "models") ? source : std::filesystem::path(TRIBODE_DATA_DIR);
@@ -136,7 +162,7 @@ std::filesystem::path ScriptRun::ready_file(const std::string& name) {
 Json ScriptRun::machine(const std::string& file, const Json& argument) {
     const auto path = find_file(file);
     lua_.access().check_read(path);
-    Json description = read_description(path, request_.limits, argument, files_read_);
+    Json description = read_description(path, lua_.limits(), argument, files_read_);
     note_read(path);
     machines_[file] = MachineModel::from_description(description, file).hash();
     return description;
@@ -204,7 +230,16 @@ std::vector<std::string> ScriptRun::files_read() const {
 }
 
 void ScriptRun::remark(const std::string& text) {
-    if (remarks_.insert(text).second) fmt::print(stderr, "tribode: {}\n", text);
+    if (remarks_.insert(text).second) fmt::print(stderr, "tribode: {}\n", printable(text));
+}
+
+void ScriptRun::note_named() {
+    std::error_code problem;
+    for (const auto& file : request_.named) {
+        if (std::filesystem::is_regular_file(file, problem)) {
+            files_read_->insert(std::filesystem::weakly_canonical(std::filesystem::absolute(file)));
+        };
+    }
 }
 
 void ScriptRun::note_read(const std::filesystem::path& file) { read_[file.string()] = sha256(read_file(file)); }
@@ -224,11 +259,17 @@ bool ScriptRun::is_complete(const ScriptRequest& request) const {
         return std::filesystem::is_regular_file(file, problem) && sha256(read_file(file)) == hash;
     };
     const Json read = manifest.value("read", Json::object()), files = manifest.value("files", Json::object());
-    for (const auto& [file, hash] : read.items()) {
-        if (!unchanged(file, hash)) return false;
-    }
-    for (const auto& [file, hash] : files.items()) {
-        if (!unchanged(request.folder / file, hash)) return false;
+    // The script may have written this manifest itself: it names no file that the script may not read.
+    try {
+        for (const auto& [file, hash] : read.items()) {
+            lua_.access().check_read(file);
+            if (!unchanged(file, hash)) return false;
+        }
+        for (const auto& [file, hash] : files.items()) {
+            if (!unchanged(path_inside(request.folder, file), hash)) return false;
+        }
+    } catch (const InputError&) {
+        return false;
     }
     return true;
 }
@@ -239,6 +280,7 @@ NestedRun ScriptRun::run_nested(const std::string& script, const std::string& fo
         throw InputError(fmt::format("tb.run: {} runs within one another, must be at most {}", deepest + 1, deepest));
     }
     ScriptRequest request = request_; // with its limits and rights
+    request.limits = lua_.limits();
     request.script = find_file(script);
     lua_.access().check_read(request.script);
     request.folder = folder_.path(folder);
@@ -261,6 +303,7 @@ NestedRun ScriptRun::run_nested(const std::string& script, const std::string& fo
                 outer(folder + ", " + what, done, of);
             };
         }
+        request.confine = false; // it is, by now
         ScriptRun(request, control).execute();
     }
     const std::filesystem::path inside = folder;

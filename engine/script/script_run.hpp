@@ -24,6 +24,7 @@ struct ScriptRequest {
     bool keep_plots = false;                    // tb.plot leaves its table beside the image, for a report
     bool allow_all = false;
     bool compile = false;    // equations of systems through the system's C compiler
+    bool confine = false;    // the process, for good: what the script may not do, the kernel refuses, too
     bool only_batch = false; // it is read for the batch it describes: no manifest, no log of work, no checkpoints
     ScriptLimits limits;
     std::vector<std::filesystem::path> read_folders; // besides models/ and scripts/
@@ -48,6 +49,9 @@ struct ScriptBatch {
 class ScriptRun {
   public:
     ScriptRun(const ScriptRequest& request, const RunControl& control);
+
+    // As KernelSandbox::enter, where the request asks for it: the files of the script's access, its folder and `writable`.
+    void confine(const std::filesystem::path& writable = {}) const;
 
     // Runs the script and writes the manifest, also where the script ends early or fails. Throws what the script does.
     void execute();
@@ -82,6 +86,9 @@ class ScriptRun {
     // this run's. Throws what ScriptRun and execute throw.
     NestedRun run_nested(const std::string& script, const std::string& folder, const Json& options,
                          std::optional<bool> quick);
+
+    // Counts the files that the user named among those that the script reads: see run_script_batch.
+    void note_named();
 
     // Notes a file whose contents decide what the run does.
     void note_read(const std::filesystem::path& file);

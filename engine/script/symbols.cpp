@@ -1,5 +1,6 @@
 #include "script/symbols.hpp"
 #include "base/error.hpp"
+#include "base/text.hpp"
 #include "script/trampoline.hpp"
 
 #include <algorithm>
@@ -51,7 +52,14 @@ Term value_at(lua_State* lua, int index, Expressions& graph, const char* what) {
     return term;
 }
 
+// Every result of a symbolic operation goes through here.
+void charge(lua_State* lua, const Expressions& graph) {
+    constexpr std::size_t bytes_per_term = 128; // about, with its place in the table of terms
+    charge_graph(lua, graph.size() * bytes_per_term);
+}
+
 void push_boolean_or_symbol(lua_State* lua, const Expressions& graph, Term condition) {
+    charge(lua, graph);
     if (graph[condition].op == Op::constant) {
         lua_pushboolean(lua, graph[condition].value != 0);
     } else {
@@ -60,6 +68,7 @@ void push_boolean_or_symbol(lua_State* lua, const Expressions& graph, Term condi
 }
 
 void push_number_or_symbol(lua_State* lua, const Expressions& graph, Term value) {
+    charge(lua, graph);
     if (graph[value].op == Op::constant) {
         lua_pushnumber(lua, graph[value].value);
     } else {
@@ -142,6 +151,23 @@ int without_event(const Graph& symbols, lua_State* lua) {
         return 1;
     }
     push_symbol(lua, graph.make(Op::no_event, value_at(lua, 1, graph, "tb.no_event")));
+    return 1;
+}
+
+// tb.delay(x, seconds): while equations are tried out on numbers, x.
+int delayed(const Graph& symbols, lua_State* lua) {
+    auto& graph = *symbols->graph;
+    if (symbols->state == Symbols::State::none) {
+        throw InputError(
+            "tb.delay belongs into an equation, where it is recorded; a function that is called with numbers "
+            "keeps earlier ones in discrete variables");
+    }
+    const Term value = value_at(lua, 1, graph, "tb.delay"), seconds = value_at(lua, 2, graph, "tb.delay");
+    if (graph[seconds].op == Op::constant && !(graph[seconds].value >= 0 && std::isfinite(graph[seconds].value))) {
+        throw InputError(
+            fmt::format("tb.delay: the delay is {} s, must be finite and not negative", to_text(graph[seconds].value)));
+    }
+    push_number_or_symbol(lua, graph, graph.make(Op::delay, value, seconds));
     return 1;
 }
 
@@ -244,6 +270,24 @@ void make_metatable(lua_State* lua, const Graph& symbols) {
     lua_pop(lua, 1);
 }
 
+// Refuses a function that gives another value at each call where equations are recorded: they would keep the first one. The
+// table of the library is on top. [-0, +0]
+void keep_out(lua_State* lua, const Graph& symbols, const char* name, const char* text) {
+    if (lua_getfield(lua, -1, name) == LUA_TNIL) return lua_pop(lua, 1);
+    push_function(lua, [symbols, text](lua_State* state) {
+        if (symbols->state == Symbols::State::recording) throw InputError(text);
+        return call_replaced(state);
+    });
+    lua_setfield(lua, -2, name);
+}
+
+constexpr const char* no_random = "math.random would give one number for the whole run, as an equation is recorded "
+                                  "once; noise is a sample clock with "
+                                  "tb.standard_normal in `call`";
+constexpr const char* no_clock =
+    "os.clock and os.time would give one number for the whole run, as an equation is recorded once; the time of the "
+    "simulation is s.t";
+
 void extend_math(lua_State* lua, const Graph& symbols) {
     lua_getglobal(lua, "math");
     const std::initializer_list<std::pair<const char*, Op>> functions = {
@@ -255,7 +299,11 @@ void extend_math(lua_State* lua, const Graph& symbols) {
     extend(lua, "abs", [symbols](lua_State* state) { return absolute(symbols, state); });
     extend(lua, "max", extreme(symbols, false, "math.max"));
     extend(lua, "min", extreme(symbols, true, "math.min"));
+    keep_out(lua, symbols, "random", no_random);
     for (const char* name : {"ceil", "fmod", "modf", "tointeger"}) extend(lua, name, refused(no_remainder));
+    lua_pop(lua, 1);
+    lua_getglobal(lua, "os");
+    for (const char* name : {"clock", "time"}) keep_out(lua, symbols, name, no_clock);
     lua_pop(lua, 1);
 }
 
@@ -297,6 +345,7 @@ void add_symbols(LuaState& lua, const std::shared_ptr<Symbols>& symbols) {
     });
     lua.add_stack_function("where", [symbols](lua_State* state) { return choose(symbols, state); });
     lua.add_stack_function("no_event", [symbols](lua_State* state) { return without_event(symbols, state); });
+    lua.add_stack_function("delay", [symbols](lua_State* state) { return delayed(symbols, state); });
     lua.add_stack_function("tanh", arithmetic(symbols, Op::tanh, "tb.tanh"));
 }
 

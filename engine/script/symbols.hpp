@@ -16,6 +16,24 @@ struct Symbols {
     std::shared_ptr<Expressions> graph = std::make_shared<Expressions>();
     Term time = graph->variable("t");
     lua_State* running = nullptr; // where a run is under way: the thread that its functions are called on
+    // What functions of equations are being called for.
+    enum class State { none, recording, comparing };
+    State state = State::none;
+};
+
+// What functions are called for, while it lasts; an error of Lua ends it too.
+class CalledFor {
+  public:
+    CalledFor(Symbols& symbols, Symbols::State state) : symbols_(symbols), before_(symbols.state) {
+        symbols.state = state;
+    }
+    ~CalledFor() { symbols_.state = before_; }
+    CalledFor(const CalledFor&) = delete;
+    CalledFor& operator=(const CalledFor&) = delete;
+
+  private:
+    Symbols& symbols_;
+    Symbols::State before_;
 };
 
 // Puts the functions into the module and into `math`.

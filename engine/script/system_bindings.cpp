@@ -7,15 +7,20 @@
 #include "base/text.hpp"
 #include "experiment/simulation.hpp"
 #include "experiment/system_run.hpp"
+#include "script/lookup_bindings.hpp"
 #include "script/system_reader.hpp"
 #include "script/value.hpp"
+#include "script/vector_names.hpp"
+#include "system/input_delays.hpp"
 #include "system/linearization.hpp"
+#include "system/steady_state.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
 #include <lua.hpp>
+#include <map>
 
 namespace tribode {
 
@@ -63,11 +68,20 @@ Json plain_options(lua_State* lua, std::initializer_list<std::string_view> speci
 template <class Variables, class Member>
 void read_values(const Json& options, const char* key, Variables& variables, Member member, const char* function) {
     if (!options.contains(key)) return;
-    FieldReader values(options[key], fmt::format("{}: {}", function, key));
+    const Json flat = flattened(options[key]);
+    FieldReader values(flat, fmt::format("{}: {}", function, key));
     for (auto& variable : variables) {
         variable.*member = values.number(variable.name, variable.unit, Allowed::finite, variable.*member);
     }
     values.finish();
+}
+
+// A mode is given by its name.
+double discrete_value(FieldReader& values, const Equations::Discrete& discrete) {
+    const auto& names = discrete.modes;
+    if (names.empty()) return values.number(discrete.name, discrete.unit, Allowed::finite, discrete.start);
+    const auto mode = values.choice(discrete.name, names, names[static_cast<std::size_t>(discrete.start)]);
+    return static_cast<double>(std::find(names.begin(), names.end(), mode) - names.begin());
 }
 
 // What the samples of an input are, as cubics in (t - t_k)/period.
@@ -99,18 +113,26 @@ Samples read_samples(const Json& table, const std::string& unit, const std::stri
     return samples;
 }
 
+// Of the names below, what stands behind that of the input.
+bool is_held_part(std::string_view name) {
+    return name == ".since" || name.starts_with("(t - ") ||
+           (name.size() == 3 && name.starts_with(".c") && name[2] >= '0' && name[2] <= '3');
+}
+
 // The coefficients become discrete variables, whose clock comes before all others; what stands before the first sample is
 // the input's value. Where it moves between its samples the input becomes an output.
-void add_samples(Equations& equations, const Equations::Input& input, Samples samples) {
+void add_samples(Equations& equations, const Equations::Input& input, Samples samples, double start) {
     auto& graph = *equations.graph;
     Equations::Function function;
     std::vector<Term> held;
-    const auto add = [&](const std::string& name, const std::string& unit, double start) {
+    const auto add = [&](const std::string& name, const std::string& unit, double value) {
         held.push_back(graph.variable(name));
-        equations.discrete.push_back({name, unit, start, held.back(), {}});
+        equations.discrete.push_back({name, unit, value, held.back(), {}});
     };
-    const bool from_start = samples.offset == 0;
-    const auto first = from_start ? samples.pieces.front() : std::array{input.value, 0.0, 0.0, 0.0};
+    // The sample at the start, or the last one before it.
+    const double last = std::floor((start - samples.offset) / samples.period * (1 + 1e-15));
+    const std::size_t piece = std::min(static_cast<std::size_t>(std::max(last, 0.0)), samples.pieces.size() - 1);
+    const auto first = last >= 0 ? samples.pieces[piece] : std::array{input.value, 0.0, 0.0, 0.0};
     Term value = 0;
     if (samples.degree == 0) {
         add(input.name, input.unit, first[0]);
@@ -118,7 +140,7 @@ void add_samples(Equations& equations, const Equations::Input& input, Samples sa
     } else {
         for (std::size_t n = 0; n <= samples.degree; ++n)
             add(fmt::format("{}.c{}", input.name, n), input.unit, first[n]);
-        add(input.name + ".since", "s", 0);
+        add(input.name + ".since", "s", last >= 0 ? samples.offset + last * samples.period : 0);
         const Term elapsed = graph.make(Op::subtract, equations.time, held.back());
         const Term s = graph.make(Op::multiply, graph.constant(1 / samples.period), elapsed);
         value = held[samples.degree];
@@ -131,8 +153,8 @@ void add_samples(Equations& equations, const Equations::Input& input, Samples sa
     Equations::Clock clock{.name = "input " + input.name, .period = samples.period, .offset = samples.offset};
     function.writes = held;
     function.call = [samples = std::move(samples)](long k, std::span<const double>, std::span<double> written) {
-        const auto& piece = samples.pieces[std::min(static_cast<std::size_t>(k), samples.pieces.size() - 1)];
-        std::copy_n(piece.begin(), samples.degree + 1, written.begin());
+        const auto& now = samples.pieces[std::min(static_cast<std::size_t>(k), samples.pieces.size() - 1)];
+        std::copy_n(now.begin(), samples.degree + 1, written.begin());
         if (samples.degree > 0) written.back() = samples.offset + static_cast<double>(k) * samples.period;
     };
     clock.function = std::move(function);
@@ -140,14 +162,28 @@ void add_samples(Equations& equations, const Equations::Input& input, Samples sa
 }
 
 // inputs = { u = 3, v = function(t) return … end, w = { sample_time_s =, values = {…}, … } } [-0, +0]
-void read_inputs(lua_State* lua, Equations& equations, const Graph& symbols, const char* function) {
-    if (lua_getfield(lua, 1, "inputs") == LUA_TNIL) return lua_pop(lua, 1);
+void read_inputs(lua_State* lua, Equations& equations, const Graph& symbols, double start, const char* function) {
+    if (lua_getfield(lua, 1, "inputs") == LUA_TNIL) {
+        lua_pop(lua, 1);
+        lua_newtable(lua);
+    }
     if (!lua_istable(lua, -1)) throw InputError(fmt::format("{}: inputs must be a table of named inputs", function));
     std::vector<std::string> known;
-    for (const auto& input : equations.inputs) known.push_back(input.name);
-    lua_pushnil(lua);
-    while (lua_next(lua, -2)) {
-        const std::string name = lua_type(lua, -2) == LUA_TSTRING ? lua_tostring(lua, -2) : luaL_typename(lua, -2);
+    std::map<std::string, std::size_t> vectors;
+    for (const auto& input : equations.inputs) {
+        known.push_back(input.name);
+        if (const auto element = element_of(input.name)) vectors[element->first] = element->second;
+    }
+    auto delays = take_out_delays(equations);
+    // Calls `connect` for the delayed ones of an input, which are connected then.
+    const auto each_delayed = [&](Term input, const auto& connect) {
+        for (const auto& delayed : delays) {
+            if (delayed.input == input) connect(delayed);
+        }
+        std::erase_if(delays, [&](const auto& delayed) { return delayed.input == input; });
+    };
+    // What is on top of the stack.
+    const auto connect = [&](const std::string& name) {
         const auto input = std::find_if(equations.inputs.begin(), equations.inputs.end(),
                                         [&](const auto& i) { return i.name == name; });
         const std::string what = fmt::format("{}: inputs.{}", function, name);
@@ -156,11 +192,27 @@ void read_inputs(lua_State* lua, Equations& equations, const Graph& symbols, con
                 fmt::format("{}: inputs: {} is not an input of the system{}", function, name, suggestion(name, known)));
         }
         if (lua_isfunction(lua, -1)) {
-            equations.replace({{input->symbol, record_input(lua, -1, symbols, what)}});
+            auto& graph = *equations.graph;
+            const Term recorded = record_input(lua, -1, symbols, what);
+            equations.replace({{input->symbol, delayed_in_time(equations, recorded, 0)}});
+            each_delayed(input->symbol, [&](const DelayedInput& delayed) {
+                const Term before = graph.make(Op::less, equations.time, graph.constant(delayed.delay));
+                const Term then = delayed_in_time(equations, recorded, delayed.delay);
+                equations.replace(
+                    {{delayed.symbol, graph.make(Op::select, before, graph.constant(input->value), then)}});
+            });
             equations.inputs.erase(input);
         } else if (lua_istable(lua, -1)) {
-            add_samples(equations, *input, read_samples(to_json(lua, -1, what), input->unit, what));
+            const Equations::Input own = *input; // the list changes
+            const Samples samples = read_samples(to_json(lua, -1, what), own.unit, what);
             equations.inputs.erase(input);
+            add_samples(equations, own, samples, start);
+            each_delayed(own.symbol, [&](const DelayedInput& delayed) {
+                Samples later = samples;
+                later.offset += delayed.delay;
+                add_samples(equations, {equations.graph->name(delayed.symbol), own.unit, own.value, delayed.symbol},
+                            std::move(later), start);
+            });
         } else {
             const Json number = to_json(lua, -1, what);
             if (!number.is_number() || !std::isfinite(number.get<double>())) {
@@ -170,20 +222,108 @@ void read_inputs(lua_State* lua, Equations& equations, const Graph& symbols, con
             }
             input->value = number.get<double>();
         }
+    };
+    lua_pushnil(lua);
+    while (lua_next(lua, -2)) {
+        const std::string name = lua_type(lua, -2) == LUA_TSTRING ? lua_tostring(lua, -2) : luaL_typename(lua, -2);
+        const auto size = vectors.find(name);
+        if (size == vectors.end()) {
+            connect(name);
+        } else if (!lua_istable(lua, -1) || lua_rawlen(lua, -1) != size->second) {
+            throw InputError(fmt::format("{}: inputs.{} must be a list of {} inputs", function, name, size->second));
+        } else {
+            for (std::size_t i = 1; i <= size->second; ++i) {
+                lua_rawgeti(lua, -1, static_cast<lua_Integer>(i));
+                connect(element_name(name, i));
+                lua_pop(lua, 1);
+            }
+        }
         lua_pop(lua, 1);
     }
     lua_pop(lua, 1);
+    // What is constant was the same before.
+    for (const auto& delayed : delays) equations.replace({{delayed.symbol, delayed.input}});
 }
 
+// start = { x = number, mode = "name" } into states and discrete variables. Inputs, and what samples of them are held in,
+// may stand in it, as they do in `final` of a run: they are what `inputs` says. "steady" is the steady state at the start time.
+void read_start(const Json& options, Equations& equations, const std::vector<std::string>& inputs, double start_time) {
+    if (!options.contains("start")) return;
+    if (options["start"] == "steady") {
+        OperatingPoint point{.t = start_time};
+        std::vector<Term> free;
+        for (const auto& state : equations.states) {
+            point.states.push_back(state.start);
+            free.push_back(state.symbol);
+        }
+        for (const auto& discrete : equations.discrete) point.discrete.push_back(discrete.start);
+        const SteadyState found = find_steady_state(equations, point, free);
+        for (std::size_t i = 0; i < free.size(); ++i) equations.states[i].start = found.values[i];
+        return;
+    }
+    const Json given = flattened(options["start"]);
+    FieldReader values(given, "tb.run_system: start");
+    const auto is_input = [&](const std::string& name) {
+        return std::any_of(inputs.begin(), inputs.end(), [&](const std::string& input) {
+            return name == input || (name.starts_with(input) && is_held_part(name.substr(input.size())));
+        });
+    };
+    if (given.is_object()) {
+        for (const auto& [name, value] : given.items()) {
+            if (is_input(name)) values.value(name);
+        }
+    }
+    for (auto& state : equations.states) {
+        state.start = values.number(state.name, state.unit, Allowed::finite, state.start);
+    }
+    for (auto& discrete : equations.discrete) {
+        if (is_input(discrete.name)) continue;
+        discrete.start = discrete_value(values, discrete);
+    }
+    values.finish();
+}
+
+// The start and the end of a run; the state that it goes on from, whose fingerprint is still to be compared.
 SystemRunOptions run_options(FieldReader& fields) {
     SystemRunOptions options;
-    options.duration = fields.number("duration_s", "s", Allowed::positive);
+    const Json& resumed = fields.value("resume");
+    if (!resumed.is_null()) {
+        for (const char* key : {"start", "start_time_s"}) {
+            if (fields.has(key)) fields.fail(key, "cannot stand beside resume, which says where the run begins");
+        }
+        options.start = time_of_run_state(resumed, "tb.run_system: resume");
+    }
+    options.start = fields.number("start_time_s", "s", Allowed::non_negative, options.start);
+    if (fields.has("duration_s") && fields.has("end_time_s")) {
+        fields.fail("duration_s", "and end_time_s say both when the run ends, must be one of the two");
+    }
+    if (fields.has("end_time_s")) {
+        options.end = fields.number("end_time_s", "s", Allowed::positive);
+        if (!(options.end > options.start)) {
+            fields.fail("end_time_s", fmt::format("= {} s, must be after the start at {} s", to_text(options.end),
+                                                  to_text(options.start)));
+        }
+    } else {
+        options.end = options.start + fields.number("duration_s", "s", Allowed::positive);
+    }
     options.output_step = fields.number("output_step_s", "s", Allowed::non_negative, 0);
+    options.output_times = fields.numbers("output_times_s", "s", Allowed::non_negative, {});
+    if (fields.has("output_times_s")) {
+        if (fields.has("output_step_s")) fields.fail("output_times_s", "and output_step_s are both there, must be one");
+        if (options.output_times.empty()) fields.fail("output_times_s", "is empty, must have a time");
+        const auto bad = std::adjacent_find(options.output_times.begin(), options.output_times.end(),
+                                            [](double a, double b) { return !(a < b); });
+        if (bad != options.output_times.end()) {
+            fields.fail("output_times_s",
+                        fmt::format("has {} behind {}, must increase", to_text(bad[1]), to_text(*bad)));
+        }
+    }
     auto& solver = options.solver;
     solver.method = method_named(fields.choice("solver", SolverOptions::method_names(), name_of(solver.method)));
     solver.relative_tolerance = fields.number("relative_tolerance", "", Allowed::positive, solver.relative_tolerance);
     solver.absolute_tolerance = fields.number("absolute_tolerance", "", Allowed::positive, solver.absolute_tolerance);
     solver.fixed_step = fields.number("fixed_step_s", "s", Allowed::positive, solver.fixed_step);
+    solver.max_step = fields.number("max_step_s", "s", Allowed::positive, solver.max_step);
     return options;
 }
 
@@ -201,13 +341,13 @@ Json statistics_of(const RunStatistics& s) {
 Json to_json(const SystemRun& run, const Equations& equations) {
     Json json{{"final", Json::object()}};
     for (std::size_t i = 0; i < equations.states.size(); ++i) {
-        json["final"][equations.states[i].name] = run.final_states[i];
+        set_element(json["final"], equations.states[i].name, run.final_states[i]);
     }
     for (std::size_t i = 0; i < equations.discrete.size(); ++i) {
         const auto& discrete = equations.discrete[i];
         const double value = run.final_discrete[i];
         if (discrete.modes.empty()) {
-            json["final"][discrete.name] = value;
+            set_element(json["final"], discrete.name, value);
         } else {
             json["final"][discrete.name] = discrete.modes[static_cast<std::size_t>(value)];
         }
@@ -217,6 +357,7 @@ Json to_json(const SystemRun& run, const Equations& equations) {
         json["events"].push_back(
             {{"t", event.t}, {"name", equations.whens[static_cast<std::size_t>(event.subject)].name}});
     }
+    json["state"] = to_json(run.state);
     json["solver"] = name_of(run.method);
     json["ok"] = run.outcome.ok();
     json["message"] = run.outcome.message;
@@ -239,7 +380,14 @@ void add_lists(lua_State* lua, const Table& table) {
             lua_rawseti(lua, -2, static_cast<lua_Integer>(k) + 1);
         }
         lua_pushvalue(lua, -1);
-        lua_setfield(lua, column.name == "t" ? result : values, column.name.c_str());
+        if (const auto element = element_of(column.name)) {
+            luaL_getsubtable(lua, values, element->first.c_str());
+            lua_insert(lua, -2);
+            lua_rawseti(lua, -2, static_cast<lua_Integer>(element->second));
+            lua_pop(lua, 1);
+        } else {
+            lua_setfield(lua, column.name == "t" ? result : values, column.name.c_str());
+        }
         push(lua, {{"name", column.name}, {"unit", column.unit}});
         lua_insert(lua, -2);
         lua_setfield(lua, -2, "values");
@@ -294,8 +442,14 @@ int run_in_script(lua_State* lua, ScriptRun& run, const Graph& symbols) {
     for (const char* key : {"parameters", "start"}) fields.value(key);
     fields.finish();
     read_values(options, "parameters", equations.parameters, &Equations::Parameter::value, "tb.run_system");
-    read_values(options, "start", equations.states, &Equations::State::start, "tb.run_system");
-    read_inputs(lua, equations, symbols, "tb.run_system");
+    std::vector<std::string> inputs;
+    for (const auto& input : equations.inputs) inputs.push_back(input.name);
+    read_inputs(lua, equations, symbols, run_with.start, "tb.run_system");
+    read_start(options, equations, inputs, run_with.start);
+    run_with.fingerprint = equations.fingerprint();
+    if (options.contains("resume")) {
+        run_with.resume = read_run_state(options["resume"], run_with.fingerprint, "tb.run_system: resume");
+    }
 
     EquationSystem system(std::move(equations));
     if (run.request().compile) {
@@ -339,23 +493,15 @@ std::size_t chosen(FieldReader& fields, const char* key, const std::vector<std::
 }
 
 // at = { x = number, mode = "name" }: start values where nothing is given.
-OperatingPoint point_of(const Json& options, const Equations& equations) {
+OperatingPoint point_of(const Json& options, const Equations& equations, const char* function) {
     OperatingPoint point;
-    const Json none = Json::object();
-    FieldReader values(options.contains("at") ? options["at"] : none, "tb.linearize: at");
+    const Json given = options.contains("at") ? flattened(options["at"]) : Json::object();
+    FieldReader values(given, fmt::format("{}: at", function));
     point.t = values.number("t", "s", Allowed::finite, 0);
     for (const auto& state : equations.states) {
         point.states.push_back(values.number(state.name, state.unit, Allowed::finite, state.start));
     }
-    for (const auto& discrete : equations.discrete) {
-        if (discrete.modes.empty()) {
-            point.discrete.push_back(values.number(discrete.name, discrete.unit, Allowed::finite, discrete.start));
-            continue;
-        }
-        const auto& names = discrete.modes;
-        const auto mode = values.choice(discrete.name, names, names[static_cast<std::size_t>(discrete.start)]);
-        point.discrete.push_back(static_cast<double>(std::find(names.begin(), names.end(), mode) - names.begin()));
-    }
+    for (const auto& discrete : equations.discrete) point.discrete.push_back(discrete_value(values, discrete));
     values.finish();
     return point;
 }
@@ -381,7 +527,7 @@ int linearize_in_script(lua_State* lua, const Graph& symbols) {
     read_values(options, "parameters", equations.parameters, &Equations::Parameter::value, "tb.linearize");
     read_values(options, "inputs", equations.inputs, &Equations::Input::value, "tb.linearize");
     const auto frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, {});
-    const OperatingPoint point = point_of(options, equations);
+    const OperatingPoint point = point_of(options, equations, "tb.linearize");
     const RunningOn here(*symbols, lua);
     const Linearization linear = linearize(equations, point);
 
@@ -415,8 +561,87 @@ int linearize_in_script(lua_State* lua, const Graph& symbols) {
     return 1;
 }
 
+// ---- steady states -----------------------------------------------------------------------------------------------
+
+// Values by name, modes by theirs.
+template <class Variables, class Value>
+Json by_name(const Variables& variables, Value value) {
+    Json json = Json::object();
+    for (const auto& variable : variables) set_element(json, variable.name, value(variable));
+    return json;
+}
+
+Json start_value(const Equations::Discrete& discrete) {
+    return discrete.modes.empty() ? Json(discrete.start)
+                                  : Json(discrete.modes[static_cast<std::size_t>(discrete.start)]);
+}
+
+int steady_state_in_script(lua_State* lua, const Graph& symbols) {
+    constexpr const char* function = "tb.steady_state";
+    Equations equations = system_of(lua, function);
+    const Json options = plain_options(lua, {"system"}, "tb.steady_state: options");
+    FieldReader fields(options, function);
+    for (const char* key : {"parameters", "inputs", "at"}) fields.value(key);
+    const auto names = fields.texts("free", {});
+    const bool all_states = !fields.has("free");
+    fields.finish();
+    read_values(options, "parameters", equations.parameters, &Equations::Parameter::value, function);
+    read_values(options, "inputs", equations.inputs, &Equations::Input::value, function);
+    const OperatingPoint point = point_of(options, equations, function);
+
+    // Each free variable, and where its value belongs.
+    std::vector<std::pair<Term, double*>> all;
+    std::vector<std::string> known;
+    const auto offer = [&](auto& variables, auto member) {
+        for (auto& variable : variables) {
+            all.emplace_back(variable.symbol, &(variable.*member));
+            known.push_back(variable.name);
+        }
+    };
+    offer(equations.states, &Equations::State::start);
+    const std::size_t state_count = known.size();
+    offer(equations.inputs, &Equations::Input::value);
+    offer(equations.parameters, &Equations::Parameter::value);
+    std::vector<Term> free;
+    std::vector<double*> targets;
+    for (std::size_t i = 0; i < point.states.size(); ++i) equations.states[i].start = point.states[i];
+    for (std::size_t i = 0; i < point.discrete.size(); ++i) equations.discrete[i].start = point.discrete[i];
+    for (const auto& name :
+         all_states ? std::vector(known.begin(), known.begin() + static_cast<long>(state_count)) : names) {
+        const auto place = static_cast<std::size_t>(std::find(known.begin(), known.end(), name) - known.begin());
+        if (place == known.size()) {
+            fields.fail("free", fmt::format("names {}, which is neither a state nor an input nor a parameter{}", name,
+                                            suggestion(name, known)));
+        }
+        if (std::find(free.begin(), free.end(), all[place].first) != free.end()) {
+            fields.fail("free", fmt::format("names {} twice", name));
+        }
+        free.push_back(all[place].first);
+        targets.push_back(all[place].second);
+    }
+    const RunningOn here(*symbols, lua);
+    const SteadyState found = find_steady_state(equations, point, free);
+    for (std::size_t i = 0; i < targets.size(); ++i) *targets[i] = found.values[i];
+
+    Json start = by_name(equations.states, [](const auto& state) { return state.start; });
+    for (const auto& discrete : equations.discrete) set_element(start, discrete.name, start_value(discrete));
+    const auto value_of = [](const auto& variable) { return variable.value; };
+    push(lua, Json{{"start", std::move(start)},
+                   {"inputs", by_name(equations.inputs, value_of)},
+                   {"parameters", by_name(equations.parameters, value_of)},
+                   {"residual", found.residual},
+                   {"iterations", found.iterations},
+                   {"conditions", found.conditions}});
+    return 1;
+}
+
 // tb.standard_normal(seed, stream, index)
-int normal_in_script(lua_State* lua) {
+int normal_in_script(lua_State* lua, const Symbols& symbols) {
+    if (symbols.state == Symbols::State::recording) {
+        throw InputError(
+            "tb.standard_normal would give one number for the whole run, as an equation is recorded once; a "
+            "sample clock calls it in `call`");
+    }
     std::array<std::uint64_t, 3> place{};
     constexpr std::array names = {"seed", "stream", "index"};
     for (int i = 0; i < 3; ++i) {
@@ -439,13 +664,17 @@ int normal_in_script(lua_State* lua) {
 void add_system_bindings(LuaState& lua, ScriptRun& run) {
     const auto symbols = std::make_shared<Symbols>();
     add_symbols(lua, symbols);
+    add_lookups(lua, symbols);
     lua.add_stack_function("system", [symbols](lua_State* state) {
         push_system(state, read_system(state, 1, symbols));
         return 1;
     });
-    lua.add_stack_function("standard_normal", normal_in_script);
+    lua.add_stack_function("standard_normal",
+                           [symbols](lua_State* state) { return normal_in_script(state, *symbols); });
     lua.add_stack_function("system_variables", variables_in_script);
     lua.add_stack_function("linearize", [symbols](lua_State* state) { return linearize_in_script(state, symbols); });
+    lua.add_stack_function("steady_state",
+                           [symbols](lua_State* state) { return steady_state_in_script(state, symbols); });
     lua.add_stack_function("run_system",
                            [&run, symbols](lua_State* state) { return run_in_script(state, run, symbols); });
 }

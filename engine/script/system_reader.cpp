@@ -3,6 +3,8 @@
 #include "base/text.hpp"
 #include "script/equation_recorder.hpp"
 #include "script/table_fields.hpp"
+#include "script/vector_names.hpp"
+#include "system/input_delays.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -36,7 +38,7 @@ class Reader {
           index_(lua_absindex(lua, index)),
           symbols_(symbols),
           graph_(*symbols->graph),
-          recorder_(lua, graph_) {
+          recorder_(lua, *symbols) {
         made_.graph = symbols->graph;
         made_.time = symbols->time;
     }
@@ -68,6 +70,8 @@ class Reader {
         read_outputs();
         read_samples();
         wire();
+        Equations tried = made_;
+        take_out_delays(tried); // refuses what it cannot
         return std::move(made_);
     }
 
@@ -95,27 +99,75 @@ class Reader {
             }
             Quantity made{name, "", 0, 1};
             const std::string place = fmt::format("{}.{}", where, name);
-            if (lua_getfield(lua_, table, name.c_str()) == LUA_TTABLE) {
-                std::vector<std::string> known = {value_key, "unit"};
-                if (with_nominal) known.emplace_back("nominal");
-                const int entry = lua_gettop(lua_);
-                check_keys(lua_, entry, known, place);
-                made.value = number_field(lua_, entry, value_key, place,
-                                          std::string(key) == "parameters" ? std::nullopt : std::optional<double>(0));
-                if (has_field(lua_, entry, "unit")) made.unit = text_field(lua_, entry, "unit", place);
-                made.nominal = number_field(lua_, entry, "nominal", place, 1.0);
-                if (!(made.nominal > 0)) {
-                    throw InputError(fmt::format("{}: nominal = {}, must be positive", place, to_text(made.nominal)));
-                }
-                lua_pop(lua_, 1);
-            } else {
+            if (lua_getfield(lua_, table, name.c_str()) != LUA_TTABLE) {
                 lua_pop(lua_, 1);
                 made.value = number_field(lua_, table, name.c_str(), where, std::nullopt);
+                list.push_back(std::move(made));
+                continue;
             }
-            list.push_back(std::move(made));
+            std::vector<std::string> known = {value_key, "unit", "size"};
+            if (with_nominal) known.emplace_back("nominal");
+            const int entry = lua_gettop(lua_);
+            check_keys(lua_, entry, known, place);
+            if (has_field(lua_, entry, "unit")) made.unit = text_field(lua_, entry, "unit", place);
+            made.nominal = number_field(lua_, entry, "nominal", place, 1.0);
+            if (!(made.nominal > 0)) {
+                throw InputError(fmt::format("{}: nominal = {}, must be positive", place, to_text(made.nominal)));
+            }
+            const auto fallback = std::string(key) == "parameters" ? std::nullopt : std::optional<double>(0);
+            if (has_field(lua_, entry, "size")) {
+                add_vector(entry, value_key, place, fallback, made, list);
+            } else {
+                made.value = number_field(lua_, entry, value_key, place, fallback);
+                list.push_back(std::move(made));
+            }
+            lua_pop(lua_, 1);
         }
         lua_pop(lua_, 1);
         return list;
+    }
+
+    // { size = 3, start = 0 }, or a list of numbers, or a function of the index.
+    void add_vector(int entry, const char* value_key, const std::string& place, std::optional<double> fallback,
+                    const Quantity& common, std::vector<Quantity>& list) {
+        constexpr double most = 1e6;
+        const double size = number_field(lua_, entry, "size", place, std::nullopt);
+        if (!(size >= 1 && size <= most) || size != std::floor(size)) {
+            throw InputError(
+                fmt::format("{}: size = {}, must be a whole number from 1 to {}", place, to_text(size), most));
+        }
+        const int type = lua_getfield(lua_, entry, value_key);
+        const int values = lua_gettop(lua_);
+        const auto count = static_cast<lua_Integer>(size);
+        if (type == LUA_TTABLE && static_cast<lua_Integer>(lua_rawlen(lua_, values)) != count) {
+            throw InputError(
+                fmt::format("{}: {} has {} values, must have {}", place, value_key, lua_rawlen(lua_, values), count));
+        }
+        for (lua_Integer i = 1; i <= count; ++i) {
+            Quantity made = common;
+            made.name = element_name(common.name, static_cast<std::size_t>(i));
+            if (type == LUA_TTABLE) {
+                lua_rawgeti(lua_, values, i);
+            } else if (type == LUA_TFUNCTION) {
+                lua_pushvalue(lua_, values);
+                lua_pushinteger(lua_, i);
+                lua_call(lua_, 1, 1);
+            } else {
+                lua_pushvalue(lua_, values);
+            }
+            if (lua_isnil(lua_, -1) && fallback) {
+                made.value = *fallback;
+            } else if (lua_type(lua_, -1) == LUA_TNUMBER && std::isfinite(lua_tonumber(lua_, -1))) {
+                made.value = lua_tonumber(lua_, -1);
+            } else {
+                throw InputError(
+                    fmt::format("{}: {} of element {} is {}, must be a finite number", place, value_key, i,
+                                lua_isnil(lua_, -1) ? "missing" : fmt::format("a {}", luaL_typename(lua_, -1))));
+            }
+            lua_pop(lua_, 1);
+            list.push_back(std::move(made));
+        }
+        lua_pop(lua_, 1);
     }
 
     // ---- variables ---------------------------------------------------------------------------------------------
@@ -179,21 +231,21 @@ class Reader {
         lua_getfield(lua_, table, "der");
         std::string line = lua_isfunction(lua_, -1) ? line_of(lua_, lua_gettop(lua_)) : "";
         if (line.ends_with(": ")) line.resize(line.size() - 2);
+        std::map<std::string, std::size_t> places;
+        for (std::size_t i = part_states_; i < made_.states.size(); ++i)
+            places[made_.states[i].name] = i - part_states_;
         for (const auto& entry : recorder_.record(what, false)) {
-            std::vector<std::string> known;
-            std::optional<std::size_t> place;
-            for (std::size_t i = part_states_; i < made_.states.size(); ++i) {
-                known.push_back(made_.states[i].name);
-                if (entry.name == made_.states[i].name) place = i - part_states_;
-            }
-            if (!place) {
+            const auto place = places.find(entry.name);
+            if (place == places.end()) {
+                std::vector<std::string> known;
+                for (const auto& [name, number] : places) known.push_back(name);
                 throw InputError(
                     fmt::format("{}: {} is not a state{}", what, entry.name, suggestion(entry.name, known)));
             }
-            rates[*place] = entry.term;
-            const std::string& unit = made_.states[part_states_ + *place].unit;
+            rates[place->second] = entry.term;
+            const std::string& unit = made_.states[part_states_ + place->second].unit;
             require_unit(entry, dimension_of(unit.empty() ? "" : fmt::format("({})/s", unit)), "the derivative");
-            made_.states[part_states_ + *place].where = line;
+            made_.states[part_states_ + place->second].where = line;
         }
         return rates;
     }
@@ -255,15 +307,15 @@ class Reader {
 
     // A state or discrete variable, of this system or a part.
     Term target(const std::string& name, const std::string& what) const {
-        std::vector<std::string> known;
         for (const auto& state : made_.states) {
             if (state.name == name) return state.symbol;
-            known.push_back(state.name);
         }
         for (const auto& discrete : made_.discrete) {
             if (discrete.name == name) return discrete.symbol;
-            known.push_back(discrete.name);
         }
+        std::vector<std::string> known;
+        for (const auto& state : made_.states) known.push_back(state.name);
+        for (const auto& discrete : made_.discrete) known.push_back(discrete.name);
         throw InputError(
             fmt::format("{}: {} is neither a state nor a discrete variable{}", what, name, suggestion(name, known)));
     }
@@ -323,7 +375,7 @@ class Reader {
     }
 
     void read_outputs() {
-        std::map<std::string, Equations::Output> always;
+        std::map<std::string, Equations::Output, ElementOrder> always;
         if (has_field(lua_, index_, "outputs")) {
             lua_getfield(lua_, index_, "outputs");
             for (const auto& entry : recorder_.record("tb.system: outputs", false)) {
@@ -331,7 +383,7 @@ class Reader {
             }
         }
         auto outputs = always;
-        std::vector<std::map<std::string, Equations::Output>> by_mode;
+        std::vector<std::map<std::string, Equations::Output, ElementOrder>> by_mode;
         for (const auto& mode : modes_) {
             auto& own = by_mode.emplace_back(always);
             lua_getfield(lua_, index_, "modes");
@@ -413,7 +465,16 @@ class Reader {
             throw InputError(fmt::format("{}{} returns a {}, must return a table of named values", line, what,
                                          luaL_typename(lua_, -1)));
         }
-        const auto names = names_of(lua_, lua_gettop(lua_), line + what);
+        std::vector<std::string> names;
+        for (const auto& name : names_of(lua_, lua_gettop(lua_), line + what)) {
+            if (lua_getfield(lua_, -1, name.c_str()) == LUA_TTABLE) {
+                const auto count = static_cast<std::size_t>(lua_rawlen(lua_, -1));
+                for (std::size_t i = 1; i <= count; ++i) names.push_back(element_name(name, i));
+            } else {
+                names.push_back(name);
+            }
+            lua_pop(lua_, 1);
+        }
         lua_pop(lua_, 1);
         Equations::Function function;
         function.reads = scope.terms;
@@ -427,12 +488,18 @@ class Reader {
             lua_pushinteger(lua, k);
             lua_call(lua, 2, 1);
             for (std::size_t i = 0; i < names.size(); ++i) {
-                if (!lua_istable(lua, -1) || lua_getfield(lua, -1, names[i].c_str()) != LUA_TNUMBER ||
-                    !std::isfinite(lua_tonumber(lua, -1))) {
+                const int returned = lua_gettop(lua);
+                const auto element = element_of(names[i]);
+                if (lua_istable(lua, returned) && lua_getfield(lua, returned, names[i].c_str()) == LUA_TNIL &&
+                    element) {
+                    lua_getfield(lua, returned, element->first.c_str());
+                    if (lua_istable(lua, -1)) lua_rawgeti(lua, -1, static_cast<lua_Integer>(element->second));
+                }
+                if (lua_type(lua, -1) != LUA_TNUMBER || !std::isfinite(lua_tonumber(lua, -1))) {
                     throw InputError(fmt::format("{}: at sample {} {} is no finite number", where, k, names[i]));
                 }
                 written[i] = lua_tonumber(lua, -1);
-                lua_pop(lua, 1);
+                lua_settop(lua, returned);
             }
             lua_settop(lua, top);
         };
@@ -675,7 +742,10 @@ const Equations* system_at(lua_State* lua, int index) {
 Term record_input(lua_State* lua, int index, const std::shared_ptr<Symbols>& symbols, const std::string& what) {
     lua_pushvalue(lua, index);
     push_symbol(lua, symbols->time);
-    lua_call(lua, 1, 1);
+    {
+        const CalledFor here(*symbols, Symbols::State::recording);
+        lua_call(lua, 1, 1);
+    }
     const Term term = term_at(lua, -1, *symbols->graph, what);
     lua_pop(lua, 1);
     return term;

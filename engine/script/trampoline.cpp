@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 #include <lua.hpp>
+#include <new>
 
 namespace tribode {
 
@@ -36,6 +37,8 @@ int guarded(lua_State* lua, const LuaState::StackFunction& body) {
         failure = {Failure::Kind::output, problem.what()};
     } catch (const EndedEarly& problem) {
         failure = {Failure::Kind::ended_early, problem.what()};
+    } catch (const std::bad_alloc&) {
+        failure = {Failure::Kind::input, "there is not enough memory for this"};
     } catch (const std::exception& problem) {
         failure = {Failure::Kind::other, problem.what()};
     }
@@ -74,11 +77,31 @@ int handle_error(lua_State* lua) {
 
 std::optional<Failure> end_of(const ScriptHost& host) {
     if (host.control.stop_requested()) return Failure{Failure::Kind::ended_early, "interrupted"};
-    if (host.instructions_used <= host.limits.instructions) return std::nullopt;
+    if (host.limits.used->instructions <= host.limits.instructions) return std::nullopt;
     return Failure{Failure::Kind::input,
                    fmt::format("the script ran more than {} instructions (an endless loop?); --max-instructions "
                                "raises the limit",
                                host.limits.instructions)};
+}
+
+std::string memory_problem(const ScriptHost& host) {
+    return fmt::format("the script used more than its memory limit of {} MiB",
+                       static_cast<double>(host.limits.memory_bytes) / (1 << 20));
+}
+
+void count_hook(lua_State* lua, lua_Debug*);
+
+// Ends the script where there is a reason, or was one before.
+void end_where(lua_State* lua, const std::optional<Failure>& reason) {
+    ScriptHost& host = host_of(lua);
+    if (!host.ended && reason) {
+        host.ended = reason;
+        host.ended->text.insert(0, where(lua));
+    }
+    if (!host.ended) return;
+    // A script that catches the error meets it again at its next instruction.
+    lua_sethook(lua, count_hook, LUA_MASKCOUNT, 1);
+    raise(lua, *host.ended);
 }
 
 void count_hook(lua_State* lua, lua_Debug*) { charge_instructions(lua, hook_interval); }
@@ -113,15 +136,16 @@ void watch_instructions(lua_State* lua) { lua_sethook(lua, count_hook, LUA_MASKC
 
 void charge_instructions(lua_State* lua, std::uint64_t count) {
     ScriptHost& host = host_of(lua);
-    host.instructions_used += count;
-    if (!host.ended) {
-        host.ended = end_of(host);
-        if (host.ended) host.ended->text.insert(0, where(lua));
-    }
-    if (!host.ended) return;
-    // A script that catches the error meets it again at its next instruction.
-    lua_sethook(lua, count_hook, LUA_MASKCOUNT, 1);
-    raise(lua, *host.ended);
+    host.limits.used->instructions += count;
+    end_where(lua, end_of(host));
+}
+
+void charge_graph(lua_State* lua, std::size_t bytes) {
+    ScriptHost& host = host_of(lua);
+    std::size_t& used = host.limits.used->memory_bytes;
+    used = used - host.graph_bytes + bytes;
+    host.graph_bytes = bytes;
+    if (used > host.limits.memory_bytes) end_where(lua, Failure{Failure::Kind::input, memory_problem(host)});
 }
 
 void push_function(lua_State* lua, LuaState::StackFunction function) {
@@ -140,6 +164,16 @@ int call_replaced(lua_State* lua) {
     throw InputError(text ? text : "a library function failed");
 }
 
+void call_with_hint(lua_State* lua, int arguments, int results, const char* part, const char* hint) {
+    if (lua_pcall(lua, arguments, results, 0) == LUA_OK) return;
+    if (lua_type(lua, -1) == LUA_TSTRING &&
+        std::string_view(lua_tostring(lua, -1)).find(part) != std::string_view::npos) {
+        lua_pushstring(lua, hint);
+        lua_concat(lua, 2);
+    }
+    lua_error(lua);
+}
+
 void protected_call(lua_State* lua, const LuaState::StackFunction& body) {
     ScriptHost& host = host_of(lua);
     host.traceback.clear();
@@ -155,8 +189,7 @@ void protected_call(lua_State* lua, const LuaState::StackFunction& body) {
     if (host.ended) host.ended->throw_again();
     if (status == LUA_OK) return;
     if (status == LUA_ERRMEM) {
-        throw InputError(fmt::format("the script used more than its memory limit of {} MiB",
-                                     static_cast<double>(host.limits.memory_bytes) / (1 << 20)));
+        throw InputError(memory_problem(host));
     }
     recognized(host, text).throw_again();
 }

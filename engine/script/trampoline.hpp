@@ -18,12 +18,18 @@ void push_function(lua_State* lua, LuaState::StackFunction function);
 // [-n, +results]
 int call_replaced(lua_State* lua);
 
+// As lua_call; to an error with `part` in its text the hint is added. [-(arguments + 1), +results]
+void call_with_hint(lua_State* lua, int arguments, int results, const char* part, const char* hint);
+
 // Counts instructions from now on and ends the script at its limit or on a stop request. Coroutines inherit
 // it.
 void watch_instructions(lua_State* lua);
 
 // Adds to the count what the hook does not see. Raises as the hook does.
 void charge_instructions(lua_State* lua, std::uint64_t count);
+
+// Counts so many bytes of expressions, all there are, to the memory of the script, and ends it above its limit.
+void charge_graph(lua_State* lua, std::size_t bytes);
 
 // The chunk name of Lua code that is our own; messages do not point there.
 inline constexpr const char* own_chunk = "=tribode";

@@ -47,10 +47,14 @@ class Reader {
     Reader(lua_State* lua, const std::string& name)
         : lua_(lua),
           name_(name),
-          most_bytes_(host_of(lua).limits.memory_bytes) {}
+          most_bytes_(host_of(lua).limits.memory_bytes),
+          control_(host_of(lua).control) {}
 
     Json value(int index, const Place* place) {
-        spend(bytes_per_value, place);
+        // As a line of a file, a value has two blanks for each level.
+        spend(bytes_per_value + (place ? 2 * static_cast<std::size_t>(place->level) : 0), place);
+        // A large table takes seconds, in which no instruction of Lua runs.
+        if (++values_ % 65536 == 0 && control_.stop_requested()) throw EndedEarly("interrupted");
         switch (lua_type(lua_, index)) {
         case LUA_TNIL: return nullptr;
         case LUA_TBOOLEAN: return lua_toboolean(lua_, index) != 0;
@@ -144,6 +148,7 @@ class Reader {
         while (lua_next(lua_, index)) {
             place.key = lua_tostring(lua_, -2);
             std::string key = text(-2, &place);
+            spend(sizeof(std::pair<std::string, Json>), &place);
             found.emplace_back(std::move(key), value(-1, &place));
             lua_pop(lua_, 1);
         }
@@ -157,7 +162,8 @@ class Reader {
     lua_State* lua_;
     const std::string& name_;
     std::size_t most_bytes_;
-    std::size_t bytes_ = 0;
+    const RunControl& control_;
+    std::size_t bytes_ = 0, values_ = 0;
 };
 
 void push_text(lua_State* lua, const std::string& text) { lua_pushlstring(lua, text.data(), text.size()); }

@@ -26,12 +26,10 @@ CvodeIntegrator::CvodeIntegrator(const HybridSystem& system, const SolverOptions
         nonlinear_solver_.reset(SUNNonlinSol_FixedPoint(vector_.get(), 0, context_));
         check(CVodeSetNonlinearSolver(memory_, nonlinear_solver_.get()), "CVodeSetNonlinearSolver");
     }
-    if (const auto guards = static_cast<int>(system.guard_count()); guards > 0) {
-        check(CVodeRootInit(memory_, guards, guard_callback), "CVodeRootInit");
-        std::vector<int> falling(system.guard_count(), -1);
-        check(CVodeSetRootDirection(memory_, falling.data()), "CVodeSetRootDirection");
-        check(CVodeSetNoInactiveRootWarn(memory_), "CVodeSetNoInactiveRootWarn");
-    }
+    derivative_.reset(N_VClone(vector_.get()));
+    if (options.max_step > 0) check(CVodeSetMaxStep(memory_, options.max_step), "CVodeSetMaxStep");
+    // A solution may need steps of a few roundings of the time; whether they get on is seen in SundialsIntegrator.
+    check(CVodeSetMaxHnilWarns(memory_, -1), "CVodeSetMaxHnilWarns");
 }
 
 CvodeIntegrator::~CvodeIntegrator() { CVodeFree(&memory_); }
@@ -46,12 +44,9 @@ SundialsIntegrator::Native CvodeIntegrator::native_step(double t_stop, double& t
     switch (CVode(memory_, t_stop, vector_.get(), &t, CV_ONE_STEP)) {
     case CV_SUCCESS: return t == t_stop ? Native::stopped : Native::stepped;
     case CV_TSTOP_RETURN: t = t_stop; return Native::stopped;
-    case CV_ROOT_RETURN: return Native::root;
     default: return Native::failed;
     }
 }
-
-void CvodeIntegrator::native_roots(int* found) const { CVodeGetRootInfo(memory_, found); }
 
 long CvodeIntegrator::native_rejected_steps() const {
     long failures = 0;
@@ -67,9 +62,27 @@ double CvodeIntegrator::kept_step(bool first, bool cut) const {
     return cut ? std::max(next, kept_step_) : next;
 }
 
-void CvodeIntegrator::interpolate(double t, std::span<double> x) {
-    check(CVodeGetDky(memory_, t, 0, dense_.get()), "CVodeGetDky");
-    std::copy_n(N_VGetArrayPointer(dense_.get()), size_, x.begin());
+// The derivatives of the polynomial that the method's history is, and the ends as they are: a state may move by more than
+// its rounding within the rounding of the time.
+void CvodeIntegrator::native_polynomial(std::span<const double> x0, StepPolynomial& polynomial) {
+    int order = 0;
+    check(CVodeGetLastOrder(memory_, &order), "CVodeGetLastOrder");
+    polynomial.resize(size_, order);
+    double factor = 1;
+    for (int k = 0; k <= order; ++k) {
+        if (k > 0) factor *= polynomial.h / k;
+        check(CVodeGetDky(memory_, polynomial.t0, k, derivative_.get()), "CVodeGetDky");
+        const double* derivative = N_VGetArrayPointer(derivative_.get());
+        for (std::size_t i = 0; i < size_; ++i) polynomial.term(k)[i] = factor * derivative[i];
+    }
+    const std::span<const double> x1 = values(vector_.get());
+    for (std::size_t i = 0; i < size_; ++i) {
+        double end = 0;
+        for (int k = order; k >= 0; --k) end += polynomial.term(k)[i];
+        const double shift = x0[i] - polynomial.term(0)[i];
+        polynomial.term(0)[i] = x0[i];
+        polynomial.term(1)[i] += x1[i] - end - shift;
+    }
 }
 
 } // namespace tribode

@@ -9,17 +9,18 @@ class CvodeIntegrator final : public SundialsIntegrator {
     // options.method: adams or bdf.
     CvodeIntegrator(const HybridSystem& system, const SolverOptions& options);
     ~CvodeIntegrator() override;
-    void interpolate(double t, std::span<double> x) override;
 
   private:
     void native_restart(double t, double h) override;
     Native native_step(double t_stop, double& t) override;
-    void native_roots(int* found) const override;
+    void native_polynomial(std::span<const double> x0, StepPolynomial& polynomial) override;
     long native_rejected_steps() const override;
     bool counters_restart() const override { return true; }
     double kept_step(bool first, bool cut) const override;
+    bool keeps_step_at_events() const override { return false; }
 
     void* memory_ = nullptr;
+    Owned<N_Vector> derivative_;
     Owned<SUNMatrix> matrix_;
     Owned<SUNLinearSolver> linear_solver_;
     Owned<SUNNonlinearSolver> nonlinear_solver_;

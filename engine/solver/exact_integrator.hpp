@@ -1,4 +1,5 @@
 #pragma once
+#include "solver/first_fall.hpp"
 #include "solver/integrator.hpp"
 
 #include <array>
@@ -113,9 +114,5 @@ class ExactIntegrator final : public Integrator {
     std::vector<double> polynomial_;
     RunStatistics counts_;
 };
-
-// The first s in [0, 1] at which the polynomial sum p_n s^n falls below zero after having been zero or above (s = 0
-// where it begins below), or 2 where there is none. Exact up to rounding of the evaluation. At most 31 coefficients.
-double first_fall_below_zero(std::span<const double> p);
 
 } // namespace tribode

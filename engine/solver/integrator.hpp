@@ -18,8 +18,11 @@ class Integrator {
   public:
     virtual ~Integrator() = default;
 
-    // x jumped, or the derivative or the guards changed, at state.t. What is known of a good step size survives.
+    // x jumped, or the derivative changed, at state.t. What is known of a good step size survives.
     virtual void restart(SystemState& state) = 0;
+
+    // The guards changed at state.t, where one has just fallen; x and the derivative did not.
+    virtual void change_guards(SystemState& state) { restart(state); }
 
     enum class Progress { stepped, stopped, guard_fell, failed };
 
@@ -32,6 +35,11 @@ class Integrator {
 
     // x at a time within the last step, from the method's own interpolation. t in [before the step, state.t].
     virtual void interpolate(double t, std::span<double> x) = 0;
+
+    // The step that the method would take after a restart [s], for a run that is continued by another integrator; 0: it
+    // keeps none.
+    virtual double proposed_step() const { return 0; }
+    virtual void propose_step(double) {}
 
     const std::vector<GuardId>& fallen() const { return fallen_; }
     const RunOutcome& failure() const { return failure_; }
@@ -64,10 +72,11 @@ struct SolverOptions {
     double relative_tolerance = 1e-8;
     double absolute_tolerance = 1e-12; // [m] for positions; other states: times their scale
     double fixed_step = 5e-5;          // [s] of fixed, euler, semi_implicit_euler, zoh
+    double max_step = 0;               // [s] of erk, adams, cvode; 0: as long as the tolerances allow
 
     static const std::vector<std::string>& method_names(); // as the user writes them, in the order of Method
 
-    // Fields solver, relative_tolerance, absolute_tolerance_m, fixed_step_s; absent ones stay as they are.
+    // Fields solver, relative_tolerance, absolute_tolerance_m, fixed_step_s, max_step_s; absent ones stay as they are.
     void read(FieldReader& fields);
 };
 

@@ -6,7 +6,7 @@
 
 namespace tribode {
 
-enum class RunEnd { reached, interrupted, chattering, step_too_small, non_finite };
+enum class RunEnd { reached, interrupted, chattering, step_too_small, non_finite, diverged };
 
 // A state whose derivative was not finite, and when.
 struct NotFinite {

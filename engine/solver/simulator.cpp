@@ -50,8 +50,19 @@ Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, S
       state_(std::move(start)),
       integrator_(make_integrator(system, options)),
       guard_values_(system.guard_count()),
+      guards_nearby_(system.guard_count()),
+      x_nearby_(state_.x.size()),
       output_state_(state_),
-      chatter_start_(state_.t) {
+      fixed_step_(has_fixed_step(options.method) ? options.fixed_step : 0),
+      relative_tolerance_(options.relative_tolerance),
+      absolute_tolerance_(options.absolute_tolerance),
+      last_fall_(system.guard_count(), -std::numeric_limits<double>::infinity()),
+      begin_(state_.t),
+      chatter_begin_(state_.t) {
+    if (resolved(options.method, system) == Method::exact) { // it has rounding only
+        relative_tolerance_ = 16 * std::numeric_limits<double>::epsilon();
+        absolute_tolerance_ = 0;
+    }
     if (!state_.next_sample.empty()) return; // a snapshot of another run
     for (const auto& clock : system.clocks()) {
         long k = static_cast<long>(std::ceil((state_.t - clock.offset) / clock.period));
@@ -82,20 +93,22 @@ RunOutcome Simulator::advance_to(double t_end) {
         if (!output_grid_.empty()) emit_outputs(state_.t);
         handle_instant(true);
     }
-    long steps_to_poll = 0;
+    long steps_to_look = 0;
     while (outcome_.ok() && state_.t < t_end) {
-        if (steps_to_poll-- == 0) {
-            if (control_.stop_requested()) {
-                fail(RunEnd::interrupted, fmt::format("interrupted at t = {:.6g} s", state_.t));
-                break;
-            }
-            steps_to_poll = 200;
+        if (control_.stop_requested()) {
+            fail(RunEnd::interrupted, fmt::format("interrupted at t = {:.6g} s", state_.t));
+            break;
+        }
+        if (steps_to_look-- == 0) {
+            if (!check_divergence()) break;
+            steps_to_look = 100;
         }
         const double t_stop = std::min(next_instant_, t_end);
 
         // A guard fell within rounding of the next instant: there is nothing to integrate, and the integrator would
         // refuse so short a step.
         auto progress = Integrator::Progress::stopped;
+        step_start_ = state_.t;
         if (same_instant(state_.t, t_stop)) {
             state_.t = t_stop;
             restart_needed_ = true;
@@ -105,7 +118,10 @@ RunOutcome Simulator::advance_to(double t_end) {
                 integrator_->restart(state_);
                 ++statistics_.restarts;
                 restart_needed_ = false;
+            } else if (guards_changed_) {
+                integrator_->change_guards(state_);
             }
+            guards_changed_ = false;
             progress = integrator_->step(t_stop);
         }
         if (progress == Integrator::Progress::failed) {
@@ -119,8 +135,22 @@ RunOutcome Simulator::advance_to(double t_end) {
             handle_instant(progress == Integrator::Progress::guard_fell);
         }
     }
-    if (outcome_.ok()) outcome_.t = state_.t;
+    if (outcome_.ok() && check_divergence()) outcome_.t = state_.t;
     return outcome_;
+}
+
+// A solution that grows without bound stays finite for long, and means nothing.
+bool Simulator::check_divergence() {
+    const auto& states = system_.states();
+    for (std::size_t i = 0; i < states.size(); ++i) {
+        if (std::abs(state_.x[i]) <= states[i].limit) continue;
+        fail(RunEnd::diverged,
+             fmt::format("the solution diverges: {} = {:.3g}{}{} at t = {:.9g} s; the loop or the model is unstable{}",
+                         states[i].name, state_.x[i], states[i].unit.empty() ? "" : " ", states[i].unit, state_.t,
+                         fixed_step_ > 0 ? fmt::format(", or the fixed step of {:g} s too long", fixed_step_) : ""));
+        return false;
+    }
+    return true;
 }
 
 // Steps 1 to 4 of the class comment.
@@ -143,43 +173,82 @@ void Simulator::handle_instant(bool guards_fell) {
 
 // Handles the guards that fell, then all that are below zero, until none is.
 bool Simulator::settle_guards(std::span<const GuardId> fallen) {
-    for (const GuardId guard : fallen) {
-        if (!handle_guard(guard)) return false;
-    }
-    const std::size_t most_rounds = 10 + 2 * system_.guard_count();
-    for (std::size_t round = 0; round < most_rounds; ++round) {
+    if (!fallen.empty() && !handle_guards(fallen)) return false;
+    const std::size_t max_rounds = 10 + 2 * system_.guard_count();
+    for (std::size_t round = 0; round < max_rounds; ++round) {
         system_.guards(state_.t, state_.x, *state_.discrete, guard_values_);
         ++statistics_.guard_evaluations;
         bool calm = true;
         for (GuardId guard = 0; guard < guard_values_.size(); ++guard) {
             if (guard_values_[guard] >= 0) continue;
             calm = false;
-            if (!handle_guard(guard)) return false;
+            if (!handle_guards(std::span(&guard, 1))) return false;
             system_.guards(state_.t, state_.x, *state_.discrete, guard_values_);
             ++statistics_.guard_evaluations;
         }
         if (calm) return true;
     }
+    // Where a condition loses its value, the right side may have lost it with it, and says more.
+    system_.derivative(state_.t, state_.x, *state_.discrete, x_nearby_);
+    if (const auto not_finite = not_finite_in(x_nearby_, state_.t)) {
+        fail(RunEnd::non_finite, fmt::format("the derivative is not finite at t = {:.9g} s", state_.t));
+        outcome_.not_finite = not_finite;
+        return false;
+    }
     const auto worst = std::min_element(guard_values_.begin(), guard_values_.end()) - guard_values_.begin();
     fail(RunEnd::chattering,
-         fmt::format("{} does not come to rest at t = {:.9g} s: its guard is below zero after {} rounds",
-                     system_.guard_name(static_cast<GuardId>(worst), state_), state_.t, most_rounds));
+         fmt::format("{} does not come to rest at t = {:.9g} s: after {} rounds it still asks for an event",
+                     system_.guard_name(static_cast<GuardId>(worst), state_), state_.t, max_rounds));
     return false;
 }
 
-bool Simulator::handle_guard(GuardId guard) {
-    ++statistics_.events;
-    if (state_.t - chatter_start_ > chatter_window) {
-        chatter_start_ = state_.t;
-        chatter_count_ = 0;
+// Whether the guard, which falls now, has been more than rounding and the tolerances above zero since it fell last.
+bool Simulator::went_anywhere(GuardId guard) {
+    const double before = last_fall_[guard];
+    constexpr double resolved = 4; // fixed steps: fewer show nothing of what a guard does
+    if (fixed_step_ > 0) return state_.t - before > resolved * fixed_step_;
+    if (same_instant(before, state_.t)) return false;
+    const auto is_away_at = [&](double t) {
+        integrator_->interpolate(t, x_nearby_);
+        system_.guards(t, x_nearby_, *state_.discrete, guards_nearby_);
+        const double height = guards_nearby_[guard];
+        for (std::size_t i = 0; i < x_nearby_.size(); ++i) {
+            x_nearby_[i] +=
+                relative_tolerance_ * std::abs(x_nearby_[i]) + absolute_tolerance_ * system_.states()[i].scale;
+        }
+        system_.guards(t, x_nearby_, *state_.discrete, guards_nearby_);
+        statistics_.guard_evaluations += 2;
+        return std::abs(height) > std::abs(guards_nearby_[guard] - height);
+    };
+    // In the last step, which is enough for what falls on and on.
+    const double from = std::max(before, step_start_);
+    return is_away_at(0.5 * (from + state_.t)) || (before < step_start_ && is_away_at(from));
+}
+
+bool Simulator::handle_guards(std::span<const GuardId> guards) {
+    bool any_went = false;
+    for (const GuardId guard : guards) {
+        ++statistics_.events;
+        any_went = went_anywhere(guard) || any_went;
+        last_fall_[guard] = state_.t;
     }
-    if (++chatter_count_ > chatter_limit) {
+    if (any_went) falls_without_motion_ = 0;
+    if (falls_without_motion_++ == 0) chatter_begin_ = state_.t;
+    if (falls_without_motion_ > chatter_limit && fixed_step_ == 0 &&
+        state_.t - chatter_begin_ > chatter_part * (state_.t - begin_)) {
+        falls_without_motion_ = 0;
+    }
+    if (falls_without_motion_ > chatter_limit) {
         fail(RunEnd::chattering,
-             fmt::format("{} is chattering: {} events within {:g} s at t = {:.9g} s; check its stiffness and level",
-                         system_.guard_name(guard, state_), chatter_limit, chatter_window, state_.t));
+             fmt::format(
+                 "{} is chattering at t = {:.9g} s: {} events in a row between which it moves by less than the "
+                 "tolerances; give what slides or rests there a mode of its own, or check its stiffness and level",
+                 system_.guard_name(guards.front(), state_), state_.t, chatter_limit));
         return false;
     }
-    if (system_.on_crossing(guard, state_, events_) != EventEffect::none) restart_needed_ = true;
+    const EventEffect effect = system_.on_crossings(guards, state_, events_);
+    guards_changed_ = guards_changed_ || effect == EventEffect::guards;
+    restart_needed_ = restart_needed_ || effect > EventEffect::guards;
     return true;
 }
 

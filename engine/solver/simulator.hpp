@@ -12,8 +12,9 @@ namespace tribode {
 // Runs a hybrid system. One order of things at one instant t, written x- before and x+ after:
 //
 //     1. where clocks are due, the observer sees the left limit (x-, d-)
-//     2. where guards fell they are handled in declared order; then all guards are looked at again, and those below
-//        zero handled, round after round, until none is (bounded: a system that never comes to rest is chattering)
+//     2. guards that fell are handled together (HybridSystem::on_crossings); then all guards are looked at again, and
+//        those below zero handled, round after round, until none is (bounded: a system that never comes to rest is
+//        chattering)
 //     3. the clocks that are due fire in declared order; the observer sees (x+, d+) after each
 //     4. step 2 again, where a sample said that x or the guards have changed
 //     5. the integrator restarts if a handler said that anything it depends on has changed
@@ -43,13 +44,21 @@ class Simulator {
     // Instants [s], ascending, at which the observer's output() is called.
     void set_output_grid(std::vector<double> instants);
 
+    // For a run that goes on from the state of another one: the step that its integrator would take next [s].
+    double proposed_step() const { return integrator_->proposed_step(); }
+    void propose_step(double h) { integrator_->propose_step(h); }
+
     const SystemState& state() const { return state_; }
     const EventLog& events() const { return events_; }
     RunStatistics statistics() const;
 
-    // Chattering: more than this many falls of guards within the window.
-    static constexpr long chatter_limit = 5000;
-    static constexpr double chatter_window = 1e-3; // [s]
+    // Chattering: this many falls in a row, within a small part of the time since the run began, of guards that did not go
+    // anywhere since they fell last. A guard does where it is further above zero, in the step of its fall, than rounding and
+    // the tolerances leave open; with a fixed step, where the falls are more than four steps apart. So bounces that come to an
+    // end (Zeno) and sliding along a surface end a run on any scale of time; a fast switch and a vibration that dies away do
+    // not.
+    static constexpr long chatter_limit = 500;
+    static constexpr double chatter_part = 1e-2;
 
   private:
     struct DueClock {
@@ -59,7 +68,9 @@ class Simulator {
 
     void handle_instant(bool guards_fell);
     bool settle_guards(std::span<const GuardId> fallen);
-    bool handle_guard(GuardId guard);
+    bool handle_guards(std::span<const GuardId> guards);
+    bool went_anywhere(GuardId guard);
+    bool check_divergence();
     void collect_due_clocks();
     void emit_outputs(double up_to);
     void fail(RunEnd end, std::string message);
@@ -75,15 +86,19 @@ class Simulator {
     RunOutcome outcome_;
     std::vector<DueClock> due_;
     double next_instant_ = 0; // of a clock, once the first ones have fired [s]
-    std::vector<double> guard_values_;
+    std::vector<double> guard_values_, guards_nearby_, x_nearby_;
     std::vector<double> output_grid_;
     std::size_t next_output_ = 0;
     SystemState output_state_;
     unsigned steps_timed_ = 0, instants_timed_ = 0; // of which every 64th is
     bool started_ = false;
-    bool restart_needed_ = true;
-    double chatter_start_ = 0; // begin of the present window [s]
-    long chatter_count_ = 0;
+    bool restart_needed_ = true, guards_changed_ = false;
+    const double fixed_step_; // [s]; 0: none
+    double relative_tolerance_, absolute_tolerance_;
+    double step_start_ = 0;         // of the last step [s]
+    std::vector<double> last_fall_; // of each guard [s]
+    long falls_without_motion_ = 0;
+    double begin_, chatter_begin_; // of the run and of these falls [s]
 };
 
 } // namespace tribode

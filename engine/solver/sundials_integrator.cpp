@@ -12,7 +12,7 @@ namespace tribode {
 
 namespace {
 
-constexpr int most_steps_without_progress = 100;
+constexpr long max_creeping_steps = 100'000;
 
 // z = sum c_k x_k, in the order of the library's own function, but in registers: half the work of a method with few
 // states are such sums.
@@ -33,9 +33,6 @@ constexpr auto combinations(std::index_sequence<Before...>) {
 }
 constexpr auto combine_few = combinations(std::make_index_sequence<12>()); // of 1 state, 2 states, ...
 
-// To which the library locates a guard's zero [s].
-double time_resolution(double t) { return 100 * std::numeric_limits<double>::epsilon() * std::abs(t); }
-
 } // namespace
 
 void SundialsIntegrator::check(int flag, const char* function) {
@@ -45,9 +42,9 @@ void SundialsIntegrator::check(int flag, const char* function) {
 SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverOptions& options)
     : system_(system),
       size_(system.states().size()),
-      found_(system.guard_count()),
-      guard_values_(system.guard_count()),
-      x_between_(size_) {
+      search_(system),
+      has_guards_(system.guard_count() > 0),
+      x_before_(size_) {
     check(SUNContext_Create(nullptr, &context_), "SUNContext_Create");
     // A system of clocks alone has no states, which the library does not allow: it gets one that rests.
     const auto length = static_cast<sunindextype>(std::max<std::size_t>(size_, 1));
@@ -56,7 +53,6 @@ SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverO
     check(N_VEnableFusedOps_Serial(vector_.get(), SUNTRUE), "N_VEnableFusedOps_Serial");
     if (size_ > 0 && size_ <= combine_few.size()) vector_->ops->nvlinearcombination = combine_few[size_ - 1];
     tolerance_.reset(N_VNew_Serial(length, context_));
-    dense_.reset(N_VNew_Serial(length, context_));
     N_VConst(0.0, vector_.get());
     N_VConst(1.0, tolerance_.get());
     for (std::size_t i = 0; i < size_; ++i) {
@@ -71,7 +67,6 @@ SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverO
 SundialsIntegrator::~SundialsIntegrator() {
     vector_.reset();
     tolerance_.reset();
-    dense_.reset();
     SUNContext_Free(&context_);
 }
 
@@ -81,18 +76,12 @@ int SundialsIntegrator::derivative_callback(double t, N_Vector x, N_Vector dxdt,
     const std::span<double> slope(N_VGetArrayPointer(dxdt), me.size_);
     if (me.size_ == 0) N_VConst(0.0, dxdt);
     me.system_.derivative(t, me.values(x), *me.state_->discrete, slope);
+    me.derivative_seen(slope);
     const auto not_finite = not_finite_in(slope, t);
     if (!not_finite) return 0;
     me.not_finite_ = not_finite;
     me.met_non_finite_ = true;
     return 1; // recoverable: a shorter step may do
-}
-
-int SundialsIntegrator::guard_callback(double t, N_Vector x, double* g, void* self) {
-    auto& me = *static_cast<SundialsIntegrator*>(self);
-    ++me.counts_.guard_evaluations;
-    me.system_.guards(t, me.values(x), *me.state_->discrete, {g, me.found_.size()});
-    return 0;
 }
 
 int SundialsIntegrator::jacobian_callback(double t, N_Vector x, N_Vector, SUNMatrix matrix, void* self, N_Vector,
@@ -113,85 +102,108 @@ void SundialsIntegrator::restart(SystemState& state) {
     state_ = &state;
     std::copy(state.x.begin(), state.x.end(), N_VGetArrayPointer(vector_.get()));
     if (counters_restart()) rejected_before_ += native_rejected_steps();
+    if (fell_ && !keeps_step_at_events()) kept_step_ = 0;
     native_restart(state.t, kept_step_);
     first_step_ = true;
+    ahead_ = fell_ = false;
+    t_native_ = clear_to_ = state.t;
+    polynomial_made_ = false;
+}
+
+// The rest of the step stands, and is searched for falls of the new guards.
+void SundialsIntegrator::change_guards(SystemState& state) {
+    fell_ = false;
+    clear_to_ = state.t;
+}
+
+// Up to where the library may go: no further than the next fall of a guard of the time alone.
+double SundialsIntegrator::next_stop(double t_stop) {
+    if (!search_.has_time_guards()) return t_stop;
+    if (clear_to_ <= state_->t) {
+        clear_to_ = search_.next_time_event(state_->t, t_stop, state_->x, *state_->discrete).at;
+    }
+    return clear_to_ > state_->t ? std::min(clear_to_, t_stop) : t_stop;
 }
 
 Integrator::Progress SundialsIntegrator::step(double t_stop) {
-    const double t_before = state_->t;
-    double t = t_before;
+    if (ahead_ && t_native_ <= t_stop) {
+        // It begins where the state stands, to the bit: the new guards are at zero or above there.
+        polynomial_.begin_at(state_->t);
+        std::copy(state_->x.begin(), state_->x.end(), polynomial_.term(0));
+        return look_for_falls(t_stop);
+    }
+    if (ahead_) restart(*state_);
+    const double t_start = state_->t;
+    const double t_goal = next_stop(t_stop);
+    double t = t_start;
     met_non_finite_ = false;
-    Native result = native_step(t_stop, t);
+    Native result = native_step(t_goal, t);
     // The size that was good before an event may be far too long after it: then the method's own estimate.
     if (result == Native::failed && first_step_ && kept_step_ > 0 && !met_non_finite_) {
         kept_step_ = 0;
         restart(*state_);
-        result = native_step(t_stop, t);
+        result = native_step(t_goal, t);
     }
     // ERKStep gives up at the first derivative that is not finite, where a shorter step may do.
-    for (double h = (t_stop - t_before) / 10;
-         result == Native::failed && met_non_finite_ && h > time_resolution(t_before); h /= 10) {
+    for (double h = (t_goal - t_start) / 10; result == Native::failed && met_non_finite_ && t_start + h > t_start;
+         h /= 10) {
         kept_step_ = h;
         restart(*state_);
-        result = native_step(t_stop, t);
+        result = native_step(t_goal, t);
     }
-    // Some methods would creep on for ever where the derivative ceases to be finite.
-    const bool advances = result == Native::stopped || t - t_before > time_resolution(t);
-    steps_without_progress_ = advances ? 0 : steps_without_progress_ + 1;
-    if (result == Native::failed || steps_without_progress_ > most_steps_without_progress) {
+    // Steps of a few roundings of the time may be what a solution needs; but not without end, and where the derivative
+    // ceases to be finite a method would creep up to there.
+    const bool creeps =
+        result != Native::stopped && t - t_start <= 100 * std::numeric_limits<double>::epsilon() * std::abs(t);
+    const long weight = met_non_finite_ || t == t_start ? max_creeping_steps / 100 : 1;
+    creeping_steps_ = creeps ? creeping_steps_ + weight : 0;
+    if (result == Native::failed || creeping_steps_ > max_creeping_steps) {
         record_failure(t);
         return Progress::failed;
     }
     ++counts_.steps;
     kept_step_ = kept_step(first_step_, result == Native::stopped);
     first_step_ = false;
-    state_->t = t;
-    const auto x = values(vector_.get());
-    std::copy(x.begin(), x.end(), state_->x.begin());
-    if (result == Native::root) {
-        native_roots(found_.data());
-        fallen_.clear();
-        for (GuardId guard = 0; guard < found_.size(); ++guard) {
-            if (found_[guard] != 0) fallen_.push_back(guard);
-        }
-        return Progress::guard_fell;
-    }
-    if (look_for_missed_fall(t_before)) return Progress::guard_fell;
-    return result == Native::stopped ? Progress::stopped : Progress::stepped;
+    t_before_ = t_start;
+    t_native_ = t;
+    polynomial_made_ = false;
+    std::copy(state_->x.begin(), state_->x.end(), x_before_.begin());
+    return look_for_falls(t_stop);
 }
 
-// The library takes a guard that is zero at a restart as it finds it a tenth of the first step later: one
-// that leaves zero downwards, or is back below it by then, is not reported. Such a fall is looked for by
-// bisection in the step.
-bool SundialsIntegrator::look_for_missed_fall(double t_before) {
-    const auto look_at_guards = [&](double t, std::span<const double> x) {
-        ++counts_.guard_evaluations;
-        system_.guards(t, x, *state_->discrete, guard_values_);
-    };
-    const auto below_zero = [&](GuardId guard) { return guard_values_[guard] < 0; };
-    look_at_guards(state_->t, state_->x);
-    fallen_.clear();
-    for (GuardId guard = 0; guard < guard_values_.size(); ++guard) {
-        if (below_zero(guard)) fallen_.push_back(guard);
-    }
-    if (fallen_.empty()) return false;
-
-    double calm = t_before, after = state_->t;
-    while (after - calm > time_resolution(after)) {
-        const double middle = calm + (after - calm) / 2;
-        interpolate(middle, x_between_);
-        look_at_guards(middle, x_between_);
-        if (std::none_of(fallen_.begin(), fallen_.end(), below_zero)) {
-            calm = middle;
-            continue;
+// Takes the state to the first fall in what there is of the library's step, or to its end.
+Integrator::Progress SundialsIntegrator::look_for_falls(double t_stop) {
+    state_->t = t_native_;
+    const auto x = values(vector_.get());
+    std::copy(x.begin(), x.end(), state_->x.begin());
+    ahead_ = false;
+    if (has_guards_ && t_native_ > t_before_) {
+        const auto found = search_.first_fall(polynomial(), *state_->discrete, fallen_);
+        // A fall within rounding of the step's end is one at its end.
+        const double at = polynomial_.time(found.at);
+        ahead_ = found.at < 1 && at < t_native_;
+        if (ahead_) {
+            state_->t = at;
+            polynomial_.evaluate(found.at, state_->x);
         }
-        after = middle;
-        state_->x = x_between_;
-        // Those that fall later are left to the next step.
-        std::erase_if(fallen_, [&](GuardId guard) { return !below_zero(guard); });
+        fell_ = found.falls;
+        if (fell_) return Progress::guard_fell;
+        if (ahead_) return Progress::stepped;
     }
-    state_->t = after;
-    return true;
+    return t_native_ == t_stop ? Progress::stopped : Progress::stepped;
+}
+
+const StepPolynomial& SundialsIntegrator::polynomial() {
+    if (polynomial_made_) return polynomial_;
+    polynomial_.t0 = t_before_;
+    polynomial_.h = t_native_ - t_before_;
+    native_polynomial(x_before_, polynomial_);
+    polynomial_made_ = true;
+    return polynomial_;
+}
+
+void SundialsIntegrator::interpolate(double t, std::span<double> x) {
+    polynomial().evaluate((t - polynomial_.t0) / polynomial_.h, x);
 }
 
 void SundialsIntegrator::record_failure(double t) {
@@ -199,10 +211,25 @@ void SundialsIntegrator::record_failure(double t) {
         failure_ = {RunEnd::non_finite, t,
                     fmt::format("the derivative is not finite near t = {:.9g} s: the loop may be unstable", t)};
     } else {
+        // The state that moves most, for its size.
+        std::vector<double> rates(size_);
+        system_.derivative(state_->t, state_->x, *state_->discrete, rates);
+        ++counts_.derivative_evaluations;
+        const auto pace = [&](std::size_t i) {
+            return std::abs(rates[i]) / (std::abs(state_->x[i]) + system_.states()[i].scale);
+        };
+        std::size_t fastest = 0;
+        for (std::size_t i = 1; i < size_; ++i) {
+            if (pace(i) > pace(fastest)) fastest = i;
+        }
+        const std::string culprit =
+            size_ == 0 ? std::string()
+                       : fmt::format(": {0} = {1:.3g} changes by {2:.3g} in a second; it may "
+                                     "have no solution beyond, or be stiff for this solver",
+                                     system_.states()[fastest].name, state_->x[fastest], rates[fastest]);
         failure_ = {RunEnd::step_too_small, t,
-                    fmt::format("the integrator cannot go on at t = {:.9g} s ({}); loosen the tolerances or choose "
-                                "another solver",
-                                t, last_message_.empty() ? "no step gets on in time" : last_message_)};
+                    fmt::format("no step is short enough at t = {:.9g} s{}{}", t, culprit,
+                                last_message_.empty() ? "" : fmt::format(" ({})", last_message_))};
     }
     // Methods of several steps may also give up before it, for a step that comes to nothing.
     if (not_finite_ && not_finite_->t >= t) failure_.not_finite = not_finite_;
@@ -210,6 +237,7 @@ void SundialsIntegrator::record_failure(double t) {
 
 RunStatistics SundialsIntegrator::statistics() const {
     RunStatistics all = counts_;
+    all.guard_evaluations = search_.guard_evaluations();
     all.rejected_steps = rejected_before_ + native_rejected_steps();
     return all;
 }

@@ -1,4 +1,5 @@
 #pragma once
+#include "solver/event_search.hpp"
 #include "solver/integrator.hpp"
 
 #include <memory>
@@ -10,16 +11,22 @@
 
 namespace tribode {
 
-// What CVODE and ARKODE have in common: context, vectors, callbacks, their messages turned into outcomes.
-// Guards are root functions of direction -1 (falling).
+// What CVODE and ARKODE have in common: context, vectors, callbacks, their messages turned into outcomes. Guards are not
+// the libraries' root functions, which see no more of them than their signs at the ends of a step: EventSearch follows them
+// along the polynomial that the method itself takes for its step. Guards of the time alone are solved beforehand, so that a
+// step ends where they fall.
 class SundialsIntegrator : public Integrator {
   public:
     SundialsIntegrator(const HybridSystem& system, const SolverOptions& options);
     ~SundialsIntegrator() override;
 
     void restart(SystemState& state) override;
+    void change_guards(SystemState& state) override;
     Progress step(double t_stop) override;
+    void interpolate(double t, std::span<double> x) override;
     RunStatistics statistics() const override;
+    double proposed_step() const override { return kept_step_; }
+    void propose_step(double h) override { kept_step_ = h; }
 
   protected:
     struct Freed {
@@ -31,23 +38,28 @@ class SundialsIntegrator : public Integrator {
     template <class Handle>
     using Owned = std::unique_ptr<std::remove_pointer_t<Handle>, Freed>;
 
-    enum class Native { stepped, stopped, root, failed };
+    enum class Native { stepped, stopped, failed };
 
     // Starts at (t, vector_) with initial step h [s]; 0: the method's own estimate.
     virtual void native_restart(double t, double h) = 0;
     virtual Native native_step(double t_stop, double& t) = 0;
-    virtual void native_roots(int* found) const = 0;
+    // The polynomial that the method takes for its last step, which began at polynomial.t0 with x0 and lasted polynomial.h.
+    virtual void native_polynomial(std::span<const double> x0, StepPolynomial& polynomial) = 0;
+    // The library has asked for a derivative.
+    virtual void derivative_seen(std::span<const double>) {}
     virtual long native_rejected_steps() const = 0; // since the counters of the library were last zeroed
     virtual bool counters_restart() const = 0;      // whether native_restart zeroes them
     // The step size worth keeping for the next restart, after a step that was the first since the last one or
     // not, and was cut short by t_stop or not.
     virtual double kept_step(bool first, bool cut) const = 0;
+    // Whether it also serves after an event. A method that begins with a single evaluation at the end of a step may be
+    // deceived there: where the motion of before and of after an event agree at the two ends, it sees no error.
+    virtual bool keeps_step_at_events() const = 0;
 
     // Throws on any flag of a set-up call that is not success: our own bug or no memory.
     static void check(int flag, const char* function);
 
     static int derivative_callback(double t, N_Vector x, N_Vector dxdt, void* self);
-    static int guard_callback(double t, N_Vector x, double* g, void* self);
     static int jacobian_callback(double t, N_Vector x, N_Vector fx, SUNMatrix matrix, void* self, N_Vector, N_Vector,
                                  N_Vector);
     static void message_callback(int code, const char* module, const char* function, char* text, void* self);
@@ -55,24 +67,35 @@ class SundialsIntegrator : public Integrator {
     const HybridSystem& system_;
     const std::size_t size_;
     SUNContext context_ = nullptr;
-    Owned<N_Vector> vector_, tolerance_, dense_;
+    Owned<N_Vector> vector_, tolerance_;
     double kept_step_ = 0; // [s]
     bool has_jacobian_ = false;
 
-  private:
     std::span<const double> values(N_Vector v) const { return {N_VGetArrayPointer(v), size_}; }
-    void record_failure(double t);
-    bool look_for_missed_fall(double t_before);
 
     SystemState* state_ = nullptr;
-    std::vector<int> found_;
-    std::vector<double> guard_values_, x_between_;
-    int steps_without_progress_ = 0;
+    RunStatistics counts_;
+
+  private:
+    const StepPolynomial& polynomial();
+    double next_stop(double t_stop);
+    Progress look_for_falls(double t_stop);
+    void record_failure(double t);
+
+    EventSearch search_;
+    const bool has_guards_;
+    StepPolynomial polynomial_;
+    bool polynomial_made_ = false;
+    std::vector<double> x_before_;
+    double t_before_ = 0, t_native_ = 0; // where the library's last step began and ended [s]
+    bool ahead_ = false;                 // the library has gone beyond the state, as a guard fell within its last step
+    bool fell_ = false;                  // a guard, where the state stands
+    double clear_to_ = 0;                // no guard of the time alone falls before this, since the last restart [s]
+    long creeping_steps_ = 0;
     std::string last_message_;
     std::optional<NotFinite> not_finite_; // the last one met
     bool met_non_finite_ = false;         // in this step
     bool first_step_ = true;
-    RunStatistics counts_;
     long rejected_before_ = 0;
 };
 

@@ -28,16 +28,6 @@ namespace {
 // Every operation is rounded by itself, and the functions are those of the library that the engine calls.
 constexpr std::array flags = {"-O2", "-std=c99", "-shared", "-fPIC", "-ffp-contract=off", "-fno-builtin"};
 
-fs::path usual_cache() {
-    const auto set = [](const char* name) {
-        const char* value = std::getenv(name);
-        return value && *value == '/' ? fs::path(value) : fs::path();
-    };
-    if (const fs::path cache = set("XDG_CACHE_HOME"); !cache.empty()) return cache / "tribode";
-    if (const fs::path home = set("HOME"); !home.empty()) return home / ".cache" / "tribode";
-    throw Error("compiled equations need a folder: neither XDG_CACHE_HOME nor HOME is set");
-}
-
 // Makes the folder where it is missing.
 void require_own(const fs::path& folder) {
     std::error_code problem;
@@ -145,6 +135,16 @@ void compile(const std::string& command, const std::string& text, const fs::path
 }
 
 } // namespace
+
+fs::path CCompiler::usual_cache() {
+    const auto set = [](const char* name) {
+        const char* value = std::getenv(name);
+        return value && *value == '/' ? fs::path(value) : fs::path();
+    };
+    if (const fs::path cache = set("XDG_CACHE_HOME"); !cache.empty()) return cache / "tribode";
+    if (const fs::path home = set("HOME"); !home.empty()) return home / ".cache" / "tribode";
+    throw Error("compiled equations need a folder: neither XDG_CACHE_HOME nor HOME is set");
+}
 
 CCompiler::Library::Library(const fs::path& file)
     : file_(file),

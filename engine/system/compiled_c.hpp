@@ -8,7 +8,10 @@ namespace tribode {
 // Text of a C program made into machine code by the system's C compiler.
 struct CCompiler {
     std::string command = "cc";  // as the shell finds it
-    std::filesystem::path cache; // empty: $XDG_CACHE_HOME/tribode, else ~/.cache/tribode
+    std::filesystem::path cache; // empty: usual_cache()
+
+    // $XDG_CACHE_HOME/tribode, else ~/.cache/tribode. Throws Error where neither is known.
+    static std::filesystem::path usual_cache();
 
     // What the compiler has made of a text before is taken from the cache, whose files are named by the SHA-256 of text,
     // flags and kind of machine. Any number of processes may share a cache, and it may be deleted at any time; it must

@@ -37,6 +37,10 @@ EquationSystem::EquationSystem(Equations equations) : equations_(std::move(equat
                             equations_.name, clock.name, clock.period, clock.offset));
         }
     }
+    for (const Term term : equations_.graph->reachable(equations_.terms())) {
+        if ((*equations_.graph)[term].op != Op::delay) continue;
+        throw InputError(fmt::format("{}: {} is still to be taken out", equations_.name, equations_.graph->text(term)));
+    }
     put_in_parameters();
     hold_relations();
     mark_active();
@@ -92,6 +96,7 @@ void EquationSystem::hold_relations() {
         held[term] = made.held;
         relations_.push_back(std::move(made));
     }
+    keep_in_domain(order, held);
     roots = graph.substitute(roots, held);
     rates_.assign(roots.begin(), roots.begin() + static_cast<std::ptrdiff_t>(equations_.states.size()));
     conditions_.assign(roots.begin() + static_cast<std::ptrdiff_t>(equations_.states.size()), roots.end());
@@ -100,13 +105,40 @@ void EquationSystem::hold_relations() {
     for (const auto& relation : relations_) margins.push_back(relation.margin);
     margins = graph.substitute(margins, held);
     for (std::size_t i = 0; i < relations_.size(); ++i) relations_[i].margin = margins[i];
-    for (auto& relation : relations_) {
-        const Term opposite = graph.make(Op::negate, relation.margin);
-        for (std::size_t i = 0; i < relations_.size(); ++i) {
-            if (&relations_[i] == &relation) continue;
-            if (margins[i] == relation.margin) relation.twins.emplace_back(i, true);
-            if (margins[i] == opposite) relation.twins.emplace_back(i, false);
+}
+
+// Below a function with a limited domain, a branch that goes on continuously, as those of max, min and abs, follows its
+// operands at once: sqrt(max(h, 0)) has a value wherever a step leads.
+void EquationSystem::keep_in_domain(const std::vector<Term>& order, Expressions::Replacement& held) {
+    auto& graph = *equations_.graph;
+    const auto is_continuous = [&](const Expressions::Node& node) {
+        if (node.op != Op::select || !held.contains(node.a)) return false;
+        const auto& relation = graph[node.a];
+        if (relation.op != Op::less && relation.op != Op::less_equal) return false;
+        const auto are = [&](Term x, Term y) {
+            return (x == relation.a && y == relation.b) || (x == relation.b && y == relation.a);
+        };
+        if (are(node.b, node.c)) return true;
+        // abs: one branch the negative of the other, which is compared with zero.
+        const Term compared = graph.is_constant(relation.b, 0) ? relation.a : relation.b;
+        const bool with_zero = graph.is_constant(relation.a, 0) || graph.is_constant(relation.b, 0);
+        const auto is_negative = [&](Term x) { return graph[x].op == Op::negate && graph[x].a == compared; };
+        return with_zero &&
+               ((node.b == compared && is_negative(node.c)) || (node.c == compared && is_negative(node.b)));
+    };
+    for (const Term term : order) {
+        const auto node = graph[term];
+        const bool limited = node.op == Op::sqrt || node.op == Op::log || node.op == Op::asin || node.op == Op::acos ||
+                             node.op == Op::power;
+        if (!limited) continue;
+        Expressions::Replacement others = held;
+        for (const Term below : graph.reachable(std::span(&node.a, 1), false)) {
+            if (is_continuous(graph[below])) others.erase(graph[below].a);
         }
+        if (others.size() == held.size()) continue;
+        std::vector<Term> operands = {node.a, node.b};
+        operands = graph.substitute(operands, others);
+        held[term] = graph.make(node.op, operands[0], operands[1]);
     }
 }
 
@@ -187,13 +219,11 @@ EquationSystem::Sparse EquationSystem::sparse_jacobian(const std::vector<Term>& 
     auto& graph = *equations_.graph;
     Sparse sparse;
     terms.clear();
-    for (std::size_t column = 0; column < equations_.states.size(); ++column) {
-        const auto derivatives = graph.derivatives(rows, equations_.states[column].symbol);
-        for (std::size_t row = 0; row < rows.size(); ++row) {
-            if (graph.is_constant(derivatives[row], 0)) continue;
-            sparse.entries.push_back({row, column});
-            terms.push_back(derivatives[row]);
-        }
+    std::vector<Term> symbols;
+    for (const auto& state : equations_.states) symbols.push_back(state.symbol);
+    for (const auto& derivative : graph.jacobian(rows, symbols)) {
+        sparse.entries.push_back({derivative.row, derivative.column});
+        terms.push_back(derivative.term);
     }
     sparse.tape = tape_of(terms);
     return sparse;
@@ -252,7 +282,7 @@ void EquationSystem::join_clocks() {
         const Expressions::Replacement before(first.set.begin(), first.set.end());
         for (auto& [target, value] : clock.set) {
             value = graph.substitute(std::span(&value, 1), before)[0];
-            std::erase_if(first.set, [&](const auto& set) { return set.first == target; });
+            std::erase_if(first.set, [&chosen = target](const auto& set) { return set.first == chosen; });
         }
         first.set.insert(first.set.end(), clock.set.begin(), clock.set.end());
         first.name += ", " + clock.name;
@@ -295,8 +325,6 @@ void EquationSystem::make_tapes() {
     std::vector<Term> active;
     for (const auto& relation : relations_) active.push_back(relation.active);
     active_ = tape_of(active);
-    terms.insert(terms.end(), active.begin(), active.end());
-    margin_ = tape_of(terms);
     for (const auto& when : equations_.whens) when_updates_.push_back(update_of(when.name, when.set));
     for (const auto& clock : equations_.clocks) {
         clock_updates_.push_back(update_of(clock.name, clock.set));
@@ -305,6 +333,46 @@ void EquationSystem::make_tapes() {
         call.emplace();
         for (const Term target : clock.function->writes) call->targets.push_back(place_of(target));
         call->reads = tape_of(clock.function->reads);
+    }
+    find_dependences();
+}
+
+void EquationSystem::find_dependences() {
+    auto& graph = *equations_.graph;
+    std::unordered_map<Term, std::size_t> place, state_of;
+    for (std::size_t i = 0; i < inputs_.size(); ++i) place[inputs_[i]] = i;
+    for (std::size_t i = 0; i < equations_.states.size(); ++i) state_of[equations_.states[i].symbol] = i;
+    relations_of_.resize(inputs_.size());
+    moved_relations_of_.resize(inputs_.size());
+    for (std::size_t i = 0; i < relations_.size(); ++i) {
+        auto& relation = relations_[i];
+        relation.of_time_alone = true;
+        std::set<Term> moving;
+        for (const Term variable : graph.variables_of(std::span(&relation.margin, 1))) {
+            relations_of_[place.at(variable)].push_back(i);
+            const auto state = state_of.find(variable);
+            if (state == state_of.end()) continue;
+            relation.of_time_alone = false;
+            const auto of_rate = graph.variables_of(std::span(&rates_[state->second], 1));
+            moving.insert(of_rate.begin(), of_rate.end());
+        }
+        for (const Term variable : moving) moved_relations_of_[place.at(variable)].push_back(i);
+    }
+    moves_.resize(inputs_.size());
+    for (const Term variable : graph.variables_of(rates_)) moves_[place.at(variable)] = true;
+    std::fill_n(moves_.begin() + 1, equations_.states.size(), true);
+    may_turn_.resize(relations_.size());
+    for (const auto& update : when_updates_) {
+        for (const std::size_t target : update.targets) {
+            for (const std::size_t i : relations_of_[target]) may_turn_[i] = true;
+            for (const std::size_t i : moved_relations_of_[target]) may_turn_[i] = true;
+        }
+    }
+    for (std::size_t w = 0; w < conditions_.size(); ++w) {
+        for (const Term variable : graph.variables_of(std::span(&conditions_[w], 1))) {
+            const std::size_t at = place.at(variable);
+            if (at >= held_place(0)) relations_[at - held_place(0)].whens.push_back(w);
+        }
     }
 }
 
@@ -336,9 +404,12 @@ void EquationSystem::recognize_affine() {
             for (const Term term : graph.reachable(std::span(&rows[row], 1))) {
                 const Op op = graph[term].op;
                 const bool jumps = op == Op::less || op == Op::less_equal || op == Op::equal || op == Op::floor;
-                if (!jumps || !moves(term)) continue;
-                why_not_affine_ =
-                    fmt::format("{} jumps with {}, which is no event", name(row), shortened(graph.text(term)));
+                const bool has_pieces = op == Op::lookup && !graph.table_of(term)->is_one_polynomial();
+                if ((!jumps && !has_pieces) || !moves(term)) continue;
+                why_not_affine_ = has_pieces ? fmt::format("{} has the table {}, of many polynomials", name(row),
+                                                           shortened(graph.text(term)))
+                                             : fmt::format("{} jumps with {}, which is no event", name(row),
+                                                           shortened(graph.text(term)));
                 break;
             }
         }
@@ -393,7 +464,7 @@ void EquationSystem::recognize_affine() {
 }
 
 void EquationSystem::compile(const CCompiler& compiler) {
-    const std::array tapes = {&rate_, &jacobian_.tape, &guard_, &guard_jacobian_.tape, &output_, &condition_, &margin_};
+    const std::array tapes = {&rate_, &jacobian_.tape, &guard_, &guard_jacobian_.tape, &output_, &condition_, &active_};
     std::size_t instructions = 0;
     std::string text = Tape::c_declarations();
     const auto name = [](std::size_t i) { return fmt::format("tape{}", i); };
@@ -411,22 +482,21 @@ void EquationSystem::compile(const CCompiler& compiler) {
     }
 }
 
-SystemState EquationSystem::initial_state() const {
+SystemState EquationSystem::initial_state(double t) const {
     auto values = std::make_unique<Memory>();
     std::vector<double> x;
     for (const auto& state : equations_.states) x.push_back(state.start);
     for (const auto& discrete : equations_.discrete) values->values.push_back(discrete.start);
     values->values.resize(equations_.discrete.size() + relations_.size());
     values->conditions.resize(conditions_.size());
-    values->taken.assign(relations_.size(), -1.0); // no instant of a run
-    values->taken_margin.resize(relations_.size());
-    SystemState state(0.0, std::move(x), std::move(values));
+    values->slack.resize(relations_.size());
+    SystemState state(t, std::move(x), std::move(values));
     auto& memory = static_cast<Memory&>(*state.discrete);
     // A relation may stand in the operand of another; each pass sets one more of such a chain.
-    std::vector<double> margins(2 * relations_.size());
+    std::vector<double> margins(relations_.size());
     for (std::size_t pass = 0; pass <= relations_.size(); ++pass) {
         bool changed = false;
-        margins_of(state, margins);
+        guard_.evaluate({std::span(&state.t, 1), state.x, memory.values}, margins);
         for (std::size_t i = 0; i < relations_.size(); ++i) {
             double& held = memory.values[equations_.discrete.size() + i];
             const double now = relations_[i].strict ? margins[i] > 0 : margins[i] >= 0;
@@ -462,15 +532,33 @@ void EquationSystem::guards(double t, std::span<const double> x, const DiscreteS
     guard_.evaluate({std::span(&t, 1), x, held.values}, g.first(relations_.size()));
     const double* values = held.values.data() + equations_.discrete.size();
     for (std::size_t i = 0; i < relations_.size(); ++i) {
-        g[i] = held.active[i] == 0 ? 1 : values[i] != 0 ? g[i] : -g[i];
+        g[i] = held.active[i] == 0 ? 1 : (values[i] != 0 ? g[i] : -g[i]) + held.slack[i];
         if (std::isnan(g[i])) g[i] = -1; // a step that leaves where it has a value must not pass over its fall
-        if (g[i] < 0 && held.taken[i] == t && std::abs(held.taken_margin[i]) == -g[i]) g[i] = 0;
     }
     g.back() = held.restless ? -1 : 1;
 }
 
-void EquationSystem::margins_of(const SystemState& state, std::vector<double>& margins) const {
-    margin_.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, margins);
+void EquationSystem::enclose_guards(const Enclosure& t, std::span<const Enclosure> x, const DiscreteState& d,
+                                    std::span<Enclosure> g) const {
+    const Memory& held = memory(d);
+    thread_local std::vector<Enclosure> values;
+    values.clear();
+    for (const double value : held.values) values.push_back(Enclosure::constant(value));
+    guard_.enclose({std::span(&t, 1), x, values}, g.first(relations_.size()));
+    const double* sides = held.values.data() + equations_.discrete.size();
+    for (std::size_t i = 0; i < relations_.size(); ++i) {
+        if (held.active[i] == 0) {
+            g[i] = Enclosure::constant(1);
+            continue;
+        }
+        auto& [value, rate] = g[i];
+        if (sides[i] == 0) {
+            value = {-value.high, -value.low};
+            rate = {-rate.high, -rate.low};
+        }
+        value = {value.low + held.slack[i], value.high + held.slack[i]};
+    }
+    g.back() = Enclosure::constant(held.restless ? -1 : 1);
 }
 
 void EquationSystem::find_active(SystemState& state) const {
@@ -514,96 +602,224 @@ bool EquationSystem::carry_out(const Update& update, SystemState& state) const {
     return write(update.targets, values, state);
 }
 
-// Takes anew what was changed or has come to matter since the margins `before`. At the instant at which a relation has
-// crossed, its margin is zero but for rounding, and so is that of its twins: they follow it.
-void EquationSystem::refresh_relations(const std::vector<double>& before, SystemState& state,
-                                       std::optional<std::size_t> crossed) const {
-    auto& memory = static_cast<Memory&>(*state.discrete);
-    thread_local std::vector<double> now;
-    now.resize(before.size());
-    margins_of(state, now);
-    const std::size_t count = relations_.size(), first = equations_.discrete.size();
-    const auto take = [&](std::size_t i, bool holds) {
-        memory.values[first + i] = holds;
-        memory.taken[i] = state.t;
-        memory.taken_margin[i] = now[i];
-    };
-    for (std::size_t i = 0; i < count; ++i) {
-        const bool came = before[count + i] == 0 && now[count + i] != 0;
-        if (now[i] == before[i] && !came) continue;
-        take(i, relations_[i].strict ? now[i] > 0 : now[i] >= 0);
+// ---- an instant --------------------------------------------------------------------------------------------------
+
+namespace {
+
+constexpr double epsilon = std::numeric_limits<double>::epsilon();
+
+} // namespace
+
+EquationSystem::Instant& EquationSystem::instant_of(SystemState& state) const {
+    thread_local Instant now; // its memory serves one instant after the other
+    now.state = &state;
+    now.memory = static_cast<Memory*>(state.discrete.get());
+    now.margins.resize(relations_.size());
+    now.active = now.memory->active;
+    now.crossed.assign(relations_.size(), Crossed::no);
+    now.touched.assign(relations_.size(), false);
+    now.turned.assign(relations_.size(), false);
+    now.moved = false;
+    return now;
+}
+
+void EquationSystem::look(Instant& now) const {
+    const std::span time(&now.state->t, 1);
+    guard_.evaluate({time, now.state->x, now.memory->values}, now.margins);
+    active_.evaluate({time, now.state->x, now.memory->values}, now.active);
+}
+
+// The margins up to rounding of their terms, of the states and of the time: the states also move within it. With their
+// rates of change, rounding of dx/dt included.
+void EquationSystem::enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates) const {
+    const double ulps = 2 * epsilon, t_rounding = ulps * std::abs(t);
+    now.rates.resize(x.size());
+    rate_.evaluate({std::span(&t, 1), x, now.memory->values}, now.rates);
+    const auto about = [](double value, double rounding) { return Interval{value - rounding, value + rounding}; };
+    const Enclosure time = {about(t, t_rounding), {1, 1}};
+    now.inputs.clear();
+    for (std::size_t j = 0; j < x.size(); ++j) {
+        now.inputs.push_back({about(x[j], ulps * std::abs(x[j]) + t_rounding * std::abs(now.rates[j])), {0, 0}});
     }
-    if (!crossed) return;
-    for (const auto& [i, same_side] : relations_[*crossed].twins) {
-        const bool came = before[count + i] == 0 && now[count + i] != 0;
-        if (now[i] == before[i] && came) take(i, (memory.values[first + *crossed] != 0) == same_side);
+    for (const double value : now.memory->values) now.inputs.push_back(Enclosure::constant(value));
+    const auto states = std::span(now.inputs).first(x.size()), values = std::span(now.inputs).subspan(x.size());
+    if (with_rates) {
+        now.rate_bounds.resize(x.size());
+        rate_.enclose({std::span(&time, 1), states, values}, now.rate_bounds);
+        for (std::size_t j = 0; j < x.size(); ++j) states[j].rate = now.rate_bounds[j].value;
+    }
+    now.bounds.resize(relations_.size());
+    guard_.enclose({std::span(&time, 1), states, values}, now.bounds);
+}
+
+// Its guard begins at zero or above.
+void EquationSystem::hold(Instant& now, std::size_t relation, bool holds) const {
+    double& held = now.memory->values[equations_.discrete.size() + relation];
+    now.moved = now.moved || ((held != 0) != holds && moves_[held_place(relation)]);
+    held = holds;
+    const double side = holds ? now.margins[relation] : -now.margins[relation];
+    now.memory->slack[relation] = side < 0 ? -side : 0;
+}
+
+// Compares anew, as they are written, the relations whose operands were changed and those that have come to matter; and
+// those whose operands have a branch on one of them.
+void EquationSystem::take_anew(Instant& now, std::span<const std::size_t> written) const {
+    now.written.assign(written.begin(), written.end());
+    for (std::size_t pass = 0; pass <= relations_.size(); ++pass) {
+        now.margins_before = now.margins;
+        now.active_before = now.active;
+        look(now);
+        auto& list = now.list;
+        list.clear();
+        for (const std::size_t place : now.written) {
+            for (const std::size_t i : moved_relations_of_[place]) now.turned[i] = true;
+            for (const std::size_t i : relations_of_[place]) {
+                now.touched[i] = true;
+                // What has crossed may have been put where it is.
+                if (now.margins[i] != now.margins_before[i] || now.crossed[i] != Crossed::no) list.push_back(i);
+            }
+        }
+        for (std::size_t i = 0; i < relations_.size(); ++i) {
+            if (now.active_before[i] == 0 && now.active[i] != 0) list.push_back(i);
+        }
+        if (list.empty()) return;
+        const bool exact = std::all_of(list.begin(), list.end(), [&](std::size_t i) { return now.margins[i] == 0; });
+        if (!exact) enclose_margins(now, now.state->t, now.state->x, false);
+        now.written.clear();
+        for (const std::size_t i : list) {
+            const bool is_zero = exact || now.bounds[i].value.contains(0);
+            const double margin = is_zero ? 0 : now.margins[i];
+            const bool holds = relations_[i].strict ? margin > 0 : margin >= 0;
+            const bool held = now.memory->values[equations_.discrete.size() + i] != 0;
+            hold(now, i, holds);
+            if (holds != held) now.written.push_back(held_place(i));
+        }
+        if (now.written.empty()) return;
     }
 }
 
-// Carries out what has become true, until nothing does. Returns the places of what was carried out.
-void EquationSystem::settle(SystemState& state, std::vector<int>& fired, std::optional<std::size_t> crossed) const {
-    auto& memory = static_cast<Memory&>(*state.discrete);
-    thread_local std::vector<double> now, before;
-    thread_local std::vector<std::size_t> due;
-    now.resize(conditions_.size());
-    before.resize(2 * relations_.size());
-    fired.clear();
-    for (int round = 0; round < most_rounds; ++round) {
-        condition_.evaluate({std::span(&state.t, 1), state.x, memory.values}, now);
-        due.clear();
-        for (std::size_t i = 0; i < now.size(); ++i) {
-            if (now[i] != 0 && memory.conditions[i] == 0) due.push_back(i);
+// Carries out what has become true, one `when` after the other, until nothing does; `fired`: their places.
+void EquationSystem::settle(Instant& now, std::vector<int>& fired) const {
+    auto& memory = *now.memory;
+    now.conditions.resize(conditions_.size());
+    for (int round = 0; round < max_rounds; ++round) {
+        condition_.evaluate({std::span(&now.state->t, 1), now.state->x, memory.values}, now.conditions);
+        std::optional<std::size_t> due;
+        for (std::size_t i = 0; i < now.conditions.size(); ++i) {
+            if (now.conditions[i] == 0)
+                memory.conditions[i] = 0;
+            else if (memory.conditions[i] == 0 && !due)
+                due = i;
         }
-        memory.conditions = now;
-        if (due.empty()) return;
-        margins_of(state, before);
-        for (const std::size_t i : due) {
-            carry_out(when_updates_[i], state);
-            fired.push_back(static_cast<int>(i));
-        }
-        refresh_relations(before, state, crossed);
+        if (!due) return;
+        memory.conditions[*due] = 1;
+        const auto& targets = when_updates_[*due].targets;
+        const bool changed = carry_out(when_updates_[*due], *now.state);
+        now.moved = now.moved || (changed && std::any_of(targets.begin(), targets.end(),
+                                                         [&](std::size_t place) { return moves_[place] != 0; }));
+        fired.push_back(static_cast<int>(*due));
+        take_anew(now, targets);
     }
     memory.restless = true;
+    memory.fired.assign(fired.end() - std::min<std::ptrdiff_t>(std::ssize(fired), 3), fired.end());
+}
+
+// The rate of change of a margin a little later, where it is zero now.
+Interval EquationSystem::rate_ahead(Instant& now, std::size_t relation) const {
+    constexpr double part = 1e-6; // of the states, or of what they are nominally
+    const auto& x = now.state->x;
+    rate_.evaluate({std::span(&now.state->t, 1), x, now.memory->values}, now.rates);
+    double time = Interval::infinity;
+    for (std::size_t j = 0; j < x.size(); ++j) {
+        if (now.rates[j] == 0) continue;
+        time = std::min(time, part * (std::abs(x[j]) + variables_[j].scale) / std::abs(now.rates[j]));
+    }
+    if (!(time < Interval::infinity)) return {0, 0};
+    now.ahead = x;
+    for (std::size_t j = 0; j < x.size(); ++j) now.ahead[j] += time * now.rates[j];
+    enclose_margins(now, now.state->t + time, now.ahead, true);
+    return now.bounds[relation].rate;
+}
+
+// Relations that have just crossed and which the motion now leaves again are held on the side they came from, and so are
+// those on which it rests under a push, where that is what has been carried out. Whether there are such.
+bool EquationSystem::turn_back(Instant& now, std::span<const GuardId> guards) const {
+    bool any = false;
+    look(now);
+    enclose_margins(now, now.state->t, now.state->x, true);
+    const std::vector<Enclosure> after = now.bounds;
+    for (const GuardId i : guards) {
+        if (now.crossed[i] == Crossed::no || now.active[i] == 0 || !(now.touched[i] || now.turned[i])) continue;
+        if (now.touched[i] && !after[i].value.contains(0)) continue;
+        const bool holds = now.crossed[i] == Crossed::to_hold;
+        const auto inward = [&](Interval rate) { return holds ? rate : Interval{-rate.high, -rate.low}; };
+        const Interval rate = inward(after[i].rate);
+        const bool leaves = rate.high < 0;
+        const bool rests = rate.contains(0) && rate.high < Interval::infinity;
+        if (!leaves && !(rests && inward(rate_ahead(now, i)).low > 0)) continue;
+        hold(now, i, !holds);
+        any = true;
+    }
+    return any;
 }
 
 EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, EventLog& log) const {
-    if (guard == relations_.size()) return EventEffect::none; // restless: the run ends
-    auto& memory = static_cast<Memory&>(*state.discrete);
-    thread_local std::vector<double> before;
-    before.resize(2 * relations_.size());
-    margins_of(state, before);
-    double& held = memory.values[equations_.discrete.size() + guard];
-    // It fell together with another whose event has moved it since: what it is now was taken exactly.
-    const bool unmoved = memory.taken[guard] == state.t && memory.taken_margin[guard] == before[guard];
-    if (unmoved && (held != 0 ? before[guard] : -before[guard]) > 0) return EventEffect::none;
-    held = held == 0;
-    memory.taken[guard] = state.t;
-    memory.taken_margin[guard] = before[guard];
-    // It may open a branch with relations of its own.
-    refresh_relations(before, state, guard);
+    return on_crossings(std::span(&guard, 1), state, log);
+}
+
+EventEffect EquationSystem::on_crossings(std::span<const GuardId> guards, SystemState& state, EventLog& log) const {
+    if (!guards.empty() && guards.back() == relations_.size()) return EventEffect::none; // restless: the run ends
+    Instant& now = instant_of(state);
     thread_local std::vector<int> fired;
-    settle(state, fired, guard);
+    thread_local std::vector<std::size_t> places;
+    fired.clear();
+    places.clear();
+    const bool may_turn = std::any_of(guards.begin(), guards.end(), [&](GuardId i) { return may_turn_[i] != 0; });
+    look(now);
+    if (may_turn) enclose_margins(now, state.t, state.x, true);
+    for (const GuardId i : guards) {
+        const bool holds = now.memory->values[equations_.discrete.size() + i] == 0;
+        // Below zero by rounding, while the motion leads away: that is no crossing.
+        const double zero = (holds ? 1 : -1) * now.memory->slack[i]; // of the guard
+        if (may_turn_[i] != 0 && now.bounds[i].value.contains(zero) &&
+            (holds ? now.bounds[i].rate.high < 0 : now.bounds[i].rate.low > 0)) {
+            hold(now, i, !holds);
+            continue;
+        }
+        hold(now, i, holds);
+        now.crossed[i] = holds ? Crossed::to_hold : Crossed::to_fail;
+        places.push_back(held_place(i));
+    }
+    // They may be in the operands of others, or open branches with relations of their own.
+    take_anew(now, places);
+    settle(now, fired);
+    if (may_turn && !fired.empty() && turn_back(now, guards)) settle(now, fired);
     for (const int when : fired) log.push_back({state.t, when, 0});
     find_active(state);
-    return EventEffect::restart;
+    return now.moved ? EventEffect::restart : EventEffect::guards;
 }
 
 EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state) const {
     auto& memory = static_cast<Memory&>(*state.discrete);
     const bool to_events = reach_[clock].events;
-    std::vector<double> before(to_events ? 2 * relations_.size() : 0);
-    if (to_events) margins_of(state, before);
+    // A function that is called may run systems of its own, so what is kept meanwhile is this sample's.
+    std::vector<double> margins(to_events ? relations_.size() : 0);
+    if (to_events) guard_.evaluate({std::span(&state.t, 1), state.x, memory.values}, margins);
     bool changed = carry_out(clock_updates_[clock], state);
+    std::vector<std::size_t> targets = clock_updates_[clock].targets;
     if (const auto& call = calls_[clock]) {
         std::vector<double> read(call->reads.output_count()), written(call->targets.size());
         if (!read.empty()) call->reads.evaluate({std::span(&state.t, 1), state.x, memory.values}, read);
         equations_.clocks[clock].function->call(k, read, written);
         changed = write(call->targets, written, state) || changed;
+        targets.insert(targets.end(), call->targets.begin(), call->targets.end());
     }
     memory.fired.clear();
     if (to_events) {
-        refresh_relations(before, state);
-        settle(state, memory.fired);
+        Instant& now = instant_of(state);
+        now.margins = margins;
+        take_anew(now, targets);
+        settle(now, memory.fired);
         find_active(state);
         changed = changed || !memory.fired.empty() || memory.restless;
     }
@@ -659,11 +875,20 @@ std::optional<AffinePattern> EquationSystem::affine_pattern(const DiscreteState&
 }
 
 std::string EquationSystem::guard_name(GuardId guard, const SystemState& state) const {
-    if (guard >= relations_.size()) return "the list of `when` conditions";
-    std::vector<double> margins(2 * relations_.size());
-    margins_of(state, margins);
-    return fmt::format("the relation {}{}", relations_[guard].text,
-                       std::isnan(margins[guard]) ? ", which has no value there," : "");
+    const auto names = [&](const auto& whens) {
+        std::string list;
+        for (const auto w : whens) list += (list.empty() ? "" : ", ") + when_updates_[static_cast<std::size_t>(w)].name;
+        return list;
+    };
+    if (guard >= relations_.size()) {
+        return fmt::format("the cascade of events ({}) at one instant", names(memory(*state.discrete).fired));
+    }
+    const auto& relation = relations_[guard];
+    std::vector<double> margins(relations_.size());
+    guard_.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, margins);
+    if (std::isnan(margins[guard])) return fmt::format("the relation {}, which has no value there,", relation.text);
+    return fmt::format("the relation {}{}", relation.text,
+                       relation.whens.empty() ? "" : fmt::format(" ({})", names(relation.whens)));
 }
 
 void EquationSystem::outputs(const SystemState& state, std::span<double> y) const {
@@ -672,6 +897,46 @@ void EquationSystem::outputs(const SystemState& state, std::span<double> y) cons
 
 std::span<const double> EquationSystem::discrete(const SystemState& state) const {
     return std::span(memory(*state.discrete).values).first(equations_.discrete.size());
+}
+
+std::vector<std::pair<const char*, std::vector<double>*>> EquationSystem::lists_of(Memory& memory) {
+    return {{"values", &memory.values}, {"conditions", &memory.conditions}, {"slack", &memory.slack}};
+}
+
+EquationSystem::Snapshot EquationSystem::snapshot(const SystemState& state) const {
+    SystemState copy = state;
+    Snapshot made{{"t", {state.t}}, {"x", state.x}, {"samples", {}}};
+    for (const long k : state.next_sample) made["samples"].push_back(static_cast<double>(k));
+    for (const auto& [name, list] : lists_of(static_cast<Memory&>(*copy.discrete))) made[name] = *list;
+    return made;
+}
+
+SystemState EquationSystem::restored(const Snapshot& snapshot) const {
+    const auto read = [&](const char* name, std::vector<double>& list) {
+        const auto found = snapshot.find(name);
+        const std::size_t count = found == snapshot.end() ? 0 : found->second.size();
+        if (count != list.size()) {
+            throw InputError(fmt::format("{}: the state of the run has {} numbers in {}, must have {}", equations_.name,
+                                         count, name, list.size()));
+        }
+        if (count > 0) list = found->second;
+    };
+    SystemState state = initial_state();
+    std::vector<double> time(1), samples(clocks_.size());
+    read("t", time);
+    read("x", state.x);
+    read("samples", samples);
+    state.t = time[0];
+    const bool finite = std::isfinite(state.t) &&
+                        std::all_of(state.x.begin(), state.x.end(), [](double x) { return std::isfinite(x); });
+    if (!finite) {
+        throw InputError(
+            fmt::format("{}: the state of the run is not finite, so it cannot be continued", equations_.name));
+    }
+    for (const double k : samples) state.next_sample.push_back(std::lround(k));
+    for (const auto& [name, list] : lists_of(static_cast<Memory&>(*state.discrete))) read(name, *list);
+    find_active(state);
+    return state;
 }
 
 } // namespace tribode

@@ -4,6 +4,7 @@
 #include "system/equations.hpp"
 #include "system/tape.hpp"
 
+#include <map>
 #include <set>
 
 namespace tribode {
@@ -14,20 +15,33 @@ namespace tribode {
 // below no_event, is an event: its value is held between events, and a guard is positive while it is right. Where the
 // guard falls, the value changes. So a branch (select) changes at a located instant and never within a step, and
 // outputs take relations as they are. A guard is watched only where its relation matters: not in the branch of a select
-// that the discrete state closes, not behind the false half of an `all`.
+// that the discrete state closes, not behind the false half of an `all`. Below a function that has values on one side of
+// zero only, as in sqrt(max(h, 0)), the branch follows its operands at once: held, it would have no value where a step
+// leads beyond the instant that is still to be located.
 //
-// An event. Then the conditions are looked at, and each `when` whose condition was false and is true now is carried
-// out, in declared order, on the values that those before it left. Where one changes the operands of a relation, or
-// makes it matter, the relation is taken anew, exactly; one that compares what has just crossed, so that it agrees with
-// the crossing. Again from the conditions, until none has become true; after
-// most_rounds the run ends as chattering. What is true at the start is no event. A sample does the same after its
-// clock's values are set. The subject of an entry of the event log is the place of its `when`, from 0.
+// An event. The order of things at one instant is:
+//
+//     the relations whose guards fell change, all together
+//     repeat, at most max_rounds times:
+//         conditions := those of all `when`s
+//         the first `when` in declared order whose condition holds and did not when last looked at: carry it out;
+//             relations whose operands it changed, or which have come to matter, are taken anew
+//         none: end
+//     relations that changed above, if the motion has turned away from the side they changed to: change back
+//
+// So an event that an earlier one of the same instant has taken away does not happen, and one that it has caused does.
+// A relation that is taken anew is compared as it is written; operands that differ by rounding of their terms, of their
+// states and of the time are equal. One that has just changed compares operands that are equal, but for rounding: it
+// keeps the side it changed to, unless what has been carried out leaves the surface at rest under a push towards that
+// side, or moving away from it: then it is ready to change again. So a ball that is reflected, or put, onto the
+// floor is above it, however the floor's height rounds. What is true at the start is no event. A sample does the same
+// after its clock's values are set. The subject of an entry of the event log is the place of its `when`, from 0.
 //
 // The system is affine where all rates and guards are affine in x, with coefficients that do not depend on t, plus a
 // polynomial in t of degree 3 at most, whatever d is. Then the exact integrator runs it.
 class EquationSystem final : public HybridSystem {
   public:
-    static constexpr int most_rounds = 100;
+    static constexpr int max_rounds = 100;
 
     // Throws InputError where a name stands twice, a clock has no period, a term depends on a foreign variable.
     explicit EquationSystem(Equations equations);
@@ -35,11 +49,19 @@ class EquationSystem final : public HybridSystem {
     const std::vector<StateVariable>& states() const override { return variables_; }
     const std::vector<SampleClock>& clocks() const override { return clocks_; }
     std::size_t guard_count() const override { return relations_.size() + 1; }
-    SystemState initial_state() const override;
+    SystemState initial_state() const override { return initial_state(0); }
+    SystemState initial_state(double t) const; // start values, at another time [s], not negative
     void derivative(double t, std::span<const double> x, const DiscreteState& d, std::span<double> dxdt) const override;
     bool jacobian(double t, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const override;
     void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const override;
+    bool encloses_guards() const override { return true; }
+    void enclose_guards(const Enclosure& t, std::span<const Enclosure> x, const DiscreteState& d,
+                        std::span<Enclosure> g) const override;
+    bool depends_on_time_alone(GuardId guard) const override {
+        return guard < relations_.size() && relations_[guard].of_time_alone;
+    }
     EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const override;
+    EventEffect on_crossings(std::span<const GuardId> guards, SystemState& state, EventLog& log) const override;
     EventEffect on_sample(ClockId clock, long k, SystemState& state) const override;
     std::optional<std::string> why_not_affine() const override { return why_not_affine_; }
     void affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
@@ -63,6 +85,12 @@ class EquationSystem final : public HybridSystem {
     // The discrete variables, in the order of the equations.
     std::span<const double> discrete(const SystemState& state) const;
 
+    // All that a run is at an instant, as lists of numbers by name, and back: a run that begins with it goes on as if it had
+    // not stopped. Throws InputError where a list is missing or has another length, or a state is not finite.
+    using Snapshot = std::map<std::string, std::vector<double>>;
+    Snapshot snapshot(const SystemState& state) const;
+    SystemState restored(const Snapshot& snapshot) const;
+
     const Equations& equations() const { return equations_; }
     std::size_t instruction_count() const { return rate_.instruction_count(); } // of the right side
 
@@ -71,21 +99,23 @@ class EquationSystem final : public HybridSystem {
         std::vector<double> values;     // the discrete variables, then what is held of each relation, 1 or 0
         std::vector<double> conditions; // of each `when`, as last seen
         std::vector<double> active;     // of each relation, whether it matters now
-        // Of each relation, when it last crossed or was taken anew [s], and its margin then. As long as nothing moves, it
-        // is right as it is, though the located instant may lie a rounding before the crossing.
-        std::vector<double> taken, taken_margin;
-        std::vector<int> fired; // by the last sample
-        bool restless = false;  // most_rounds were not enough
+        // Of each relation, how far it was beyond its zero when it was taken, by rounding: its guard is that much higher, so
+        // that it begins at zero or above.
+        std::vector<double> slack;
+        std::vector<int> fired; // by the last sample; where they are endless, by the last events
+        bool restless = false;  // max_rounds were not enough
     };
     static const Memory& memory(const DiscreteState& d) { return static_cast<const Memory&>(d); }
+    // What of the memory a snapshot holds: the rest follows from it.
+    static std::vector<std::pair<const char*, std::vector<double>*>> lists_of(Memory& memory);
 
     struct Relation {
         Term held = 0;       // a variable
         Term margin = 0;     // positive where the relation holds
         bool strict = false; // whether it fails at a margin of zero
         Term active = 0;     // where it matters
-        // Others that compare the same two terms, and whether they hold on the side on which this one does.
-        std::vector<std::pair<std::size_t, bool>> twins;
+        bool of_time_alone = false;
+        std::vector<std::size_t> whens; // whose condition it is part of
         std::string text;
     };
 
@@ -117,6 +147,7 @@ class EquationSystem final : public HybridSystem {
 
     void put_in_parameters();
     void hold_relations();
+    void keep_in_domain(const std::vector<Term>& order, Expressions::Replacement& held);
     void mark_active();
     void join_clocks();
     void make_tapes();
@@ -127,12 +158,33 @@ class EquationSystem final : public HybridSystem {
     std::size_t place_of(Term target) const;
     static bool write(const std::vector<std::size_t>& places, std::span<const double> values, SystemState& state);
     bool carry_out(const Update& update, SystemState& state) const;
-    void margins_of(const SystemState& state, std::vector<double>& margins) const;
+    std::size_t held_place(std::size_t relation) const { return inputs_.size() - relations_.size() + relation; }
+    enum class Crossed : char { no, to_hold, to_fail };
+
+    // The work at one instant.
+    struct Instant {
+        SystemState* state = nullptr;
+        Memory* memory = nullptr;
+        std::vector<double> margins, active; // of the relations, as last looked at
+        std::vector<double> margins_before, active_before;
+        std::vector<Crossed> crossed; // of the relations: at this instant
+        std::vector<char> touched;    // whether their operands have been written since,
+        std::vector<char> turned;     // or what the operands' rates of change depend on
+        std::vector<double> rates, conditions, ahead;
+        std::vector<Enclosure> inputs, rate_bounds, bounds; // of states and values; of dx/dt; of the margins
+        std::vector<std::size_t> list, written;
+        bool moved = false; // whether x or dx/dt have changed
+    };
+    Instant& instant_of(SystemState& state) const;
+    void look(Instant& now) const;
+    void enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates) const;
+    void hold(Instant& now, std::size_t relation, bool holds) const;
+    void take_anew(Instant& now, std::span<const std::size_t> written) const;
+    void settle(Instant& now, std::vector<int>& fired) const;
+    bool turn_back(Instant& now, std::span<const GuardId> guards) const;
+    Interval rate_ahead(Instant& now, std::size_t relation) const;
+    void find_dependences();
     void find_active(SystemState& state) const;
-    void refresh_relations(const std::vector<double>& before, SystemState& state,
-                           std::optional<std::size_t> crossed = std::nullopt) const;
-    // Carries out what a `when` has come to hold for, until none comes any more; `fired`: their places.
-    void settle(SystemState& state, std::vector<int>& fired, std::optional<std::size_t> crossed = std::nullopt) const;
     void affine_coefficient(const Sparse& matrix, const std::vector<Tape>& by_time, int n, double t0, double h,
                             std::span<const double> c, const DiscreteState& d, std::span<double> coefficient) const;
     std::set<Term> moving_terms(const std::vector<Term>& order) const;
@@ -144,7 +196,11 @@ class EquationSystem final : public HybridSystem {
     std::vector<Term> rates_, conditions_, guard_terms_;
     std::vector<Term> inputs_; // of every tape: t, x, values of the memory
     Tape rate_, output_, condition_;
-    Tape guard_, active_, margin_; // of each relation: its margin, whether it matters; margin_: both, in this order
+    Tape guard_, active_; // of each relation: its margin, whether it matters
+    // Of each place in inputs_: the relations whose margin depends on it; and those whose margin's rate of change does.
+    std::vector<std::vector<std::size_t>> relations_of_, moved_relations_of_;
+    std::vector<char> may_turn_; // of each relation: whether a `when` writes one of these
+    std::vector<char> moves_;    // of each place: whether it is a state or dx/dt depends on it
     Sparse jacobian_, guard_jacobian_;
     std::vector<Update> when_updates_, clock_updates_;
     std::vector<std::optional<Call>> calls_; // of the clocks

@@ -1,20 +1,121 @@
 #include "system/equations.hpp"
+#include "base/text.hpp"
+
+#include <bit>
+#include <fmt/format.h>
 
 namespace tribode {
 
 void Equations::replace(const Expressions::Replacement& replacement) {
-    const auto put_in = [&](Term& term) { term = graph->substitute(std::span(&term, 1), replacement)[0]; };
-    for (auto& state : states) put_in(state.rate);
-    for (auto& output : outputs) put_in(output.value);
+    std::vector<Term*> places;
+    const auto add_set = [&](Assignments& set) {
+        for (auto& [target, value] : set) places.push_back(&value);
+    };
+    for (auto& state : states) places.push_back(&state.rate);
+    for (auto& output : outputs) places.push_back(&output.value);
     for (auto& when : whens) {
-        put_in(when.condition);
-        for (auto& [target, value] : when.set) put_in(value);
+        places.push_back(&when.condition);
+        add_set(when.set);
     }
     for (auto& clock : clocks) {
-        for (auto& [target, value] : clock.set) put_in(value);
+        add_set(clock.set);
         if (!clock.function) continue;
-        for (auto& term : clock.function->reads) put_in(term);
+        for (auto& term : clock.function->reads) places.push_back(&term);
     }
+    // All at once: what they share is replaced once.
+    std::vector<Term> terms;
+    for (const Term* place : places) terms.push_back(*place);
+    const auto made = graph->substitute(terms, replacement);
+    for (std::size_t i = 0; i < places.size(); ++i) *places[i] = made[i];
+}
+
+std::vector<Term> Equations::terms() const {
+    std::vector<Term> list;
+    const auto add_set = [&](const Assignments& set) {
+        for (const auto& [target, value] : set) list.push_back(value);
+    };
+    for (const auto& state : states) list.push_back(state.rate);
+    for (const auto& output : outputs) list.push_back(output.value);
+    for (const auto& when : whens) {
+        list.push_back(when.condition);
+        add_set(when.set);
+    }
+    for (const auto& clock : clocks) {
+        add_set(clock.set);
+        if (clock.function) list.insert(list.end(), clock.function->reads.begin(), clock.function->reads.end());
+    }
+    return list;
+}
+
+namespace {
+
+std::uint64_t mixed(std::uint64_t hash, std::uint64_t part) {
+    hash = (hash ^ part) * 0x9E3779B97F4A7C15ull;
+    return hash ^ (hash >> 29);
+}
+
+std::uint64_t hash_of(std::string_view text) {
+    std::uint64_t hash = 0xCBF29CE484222325ull;
+    for (const unsigned char c : text) hash = mixed(hash, c);
+    return hash;
+}
+
+} // namespace
+
+std::string Equations::fingerprint() const {
+    std::vector<Term> roots;
+    const auto add_set = [&](const Assignments& set) {
+        for (const auto& [target, value] : set) roots.insert(roots.end(), {target, value});
+    };
+    for (const auto& state : states) roots.insert(roots.end(), {state.symbol, state.rate});
+    for (const auto& variable : discrete) roots.push_back(variable.symbol);
+    for (const auto& output : outputs) roots.push_back(output.value);
+    for (const auto& when : whens) {
+        roots.push_back(when.condition);
+        add_set(when.set);
+    }
+    for (const auto& clock : clocks) {
+        add_set(clock.set);
+        if (!clock.function) continue;
+        roots.insert(roots.end(), clock.function->reads.begin(), clock.function->reads.end());
+        roots.insert(roots.end(), clock.function->writes.begin(), clock.function->writes.end());
+    }
+    // The numbers of terms depend on what else was recorded before, so the order of operands that commute does, too.
+    std::unordered_map<Term, std::uint64_t> hashes;
+    for (const Term term : graph->reachable(roots)) {
+        const auto& node = (*graph)[term];
+        std::uint64_t hash = mixed(1, static_cast<std::uint64_t>(node.op));
+        const int count = operand_count(node.op);
+        if (node.op == Op::constant) {
+            hash = mixed(hash, std::bit_cast<std::uint64_t>(node.value));
+        } else if (node.op == Op::lookup) {
+            hash = mixed(hash, graph->table_of(term)->hash());
+            for (const Term operand : {node.a, node.b, node.c}) hash = mixed(hash, hashes[operand]);
+        } else if (node.op == Op::variable) {
+            hash = mixed(hash, hash_of(graph->name(term)));
+        } else if (node.op == Op::add || node.op == Op::multiply || node.op == Op::equal) {
+            hash = mixed(hash, hashes[node.a] + hashes[node.b]);
+        } else {
+            hash = mixed(hash, hashes[node.a]);
+            if (count > 1) hash = mixed(hash, hashes[node.b]);
+            if (count > 2) hash = mixed(hash, hashes[node.c]);
+        }
+        hashes[term] = hash;
+    }
+    std::string all = name;
+    for (const auto& state : states) all += fmt::format("\nstate {} [{}]", state.name, state.unit);
+    for (const auto& variable : discrete) {
+        all += fmt::format("\ndiscrete {} [{}] {}", variable.name, variable.unit, fmt::join(variable.modes, ","));
+    }
+    for (const auto& parameter : parameters) all += fmt::format("\n{} {}", parameter.name, to_text(parameter.value));
+    for (const auto& input : inputs) all += fmt::format("\n{} {}", input.name, to_text(input.value));
+    for (const auto& when : whens) all += fmt::format("\nwhen {} {}", when.name, when.set.size());
+    for (const auto& clock : clocks) {
+        all += fmt::format("\nclock {} {} {} {}", clock.name, to_text(clock.period), to_text(clock.offset),
+                           clock.set.size());
+    }
+    for (const Term root : roots) all += fmt::format("\n{:x}", hashes[root]);
+    return sha256(all);
 }
 
 } // namespace tribode

@@ -81,8 +81,15 @@ struct Equations {
     std::vector<When> whens;
     std::vector<Clock> clocks;
 
+    // All that is evaluated: rates, outputs, conditions, new values and what outside functions read.
+    std::vector<Term> terms() const;
+
     // Puts terms in the place of variables, everywhere but in the lists of symbols themselves.
     void replace(const Expressions::Replacement& replacement);
+
+    // The same for systems with the same variables, equations, parameters and inputs, in any program that runs this
+    // version; start values do not matter. What an outside function does is not seen. 64 hexadecimal digits.
+    std::string fingerprint() const;
 };
 
 } // namespace tribode

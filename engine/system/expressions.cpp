@@ -3,6 +3,7 @@
 #include "base/text.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cassert>
 #include <cmath>
@@ -20,12 +21,14 @@ int operand_count(Op op) {
     case Op::divide:
     case Op::power:
     case Op::atan2:
+    case Op::delay:
     case Op::less:
     case Op::less_equal:
     case Op::equal:
     case Op::all:
     case Op::any: return 2;
-    case Op::select: return 3;
+    case Op::select:
+    case Op::lookup: return 3;
     case Op::negate:
     case Op::sin:
     case Op::cos:
@@ -49,7 +52,8 @@ bool is_condition(Op op) { return op >= Op::less && op <= Op::no; }
 double apply(Op op, double a, double b, double c) {
     switch (op) {
     case Op::constant:
-    case Op::variable: assert(false && "no operation"); return a;
+    case Op::variable:
+    case Op::lookup: assert(false && "no operation"); return a;
     case Op::add: return a + b;
     case Op::subtract: return a - b;
     case Op::multiply: return a * b;
@@ -75,6 +79,7 @@ double apply(Op op, double a, double b, double c) {
     case Op::any: return a != 0 || b != 0;
     case Op::no: return a == 0;
     case Op::select: return a != 0 ? b : c;
+    case Op::delay:
     case Op::no_event: break;
     }
     return a;
@@ -112,9 +117,52 @@ Term Expressions::variable(std::string name) {
     return keep({Op::variable, static_cast<Term>(names_.size() - 1), 0, 0, 0});
 }
 
+std::size_t Expressions::number_of(const std::shared_ptr<const LookupTable>& table) {
+    const auto known = std::find(tables_.begin(), tables_.end(), table);
+    if (known == tables_.end()) {
+        tables_.push_back(table);
+        return tables_.size() - 1;
+    }
+    return static_cast<std::size_t>(known - tables_.begin());
+}
+
+Term Expressions::look_up(std::size_t table, Term x, Term y, Term side) {
+    const auto is_number = [&](Term term) { return nodes_[term].op == Op::constant; };
+    if (is_number(x) && is_number(y) && is_number(side)) {
+        const auto number = [&](Term term) { return nodes_[term].value; };
+        return constant(tables_[table]->value(number(x), number(y), static_cast<int>(number(side))));
+    }
+    return keep({Op::lookup, x, y, side, static_cast<double>(table)});
+}
+
+Term Expressions::look_up(const std::shared_ptr<const LookupTable>& table, Term x, Term y) {
+    const Term zero = constant(0);
+    if (table->variables() == 1) y = zero;
+    const auto side_of = [&](int variable, Term at) {
+        const auto border = table->border(variable);
+        if (!border) return zero;
+        return make(Op::less, zero, look_up(number_of(border), at, zero, zero));
+    };
+    Term side = side_of(0, x);
+    if (table->variables() == 2) side = make(Op::add, side, make(Op::multiply, constant(2), side_of(1, y)));
+    return look_up(number_of(table), x, y, side);
+}
+
+// The slope of the table at the same place.
+Term Expressions::slope(Term lookup, int variable) {
+    const Node node = nodes_[lookup];
+    const std::pair key(table_number(lookup), variable);
+    auto known = slopes_.find(key);
+    if (known == slopes_.end()) {
+        const auto made = tables_[key.first]->slope(variable);
+        known = slopes_.emplace(key, made ? std::optional(number_of(made)) : std::nullopt).first;
+    }
+    return known->second ? look_up(*known->second, node.a, node.b, node.c) : constant(0);
+}
+
 Term Expressions::make(Op op, Term a, Term b, Term c) {
     const int count = operand_count(op);
-    assert(count > 0);
+    assert(count > 0 && op != Op::lookup);
     if (count < 2) b = 0;
     if (count < 3) c = 0;
     const auto is_number = [&](Term term) { return nodes_[term].op == Op::constant; };
@@ -176,6 +224,9 @@ Term Expressions::make(Op op, Term a, Term b, Term c) {
     case Op::no:
         if (nodes_[a].op == Op::no) return nodes_[a].a;
         break;
+    case Op::delay:
+        if (is_number(a) || is(b, 0)) return a;
+        break;
     case Op::select:
         if (is_number(a)) return number(a) != 0 ? b : c;
         if (b == c) return b;
@@ -236,7 +287,9 @@ std::vector<Term> Expressions::substitute(std::span<const Term> roots, const Rep
         }
         const Term a = made[node.a], b = count > 1 ? made[node.b] : 0, c = count > 2 ? made[node.c] : 0;
         const bool same = a == node.a && (count < 2 || b == node.b) && (count < 3 || c == node.c);
-        made[term] = same ? term : make(node.op, a, b, c);
+        made[term] = same                    ? term
+                     : node.op == Op::lookup ? look_up(table_number(term), a, b, c)
+                                             : make(node.op, a, b, c);
     }
     std::vector<Term> result;
     for (const Term root : roots) result.push_back(made[root]);
@@ -247,7 +300,7 @@ std::vector<Term> Expressions::substitute(std::span<const Term> roots, const Rep
 Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
     const Node node = nodes_[term];
     const auto [op, a, b, c, value] = node;
-    const Term one = constant(1), two = constant(2);
+    const auto number = [&](double of) { return constant(of); };
     const auto square = [&](Term x) { return make(Op::multiply, x, x); };
     switch (op) {
     case Op::add: return make(Op::add, da, db);
@@ -260,24 +313,34 @@ Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
     case Op::power: {
         // b a^(b-1) da + a^b log(a) db; the second part only where the exponent varies.
         const Term base_part =
-            make(Op::multiply, make(Op::multiply, b, make(Op::power, a, make(Op::subtract, b, one))), da);
+            make(Op::multiply, make(Op::multiply, b, make(Op::power, a, make(Op::subtract, b, number(1)))), da);
         if (is_constant(db, 0)) return base_part;
         return make(Op::add, base_part, make(Op::multiply, make(Op::multiply, term, make(Op::log, a)), db));
     }
     case Op::sin: return make(Op::multiply, make(Op::cos, a), da);
     case Op::cos: return make(Op::negate, make(Op::multiply, make(Op::sin, a), da));
-    case Op::tan: return make(Op::multiply, make(Op::add, one, square(term)), da);
-    case Op::asin: return make(Op::divide, da, make(Op::sqrt, make(Op::subtract, one, square(a))));
-    case Op::acos: return make(Op::negate, make(Op::divide, da, make(Op::sqrt, make(Op::subtract, one, square(a)))));
-    case Op::atan: return make(Op::divide, da, make(Op::add, one, square(a)));
+    case Op::tan: return make(Op::multiply, make(Op::add, number(1), square(term)), da);
+    case Op::asin: return make(Op::divide, da, make(Op::sqrt, make(Op::subtract, number(1), square(a))));
+    case Op::acos:
+        return make(Op::negate, make(Op::divide, da, make(Op::sqrt, make(Op::subtract, number(1), square(a)))));
+    case Op::atan: return make(Op::divide, da, make(Op::add, number(1), square(a)));
     case Op::atan2:
         return make(Op::divide, make(Op::subtract, make(Op::multiply, b, da), make(Op::multiply, a, db)),
                     make(Op::add, square(a), square(b)));
-    case Op::tanh: return make(Op::multiply, make(Op::subtract, one, square(term)), da);
+    case Op::tanh: return make(Op::multiply, make(Op::subtract, number(1), square(term)), da);
     case Op::exp: return make(Op::multiply, term, da);
     case Op::log: return make(Op::divide, da, a);
-    case Op::sqrt: return make(Op::divide, da, make(Op::multiply, two, term));
+    case Op::sqrt: {
+        // Where the argument rests at zero, in a branch, the slope is zero and no quotient of zeros.
+        const Term slope = make(Op::divide, da, make(Op::multiply, number(2), term));
+        if (nodes_[da].op == Op::constant) return slope;
+        return make(Op::select, make(Op::equal, da, number(0)), number(0), slope);
+    }
     case Op::select: return make(Op::select, a, db, dc);
+    case Op::lookup:
+        return make(Op::add, make(Op::multiply, slope(term, 0), da),
+                    is_constant(db, 0) ? constant(0) : make(Op::multiply, slope(term, 1), db));
+    case Op::delay: return make(Op::delay, da, b);
     case Op::no_event: return make(Op::no_event, da);
     case Op::constant:
     case Op::variable:
@@ -316,6 +379,71 @@ std::vector<Term> Expressions::derivatives(std::span<const Term> roots, Term var
     return result;
 }
 
+std::vector<Expressions::Derivative> Expressions::jacobian(std::span<const Term> roots,
+                                                           std::span<const Term> variables) {
+    using Gradient = std::vector<std::pair<std::size_t, Term>>; // by column
+    const Term zero = constant(0), one = constant(1);
+    std::unordered_map<Term, std::size_t> columns;
+    for (std::size_t j = 0; j < variables.size(); ++j) columns[variables[j]] = j;
+    const auto order = reachable(roots);
+    // A gradient is kept as long as it is needed.
+    std::unordered_map<Term, std::size_t> uses;
+    const auto operands_of = [&](Term term) {
+        const Node& node = nodes_[term];
+        const int count = operand_count(node.op);
+        std::vector<Term> list;
+        if (count > 0) list.push_back(node.a);
+        if (count > 1) list.push_back(node.b);
+        if (count > 2) list.push_back(node.c);
+        return list;
+    };
+    for (const Term term : order) {
+        for (const Term operand : operands_of(term)) ++uses[operand];
+    }
+    for (const Term root : roots) ++uses[root];
+    std::unordered_map<Term, Gradient> gradients; // those that are not zero
+    for (const Term term : order) {
+        if (const auto column = columns.find(term); column != columns.end()) {
+            gradients[term] = {{column->second, one}};
+            continue;
+        }
+        const auto operands = operands_of(term);
+        std::array<const Gradient*, 3> of{};
+        std::array<std::size_t, 3> next{};
+        for (std::size_t i = 0; i < operands.size(); ++i) {
+            const auto known = gradients.find(operands[i]);
+            if (known != gradients.end()) of[i] = &known->second;
+        }
+        Gradient made;
+        for (;;) {
+            std::size_t column = variables.size();
+            for (std::size_t i = 0; i < 3; ++i) {
+                if (of[i] && next[i] < of[i]->size()) column = std::min(column, (*of[i])[next[i]].first);
+            }
+            if (column == variables.size()) break;
+            std::array<Term, 3> d{zero, zero, zero};
+            for (std::size_t i = 0; i < 3; ++i) {
+                if (!of[i] || next[i] == of[i]->size() || (*of[i])[next[i]].first != column) continue;
+                d[i] = (*of[i])[next[i]++].second;
+            }
+            if (const Term value = derivative_of(term, d[0], d[1], d[2]); value != zero)
+                made.emplace_back(column, value);
+        }
+        for (const Term operand : operands) {
+            if (--uses[operand] == 0) gradients.erase(operand);
+        }
+        if (!made.empty()) gradients[term] = std::move(made);
+    }
+    std::vector<Derivative> list;
+    for (std::size_t row = 0; row < roots.size(); ++row) {
+        const auto known = gradients.find(roots[row]);
+        if (known == gradients.end()) continue;
+        for (const auto& [column, term] : known->second) list.push_back({row, column, term});
+    }
+    std::stable_sort(list.begin(), list.end(), [](const auto& a, const auto& b) { return a.column < b.column; });
+    return list;
+}
+
 namespace {
 
 struct Notation {
@@ -350,6 +478,8 @@ Notation notation_of(Op op) {
     case Op::sqrt: return {"sqrt", 0};
     case Op::floor: return {"floor", 0};
     case Op::select: return {"where", 0};
+    case Op::lookup: return {"table", 0};
+    case Op::delay: return {"delay", 0};
     case Op::no_event: return {"no_event", 0};
     case Op::constant:
     case Op::variable: break;
@@ -376,6 +506,10 @@ std::string Expressions::text(Term root) const {
             text = to_text(node.value);
         } else if (node.op == Op::variable) {
             text = names_[node.a];
+        } else if (node.op == Op::lookup) {
+            text = fmt::format("{}({}", table_of(term)->name(), texts[node.a]);
+            if (table_of(term)->variables() == 2) text += ", " + texts[node.b];
+            text += ")";
         } else if (notation.strength == 0) {
             text = fmt::format("{}({}", notation.text, texts[node.a]);
             if (operand_count(node.op) > 1) text += ", " + texts[node.b];

@@ -1,6 +1,9 @@
 #pragma once
+#include "system/lookup_table.hpp"
+
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -32,7 +35,9 @@ enum class Op : std::uint8_t {
     exp,
     log,
     sqrt,
-    floor, // jumps; its derivative is zero
+    floor,  // jumps; its derivative is zero
+    lookup, // a table at x = a, y = b, on the sides c
+    delay,  // a, b seconds earlier: to be taken out before a run (see take_out_delays); evaluated, it is a
     // Conditions: 1 where they hold, else 0. Their derivative is zero.
     less,
     less_equal,
@@ -50,7 +55,7 @@ int operand_count(Op op);
 // Whether the value is a condition.
 bool is_condition(Op op);
 
-// The operation on numbers, as a tape evaluates it. Operands that it does not have are ignored.
+// The operation on numbers, as a tape evaluates it, but for a lookup. Operands that it does not have are ignored.
 double apply(Op op, double a, double b, double c);
 
 // A graph of expressions in real variables. Each expression is held once (common terms are shared), operations on
@@ -64,7 +69,7 @@ class Expressions {
     struct Node {
         Op op = Op::constant;
         Term a = 0, b = 0, c = 0; // operands; a of a variable is its number
-        double value = 0;         // of a constant
+        double value = 0;         // of a constant; of a lookup the number of its table
 
         bool operator==(const Node&) const = default;
     };
@@ -72,6 +77,10 @@ class Expressions {
     Term constant(double value);
     Term variable(std::string name); // another one at each call
     Term make(Op op, Term a, Term b = 0, Term c = 0);
+    // The value of a table; y is ignored where it has one variable. The sides on which x and y are become relations, whose
+    // events keep kinks from lying within a step.
+    Term look_up(const std::shared_ptr<const LookupTable>& table, Term x, Term y);
+    const std::shared_ptr<const LookupTable>& table_of(Term lookup) const { return tables_[table_number(lookup)]; }
 
     const Node& operator[](Term term) const { return nodes_[term]; }
     std::size_t size() const { return nodes_.size(); } // terms, from 0
@@ -98,16 +107,31 @@ class Expressions {
     // that its condition says.
     std::vector<Term> derivatives(std::span<const Term> roots, Term variable);
 
+    // The derivatives of the roots by the variables that are not zero, column by column. The effort grows with their number
+    // and that of the derivatives of all that the roots are made of.
+    struct Derivative {
+        std::size_t row = 0, column = 0; // the places of a root and a variable
+        Term term = 0;
+    };
+    std::vector<Derivative> jacobian(std::span<const Term> roots, std::span<const Term> variables);
+
   private:
     struct Hash {
         std::size_t operator()(const Node& node) const;
     };
 
     Term keep(const Node& node);
+    std::size_t table_number(Term lookup) const { return static_cast<std::size_t>(nodes_[lookup].value); }
+    std::size_t number_of(const std::shared_ptr<const LookupTable>& table);
+    Term look_up(std::size_t table, Term x, Term y, Term side);
+    Term slope(Term lookup, int variable);
     Term derivative_of(Term term, Term da, Term db, Term dc);
 
     std::vector<Node> nodes_;
     std::vector<std::string> names_; // of the variables
+    std::vector<std::shared_ptr<const LookupTable>> tables_;
+    std::map<std::pair<std::size_t, int>, std::optional<std::size_t>>
+        slopes_; // of a table by a variable; nothing: zero
     std::unordered_map<Node, Term, Hash> places_;
 };
 

@@ -160,6 +160,9 @@ std::vector<std::string> left_out(const Equations& equations, const OperatingPoi
         if (clock.function) terms.insert(terms.end(), clock.function->reads.begin(), clock.function->reads.end());
     }
     terms = graph.substitute(terms, modes);
+    for (const Term term : graph.reachable(terms)) {
+        if (graph[term].op == Op::delay) list.push_back(fmt::format("the time that {} takes", graph.text(term)));
+    }
     for (const Term term : local.roundings(terms)) list.push_back(fmt::format("the steps of {}", graph.text(term)));
     for (const Term term : local.edges(terms)) list.push_back(fmt::format("the other side of {}", graph.text(term)));
     return list;

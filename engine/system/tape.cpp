@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cassert>
 #include <cmath>
 #include <fmt/format.h>
@@ -79,7 +80,7 @@ class Program {
 
     // The term of the same value that is no mere name for another.
     Term value_of(Term term) const {
-        while (graph_[term].op == Op::no_event) term = graph_[term].a;
+        while (graph_[term].op == Op::no_event || graph_[term].op == Op::delay) term = graph_[term].a;
         return term;
     }
 
@@ -188,8 +189,17 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
     }
     for (const auto& made : program.code()) {
         // A run may go on into the next depth: within it, too, operands come first.
-        const auto length = static_cast<std::uint32_t>(made.summands.size());
-        const std::uint32_t code = made.code + (length <= few ? length : 0);
+        auto length = static_cast<std::uint32_t>(made.summands.size());
+        if (made.code == static_cast<std::uint32_t>(Op::lookup)) {
+            const auto& table = graph.table_of(made.term);
+            const auto known = std::find(tables_.begin(), tables_.end(), table);
+            length = static_cast<std::uint32_t>(known - tables_.begin());
+            if (known == tables_.end()) {
+                tables_.push_back(table);
+                slopes_.push_back({table->slope(0), table->variables() > 1 ? table->slope(1) : nullptr});
+            }
+        }
+        const std::uint32_t code = made.code + (made.code == sum_code && length <= few ? length : 0);
         if (runs_.empty() || runs_.back().code != code || runs_.back().length != length) {
             runs_.push_back({code, 0, length});
         }
@@ -198,7 +208,7 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
             summands_.push_back(
                 {summand.factor, summand.a ? place[*summand.a] : one, summand.b ? place[*summand.b] : one});
         }
-        if (length == 0) {
+        if (made.summands.empty()) {
             const auto operand = [&](std::size_t i) {
                 return place[made.operands[std::min(i, made.operands.size() - 1)]];
             };
@@ -291,7 +301,40 @@ void Tape::interpret(const std::array<const double*, 3>& inputs, double* outputs
         case static_cast<std::uint32_t>(Op::all):
             run(count, [](double a, double b, double) { return a != 0 && b != 0; });
             break;
+        case static_cast<std::uint32_t>(Op::lookup):
+            run(count, [&table = *tables_[length]](double x, double y, double side) {
+                return table.value(x, y, static_cast<int>(side));
+            });
+            break;
         default: run(count, [op = static_cast<Op>(code)](double a, double b, double c) { return apply(op, a, b, c); });
+        }
+    }
+    for (std::size_t i = 0; i < outputs_.size(); ++i) outputs[i] = registers[outputs_[i]];
+}
+
+void Tape::enclose(const std::array<std::span<const Enclosure>, 3>& inputs, std::span<Enclosure> outputs) const {
+    thread_local std::vector<Enclosure> registers;
+    registers.clear();
+    registers.push_back(Enclosure::constant(1));
+    for (const auto& [part, index] : reads_) registers.push_back(inputs[part][index]);
+    for (const double value : constants_) registers.push_back(Enclosure::constant(value));
+    const Operands* operands = operands_.data();
+    const Summand* summands = summands_.data();
+    for (const auto& [code, count, length] : runs_) {
+        for (std::uint32_t i = 0; i < count; ++i) {
+            Enclosure result;
+            if (code >= sum_code) {
+                for (std::uint32_t n = 0; n < length; ++n, ++summands) {
+                    const Enclosure part = product(summands->factor, registers[summands->a], registers[summands->b]);
+                    result = n == 0 ? part : sum(result, part);
+                }
+            } else {
+                const Enclosure &a = registers[operands->a], &b = registers[operands->b], &c = registers[operands->c];
+                const auto op = static_cast<Op>(code);
+                result = op == Op::lookup ? look_up(*tables_[length], slopes_[length], a, b, c) : apply(op, a, b, c);
+                ++operands;
+            }
+            registers.push_back(result);
         }
     }
     for (std::size_t i = 0; i < outputs_.size(); ++i) outputs[i] = registers[outputs_[i]];
@@ -331,10 +374,19 @@ std::string c_text(Op op, const std::string& a, const std::string& b, const std:
     case Op::select: return fmt::format("{} != 0 ? {} : {}", a, b, c);
     case Op::constant:
     case Op::variable:
+    case Op::lookup:
+    case Op::delay:
     case Op::no_event: break;
     }
     return a;
 }
+
+// What C calls. Its address and that of the table lie beside each other behind the constants, as bits of numbers.
+double value_of_table(const void* table, double x, double y, double side) {
+    return static_cast<const LookupTable*>(table)->value(x, y, static_cast<int>(side));
+}
+
+static_assert(sizeof(double) == sizeof(void*) && sizeof(double) == sizeof(&value_of_table));
 
 } // namespace
 
@@ -342,7 +394,12 @@ const char* Tape::c_declarations() {
     return "#if __FLT_EVAL_METHOD__ != 0\n#error this machine does not round each operation to a double\n#endif\n"
            "double sin(double), cos(double), tan(double), asin(double), acos(double), atan(double), tanh(double);\n"
            "double exp(double), log(double), sqrt(double), floor(double), pow(double, double), atan2(double, "
-           "double);\n";
+           "double);\n"
+           "typedef union { double bits; const void *table; double (*value)(const void *, double, double, double); } "
+           "cell;\n"
+           "static double lookup(const double *k, double x, double y, double side) {\n"
+           "  cell value, table;\n  value.bits = k[0];\n  table.bits = k[1];\n"
+           "  return value.value(table.table, x, y, side);\n}\n";
 }
 
 std::string Tape::c_function(const std::string& name) const {
@@ -355,6 +412,9 @@ std::string Tape::c_function(const std::string& name) const {
     std::string text = fmt::format("void {}(const double *p0, const double *p1, const double *p2, const double *k, "
                                    "double *y) {{\n",
                                    name);
+    const auto factors =
+        std::count_if(summands_.begin(), summands_.end(), [](const auto& s) { return !s.is_signed(); });
+    const std::size_t first_table = constants_.size() + static_cast<std::size_t>(factors);
     const auto product = [&](const Summand& summand, bool first) {
         const bool is_signed = summand.is_signed();
         std::string written = is_signed && summand.factor < 0 ? (first ? "-" : " - ") : (first ? "" : " + ");
@@ -373,7 +433,11 @@ std::string Tape::c_function(const std::string& name) const {
                 for (std::uint32_t n = 0; n < length; ++n) text += product(*summands++, n == 0);
             } else {
                 const auto& [a, b, c] = *operands++;
-                text += c_text(static_cast<Op>(code), registers[a], registers[b], registers[c]);
+                if (code == static_cast<std::uint32_t>(Op::lookup)) {
+                    text += fmt::format("lookup(k + {}, {}, {}, {})", first_table + 2 * length, registers[a],
+                                        registers[b], registers[c]);
+                } else
+                    text += c_text(static_cast<Op>(code), registers[a], registers[b], registers[c]);
             }
             text += ";\n";
             registers.push_back(result);
@@ -391,6 +455,10 @@ void Tape::use(CFunction function, std::shared_ptr<const void> owner) {
     function_constants_ = constants_;
     for (const auto& summand : summands_) {
         if (!summand.is_signed()) function_constants_.push_back(summand.factor);
+    }
+    for (const auto& table : tables_) {
+        function_constants_.push_back(std::bit_cast<double>(&value_of_table));
+        function_constants_.push_back(std::bit_cast<double>(static_cast<const void*>(table.get())));
     }
 }
 

@@ -1,4 +1,5 @@
 #pragma once
+#include "system/enclosed_operations.hpp"
 #include "system/expressions.hpp"
 
 #include <array>
@@ -33,6 +34,9 @@ class Tape {
         function_(part(0), part(1), part(2), function_constants_.data(), outputs.data());
     }
 
+    // Bounds of the outputs and their rates of change from those of the inputs, part by part, by interval arithmetic.
+    void enclose(const std::array<std::span<const Enclosure>, 3>& inputs, std::span<Enclosure> outputs) const;
+
     // The same as a function of a C program, without its constants, which the tape keeps: where only numbers differ, the
     // texts are equal. By the rules of C it gives the same bits.
     std::string c_function(const std::string& name) const;
@@ -63,10 +67,10 @@ class Tape {
         bool is_signed() const { return (factor == 1 || factor == -1) && a != one; } // C needs no factor then
     };
 
-    // Operations of a kind, or sums of one length.
+    // Operations of a kind, lookups in one table, or sums of one length.
     struct Run {
-        std::uint32_t code; // an Op, or that of a sum
-        std::uint32_t count, length;
+        std::uint32_t code;          // an Op, or that of a sum
+        std::uint32_t count, length; // of a lookup the place of its table
     };
 
     struct Read {
@@ -79,6 +83,8 @@ class Tape {
     std::vector<Run> runs_;
     std::vector<Operands> operands_; // of all operations
     std::vector<Summand> summands_;  // of all sums
+    std::vector<std::shared_ptr<const LookupTable>> tables_;
+    std::vector<TableSlopes> slopes_; // of each table
     std::vector<std::uint32_t> outputs_;
 
     CFunction function_ = nullptr;

@@ -220,6 +220,23 @@ Dimension Units::combined(Term term) const {
     case Op::tanh:
     case Op::exp:
     case Op::log: plain(node.a); return at(node.a);
+    case Op::lookup: {
+        const auto& table = *graph_.table_of(term);
+        for (int variable = 0; variable < table.variables(); ++variable) {
+            const Term operand = variable == 0 ? node.a : node.b;
+            const Dimension wanted = dimension_of(table.unit(variable));
+            if (fit(at(operand), wanted)) continue;
+            throw InputError(fmt::format("{} needs {}, but {} is in {}{}", graph_.text(term), to_text(wanted),
+                                         graph_.text(operand), to_text(at(operand)), advice(operand)));
+        }
+        return dimension_of(table.unit(2));
+    }
+    case Op::delay:
+        if (!fit(at(node.b), dimension_of("s"))) {
+            throw InputError(fmt::format("{} needs a time, but {} is in {}", graph_.text(term), graph_.text(node.b),
+                                         to_text(at(node.b))));
+        }
+        return at(node.a);
     case Op::negate:
     case Op::floor:
     case Op::no_event: return at(node.a);

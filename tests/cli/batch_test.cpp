@@ -187,6 +187,19 @@ TEST_F(BatchCommands, CtrlCKeepsWhatIsDoneAndResumeGoesOn) {
     EXPECT_LT(kept, 400);
 }
 
+TEST_F(BatchCommands, StatusAndMergeCountTheSamePointsAsMissing) {
+    const auto program = begin_long_run();
+    program->send(SIGINT);
+    program->finish();
+    const auto status = tribode({"status", "b", "--json"});
+    const std::string key = "\"missing\": ";
+    const int missing = std::stoi(status.out.substr(status.out.find(key) + key.size()));
+    EXPECT_EQ(missing, 400 - points_done());
+    EXPECT_NE(status.out.find("\"active\": 0"), std::string::npos) << status.out;
+    expect_sentence(tribode({"merge", "b", "-o", "m.h5"}), 2,
+                    {fmt::format("b: {} of 400 points are missing (", missing), "of 4 shards)"});
+}
+
 TEST_F(BatchCommands, AShardThatIsTerminatedEndsWith75AtAPoint) {
     plan(100, "1000000", 1);
     const auto program = begin({"batch", "shard", "b", "1", "--quiet"});
@@ -225,6 +238,14 @@ TEST_F(BatchCommands, WhatChangedAfterPlanningIsRefused) {
     expect_sentence(tribode({"run", "b"}), 2, {"part.lua: cannot be read"});
     fs::rename(folder / "elsewhere.lua", folder / "part.lua");
     expect_done({"run", "b"});
+    for (const char* file : {"s.lua", "part.lua", "machine.lua"}) {
+        const std::string before = text_of(folder / file);
+        folder.write(file, before + "\n");
+        expect_sentence(tribode({"merge", "b", "-o", "m.h5"}), 2, {std::string(file) + ": has changed since"});
+        folder.write(file, before);
+    }
+    EXPECT_FALSE(fs::exists(folder / "m.h5"));
+    expect_done({"merge", "b", "-o", "m.h5"});
 }
 
 TEST_F(BatchCommands, AManifestOfAnotherVersionIsRefused) {
@@ -238,6 +259,10 @@ TEST_F(BatchCommands, AManifestOfAnotherVersionIsRefused) {
     folder.write("b/manifest.json", replaced(manifest, "\"version\": \"[^\"]*\"", "\"version\": \"0.0.1\""));
     expect_sentence(tribode({"run", "b"}), 2, {"manifest.json", "version 0.0.1"});
     expect_sentence(tribode({"merge", "b", "-o", "m.h5"}), 2, {"manifest.json", "version 0.0.1"});
+    // Not part of the identity, and yet not to be believed.
+    folder.write("b/manifest.json", replaced(replaced(manifest, "\"shards\": 2", "\"shards\": 4611686018427387904"),
+                                             "\"points\": 10,", "\"points\": 4611686018427387905,"));
+    expect_sentence(tribode({"status", "b"}), 2, {"manifest.json: has", "must be at most", "1000000 shards"});
     folder.write("b/manifest.json", manifest.substr(0, manifest.size() / 2));
     expect_sentence(tribode({"run", "b"}), 2, {"manifest.json"});
     folder.write("b/manifest.json", manifest);
@@ -245,10 +270,10 @@ TEST_F(BatchCommands, AManifestOfAnotherVersionIsRefused) {
 }
 
 TEST_F(BatchCommands, ResultsOfAnotherBatchAreNotMerged) {
-    plan(10, "none", 2);
-    expect_done({"run", "b"});
     plan(10, "1", 2, "other");
     expect_done({"run", "other"});
+    plan(10, "none", 2);
+    expect_done({"run", "b"});
     fs::copy_file(folder / "other/shards/00002.rows", folder / "b/shards/00002.rows",
                   fs::copy_options::overwrite_existing);
     expect_sentence(tribode({"merge", "b", "-o", "m.h5"}), 2, {"00002.rows: belongs to another batch"});
@@ -262,8 +287,11 @@ TEST_F(BatchCommands, ADamagedResultIsNamed) {
     bytes[bytes.size() - 3] ^= 1;
     folder.write("b/shards/00002.rows", bytes);
     expect_sentence(tribode({"merge", "b", "-o", "m.h5"}), 2, {"00002.rows: is damaged after 4 of 5 points"});
-    fs::remove(folder / "b/shards/00002.rows");
+    const auto status = tribode({"status", "b"});
+    EXPECT_NE(status.out.find("9 of 10 points done"), std::string::npos) << status.out;
+    EXPECT_NE(status.out.find("00002.rows is damaged"), std::string::npos) << status.out;
     expect_done({"resume", "b"});
+    EXPECT_EQ(points_done(), 10);
     expect_done({"merge", "b", "-o", "m.h5"});
 }
 
@@ -293,6 +321,21 @@ TEST_F(BatchCommands, AReadOnlyFolderIsSaid) {
     expect_done({"run", "b"});
     const auto status = tribode({"status", "b"}, {.as_nobody = true});
     EXPECT_EQ(status.exit_code, 0) << status.err;
+}
+
+// What is there and cannot be read is not run once more.
+TEST_F(BatchCommands, AResultThatMayNotBeReadIsSaid) {
+    plan(10, "none", 2);
+    expect_done({"run", "b"});
+    for (const char* place : {"b/shards/00001.rows", "b/shards"}) {
+        const auto before = fs::status(folder / place).permissions();
+        fs::permissions(folder / place, fs::perms::none);
+        for (const std::vector<std::string>& words :
+             {std::vector<std::string>{"status", "b"}, {"merge", "b", "-o", "m.h5"}}) {
+            expect_sentence(tribode(words, {.as_nobody = true}), 2, {place, "cannot be read (Permission denied)"});
+        }
+        fs::permissions(folder / place, before);
+    }
 }
 
 TEST_F(BatchCommands, WhatIsNoBatchIsSaid) {

@@ -1,3 +1,5 @@
+#include "base/json.hpp"
+#include "base/text.hpp"
 #include "cli/program.hpp"
 #include "unit/script/temporary_folder.hpp"
 
@@ -88,15 +90,43 @@ TEST_F(Interruption, AKilledSweepGoesOnFromWhatWasKept) {
 // What was kept is used, not computed anew: a settling time that no run would give shows in the result.
 TEST_F(Interruption, TheSecondRunTakesTheKeptFrequencies) {
     interrupted(SIGINT);
-    std::string kept = text_of(checkpoint);
-    const std::string key = "\"settling_time\": ";
-    const auto place = kept.find(key);
-    ASSERT_NE(place, std::string::npos);
-    const auto number = place + key.size();
-    kept.replace(number, kept.find(',', number) - number, "123.5");
-    folder.write("out/sweep.resume.json", kept);
+    auto kept = Json::parse(text_of(checkpoint));
+    kept["points"].begin()->at("settling_time") = 123.5;
+    kept["sha256"] = sha256(kept["points"].dump());
+    folder.write("out/sweep.resume.json", kept.dump());
     EXPECT_EQ(run(command("out"), {.folder = folder.path()}).exit_code, 0);
     EXPECT_NE(text_of(folder / "out/sweep.csv").find(",123.5,"), std::string::npos);
+}
+
+// Any digit of a kept number, or a number that none can be.
+TEST_F(Interruption, DamagedKeptFrequenciesAreRefused) {
+    interrupted(SIGINT);
+    const std::string good = text_of(checkpoint);
+    const auto expect_refused = [&](const std::string& text) {
+        folder.write("out/sweep.resume.json", text);
+        expect_sentence(run(command("out"), {.folder = folder.path()}), 2,
+                        {"s.lua:2:", "sweep.resume.json: is damaged; remove it, and the sweep begins anew"});
+    };
+    const auto digits = good.find("\"response\"");
+    ASSERT_NE(digits, std::string::npos);
+    for (const std::size_t from : {digits, good.size() / 2, good.size() * 3 / 4}) {
+        std::string text = good;
+        const auto place = text.find_first_of("12345678", from);
+        ASSERT_NE(place, std::string::npos);
+        ++text[place];
+        expect_refused(text);
+    }
+    expect_refused(good.substr(0, good.size() / 2));
+    for (const auto& [field, value] : {std::pair{"outcome", Json::array({7, 0.0, ""})},
+                                       {"outcome", Json::array({-1, 0.0, ""})},
+                                       {"counts", Json::array({1e300, 0, 0, 0, 0, 0, 0, 0})}}) {
+        auto kept = Json::parse(good);
+        kept["points"].begin()->at(field) = value;
+        kept["sha256"] = sha256(kept["points"].dump());
+        expect_refused(kept.dump());
+    }
+    fs::remove(checkpoint);
+    expect_second_run_finishes_as_an_undisturbed_one();
 }
 
 TEST_F(Interruption, AnotherSweepDoesNotTakeThem) {
@@ -119,6 +149,26 @@ TEST_F(Interruption, TheSecondCtrlCEndsAtOnce) {
     const auto ending = program.finish();
     EXPECT_EQ(ending.signal, SIGINT);
     EXPECT_EQ(files_in(folder / "out"), std::vector<std::string>{});
+}
+
+// Where no instruction of Lua runs for seconds, either.
+TEST_F(Interruption, CtrlCEndsTheReadingOfALargeTable) {
+    folder.write("s.lua", "local tb = require 'tribode'\n"
+                          "local list = tb.linspace(0, 1, 100000)\n"
+                          "print('begun')\n"
+                          "while true do pcall(tb.fit_modal, { response = list }) end\n");
+    Program program(command("out"), {.folder = folder.path()});
+    ASSERT_TRUE(program.wait_until([&] { return program.out() == "begun\n"; }));
+    program.send(SIGINT);
+    expect_sentence(program.finish(), 3, {"s.lua:4:", "interrupted"});
+}
+
+TEST_F(Interruption, ASweepOfTooManyFrequenciesIsRefused) {
+    folder.write("s.lua", "local tb = require 'tribode'\n"
+                          "tb.sweep { machine = tb.machine 'models/bare_mass.lua',\n"
+                          "  frequency_hz = tb.linspace(1, 2, 1000001) }\n");
+    expect_sentence(run(command("out"), {.folder = folder.path()}), 2,
+                    {"s.lua:2:", "frequency_hz has 1000001 entries, must have 1000000 at most"});
 }
 
 TEST_F(Interruption, CtrlCEndsAnEndlessScript) {

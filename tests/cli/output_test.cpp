@@ -71,6 +71,16 @@ TEST_F(Output, ADeviceThatIsFullIsTold) {
                     {"/dev/full: cannot be written", "No space left on device"});
 }
 
+// What is printed waits in a buffer, so that the device is seen to be full at the end alone.
+TEST_F(Output, StandardOutputThatIsFullIsTold) {
+    for (const std::vector<std::string>& words :
+         {std::vector<std::string>{"--version"}, {"--help"}, simulate("out.csv"), {"run", "s.lua", "-o", "out"}}) {
+        folder.write("s.lua", "print 'hello'\n");
+        expect_sentence(run(words, {.folder = folder.path(), .output = "/dev/full"}), 1,
+                        {"standard output: cannot be written"});
+    }
+}
+
 // ---- a disk of 64 KiB, in a mount namespace of its own
 // --------------------------------------------------------------
 

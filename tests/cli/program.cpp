@@ -73,6 +73,10 @@ Program::Program(const std::vector<std::string>& arguments, const Surroundings& 
     } else {
         err_ = file_without_name();
     }
+    if (!surroundings.output.empty()) {
+        close(out_);
+        out_ = open(surroundings.output.c_str(), O_WRONLY | O_CLOEXEC); // not to be read back
+    }
     std::vector<std::string> words = {TRIBODE_PROGRAM};
     words.insert(words.end(), arguments.begin(), arguments.end());
     std::vector<char*> pointers;

@@ -250,6 +250,18 @@ TEST_P(LuaTest, Holds) {
 
 INSTANTIATE_TEST_SUITE_P(Scripts, LuaTest, ::testing::ValuesIn(ready_files("tests/scripts")), stem_of);
 
+// Problems of the literature; what takes long is left out.
+class ProblemTest : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(ProblemTest, Holds) {
+    const TemporaryFolder folder;
+    const auto ending = run({"run", GetParam(), "--quick", "-o", "out"}, {.folder = folder.path()});
+    EXPECT_EQ(ending.exit_code, 0) << ending.err << ending.out;
+    EXPECT_EQ(ending.err, "");
+}
+
+INSTANTIATE_TEST_SUITE_P(Problems, ProblemTest, ::testing::ValuesIn(ready_files("tests/problems")), stem_of);
+
 TEST(LuaTests, AFailedAssertionFails) {
     const TemporaryFolder folder;
     folder.write("s.lua", "assert(1 + 1 == 3, 'sums')\n");

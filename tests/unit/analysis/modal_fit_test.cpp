@@ -1,4 +1,5 @@
 #include "analysis/modal_fit.hpp"
+#include "unit/script/messages.hpp"
 
 #include "base/error.hpp"
 #include "base/random.hpp"
@@ -193,6 +194,17 @@ TEST(ModalFit, RefusesUnusableInput) {
         broken.value[200] = good.value[200];
         broken.value[0] = bad; // 10 Hz, below the band
         EXPECT_NO_THROW(fit_modal_model(broken, with_modes(0)));
+    }
+    // Squares and ratios of these are no numbers any more.
+    for (const double size : {1e300, 1e160, 1e61, 1e-61, 1e-300}) {
+        FrequencyResponse broken = good;
+        broken.value[200] = {0, size};
+        EXPECT_NE(problem_of([&] { fit_modal_model(broken); }).find("must be from 1e-60 to 1e+60"), std::string::npos);
+    }
+    for (const double size : {1e60, 1e-60}) {
+        FrequencyResponse odd = good;
+        odd.value[200] = size;
+        EXPECT_NO_THROW(fit_modal_model(odd, with_modes(1)));
     }
 }
 

@@ -117,5 +117,16 @@ TEST(Version, IsThreeNumbers) {
     EXPECT_EQ(text.find_first_not_of(".0123456789"), std::string::npos) << text;
 }
 
+TEST(Printable, HasNothingThatATerminalObeys) {
+    EXPECT_EQ(printable("a \"b\" µ ü 数"), "a \"b\" µ ü 数");
+    EXPECT_EQ(printable("\x1b]0;title\a"), "\\x1b]0;title\\x07");
+    EXPECT_EQ(printable("a\nb\tc\x7f"), "a\\x0ab\\x09c\\x7f");
+    EXPECT_EQ(printable("a\nb\r", "\n"), "a\nb\\x0d");
+    EXPECT_EQ(printable("\xc2\x9b"
+                        "31m\xc2\xa0"),
+              "\\xc2\\x9b31m\xc2\xa0"); // U+009B begins a sequence, U+00A0 is a blank
+    EXPECT_EQ(printable("\xc2"), "\xc2");
+}
+
 } // namespace
 } // namespace tribode

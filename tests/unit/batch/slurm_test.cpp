@@ -1,4 +1,5 @@
 #include "batch/slurm.hpp"
+#include "unit/script/messages.hpp"
 
 #include <gtest/gtest.h>
 
@@ -26,6 +27,24 @@ TEST(Slurm, ShardsAboveTheLargestIndexGoToFurtherArrays) {
     EXPECT_NE(arrays[1].script.find("#SBATCH --array=1\n"), std::string::npos);
     EXPECT_EQ(arrays[2].offset, 20u);
     EXPECT_NE(arrays[2].script.find("#SBATCH --array=10\n"), std::string::npos);
+}
+
+// The name would end the comment line of sbatch, and what follows would be a command.
+TEST(Slurm, NoNameBreaksALine) {
+    Manifest manifest;
+    manifest.count = manifest.shards = 1;
+    const auto problem = [&](const std::string& folder, const SlurmOptions& options) {
+        return problem_of([&] { slurm_arrays(folder, manifest, {1}, options, 10); });
+    };
+    EXPECT_EQ(problem("/a b/'c", {.program = "/bin/tribode"}), "none: ");
+    const std::string end =
+        " has a line break or another control character, which a script of Slurm cannot hold; choose "
+        "another name";
+    EXPECT_EQ(problem("/x\nid>y #", {.program = "/bin/tribode"}), "input: \"/x\\x0aid>y #/slurm/%A_%a.log\"" + end);
+    EXPECT_EQ(problem("/x", {.program = "/bin\r/tribode"}), "input: \"/bin\\x0d/tribode\"" + end);
+    EXPECT_EQ(problem("/x", {.sbatch = {"--a\nid"}, .program = "/bin/tribode"}), "input: \"--a\\x0aid\"" + end);
+    manifest.name = "a\nid";
+    EXPECT_EQ(problem("/x", {.program = "/bin/tribode"}), "none: "); // becomes tribode-a-id
 }
 
 } // namespace

@@ -12,6 +12,7 @@
 #include <csignal>
 #include <fstream>
 #include <gtest/gtest.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 namespace tribode {
@@ -148,6 +149,52 @@ TEST_F(Workers, WhatACrashLeftHalfWrittenIsRunAgain) {
     }
 }
 
+// The same under the name of a complete shard: it is not counted as one, and its whole points are not run again.
+TEST_F(Workers, ADamagedResultIsRunAgainFromItsFirstLostPoint) {
+    plan(6, 1);
+    EXPECT_TRUE(run_missing());
+    const fs::path whole = rows_path(place, 1), log = folder / "log";
+    const std::string bytes = read_file(whole);
+    batch.run = [&](std::size_t index) {
+        std::ofstream(log, std::ios::app) << index;
+        return squared(index);
+    };
+    for (std::size_t length = 0; length < bytes.size(); length += 7) {
+        for (const bool cut : {true, false}) {
+            if (!cut && length < sizeof(ShardHeader)) continue; // it would belong to another batch
+            std::string damaged = cut ? bytes.substr(0, length) : bytes;
+            if (!cut) damaged[length] = static_cast<char>(damaged[length] ^ 0x10);
+            write_file(whole, damaged);
+            const BatchStatus status = read_status(place, manifest);
+            ASSERT_FALSE(status.complete()) << "ended or damaged at byte " << length;
+            ASSERT_EQ(status.damaged, std::vector{whole});
+            ASSERT_THROW(rows(), InputError);
+            write_file(log, "");
+            ASSERT_TRUE(run_missing(1));
+            ASSERT_TRUE(read_file(whole).substr(sizeof(ShardHeader)) == bytes.substr(sizeof(ShardHeader)));
+            ASSERT_EQ(read_file(log), std::string("123456").substr(status.done));
+        }
+    }
+    EXPECT_TRUE(read_status(place, manifest).complete());
+}
+
+TEST_F(Workers, AnAttemptIsAtWorkAsLongAsItsProcessIs) {
+    plan(6, 1);
+    const pid_t process = ::fork();
+    if (process == 0) {
+        ShardWriter writer(place, manifest, 1);
+        writer.add(squared(1));
+        writer.flush();
+        ::pause();
+    }
+    while (parts_of(place, 1).empty() || read_status(place, manifest).done == 0) ::usleep(1000);
+    EXPECT_EQ(read_status(place, manifest).active_shards, 1u);
+    ::kill(process, SIGKILL);
+    ::waitpid(process, nullptr, 0);
+    EXPECT_EQ(read_status(place, manifest).active_shards, 0u);
+    EXPECT_EQ(read_status(place, manifest).done, 1u);
+}
+
 TEST_F(Workers, TheLongestAttemptIsTakenOver) {
     plan(6, 1);
     {
@@ -182,6 +229,19 @@ TEST_F(Workers, TwoAttemptsAtOneShardDoNoHarm) {
     first.finish();
     expect_rows({}, "");
     EXPECT_TRUE(fs::is_empty(place / "parts"));
+}
+
+// The one that was taken over comes to its end first: it leaves the shard to the other.
+TEST_F(Workers, AnAttemptThatWasTakenOverEndsEarly) {
+    plan(6, 1);
+    ShardWriter first(place, manifest, 1);
+    for (std::size_t i = 1; i <= 6; ++i) first.add(squared(i));
+    first.flush();
+    ShardWriter second(place, manifest, 1);
+    EXPECT_TRUE(second.complete());
+    EXPECT_THROW(first.finish(), EndedEarly);
+    second.finish();
+    expect_rows({}, "");
 }
 
 TEST_F(Workers, AMergedListIsAMatrixFilledUpWithNaN) {

@@ -343,7 +343,7 @@ TEST(ComparisonStability, is_that_of_the_runs) {
         EXPECT_FALSE(of(pushed(0.98 * limit), method, 1).diverged) << name_of(method);
         const auto beyond = pushed(1.02 * limit);
         EXPECT_TRUE(of(beyond, method, 1).diverged) << name_of(method);
-        EXPECT_TRUE(any_contains(beyond.findings(), {of(beyond, method, 1).name + " diverges", "astray"}));
+        EXPECT_TRUE(any_contains(beyond.findings(), {of(beyond, method, 1).name + " ends early", "diverges"}));
         EXPECT_TRUE(any_contains(beyond.findings(), {of(beyond, method, 1).name + " is unstable above a stiffness of",
                                                      "N/m at the driven point"}));
     }
@@ -389,19 +389,19 @@ TEST(Comparison, a_motion_beyond_ten_times_the_reference_has_diverged) {
     }
 }
 
-// An undamped mode of 2 kHz: Euler's method multiplies it by abs(1 + j w h) = 6.4 at each step, and reaches 1e308 before
-// the 400th.
+// An undamped mode of 2 kHz: Euler's method multiplies it by abs(1 + j w h) = 6.4 at each step, and a kilometer is passed
+// before the 100th.
 TEST(Comparison, a_run_that_ends_early_is_compared_as_far_as_it_came) {
     const auto machine =
         machine_of({{"rigid_gain_per_kg", gain}, {"modes", {{{"gain", 0.02}, {"freq_hz", 2000}, {"zeta", 0}}}}});
     const auto c = compare(machine, open_loop(sine(1, 10, 601)), some({1}));
     const auto& euler = of(c, Method::euler, 1);
-    EXPECT_EQ(euler.outcome.end, RunEnd::non_finite);
+    EXPECT_EQ(euler.outcome.end, RunEnd::diverged);
     EXPECT_TRUE(euler.diverged);
-    EXPECT_LT(euler.trace.x.size(), 400u);
-    EXPECT_GT(euler.trace.x.size(), 100u);
+    EXPECT_LT(euler.trace.x.size(), 100u);
+    EXPECT_GT(euler.trace.x.size(), 20u);
     EXPECT_FALSE(euler.phase_error_deg);
-    EXPECT_TRUE(any_contains(c.findings(), {"euler 500 us ends early", "not finite"}));
+    EXPECT_TRUE(any_contains(c.findings(), {"euler 500 us ends early", "diverges"}));
     EXPECT_NE(c.text().find("ended early"), std::string::npos);
     const auto row = static_cast<std::size_t>(&euler - c.methods.data());
     EXPECT_EQ(c.table()["completed"].values[row + 1], 0); // the reference comes first

@@ -292,5 +292,21 @@ TEST(MachineModel, HashIsThatOfTheFields) {
     EXPECT_NE(model(other).hash(), hash);
 }
 
+TEST(MachineModel, RefusesGainsThatUnderflowAndDelaysWithoutEnd) {
+    const auto problem = [](const std::string& text) { return problem_of([&] { parsed(text); }); };
+    const auto with = [&](const std::string& gain, const std::string& effect) {
+        return problem("{\"rigid_gain_per_kg\": " + gain + ", \"effects\": [" + effect + "]}");
+    };
+    const std::string range = " m/(N s^2), must be from 1e-100 to 1e+100";
+    EXPECT_EQ(with("1e-300", ""), "input: x.json: the gains sum up to 1e-300" + range);
+    EXPECT_EQ(with("1", R"({"name": "payload_mass", "parameters": {"ratio": 1e308}})"),
+              "input: x.json: effects: the gains sum up to 1e-308" + range);
+    EXPECT_EQ(problem(R"({"modes": [{"gain": 1e101, "freq_hz": 10, "zeta": 0.1}]})"),
+              "input: x.json: the gains sum up to 1e+101" + range);
+    EXPECT_EQ(with("1", R"({"name": "input_delay", "parameters": {"extra_s": 65536}})"),
+              "input: x.json: effects: they leave an input delay of 65536 s, must be 100000 sample times at most");
+    EXPECT_EQ(with("1", R"({"name": "input_delay", "parameters": {"extra_s": 49}})"), "none: ");
+}
+
 } // namespace
 } // namespace tribode

@@ -98,5 +98,49 @@ TEST(RunFolder, TheManifestHoldsTheHashes) {
     EXPECT_EQ(manifest["files"].size(), 2u);
 }
 
+TEST(JsonFile, RefusesWhatIsNestedTooDeeply) {
+    const TemporaryFolder folder;
+    const auto nested = [&](int levels, const std::string& open, const std::string& close) {
+        std::string text = "1";
+        for (int i = 0; i < levels; ++i) text = open + text + close;
+        const auto file = folder.write("x.json", text);
+        return problem_of([&] { read_json(file); });
+    };
+    for (const auto& [open, close] : {std::pair{"[", "]"}, {"{\"a\":", "}"}}) {
+        EXPECT_EQ(nested(64, open, close), "none: ");
+        EXPECT_TRUE(nested(65, open, close).ends_with("is nested deeper than 64 levels"));
+    }
+    const auto deep = folder.write("deep.json", std::string(500'000, '['));
+    EXPECT_TRUE(problem_of([&] { read_json(deep); }).ends_with("deep.json:1:65: is nested deeper than 64 levels"));
+}
+
+TEST(PathInside, IsOneAlsoBehindLinks) {
+    const TemporaryFolder folder;
+    const std::filesystem::path root = folder / "run";
+    std::filesystem::create_directories(root / "real");
+    std::filesystem::create_directory(folder / "elsewhere");
+    std::filesystem::create_symlink("real", root / "inner");
+    std::filesystem::create_symlink(folder / "elsewhere", root / "outer");
+    std::filesystem::create_symlink(folder / "none", root / "nowhere");
+    std::filesystem::create_symlink("new", root / "real/new-link");
+    EXPECT_EQ(path_inside(root, "a/b.csv"), root / "a/b.csv");
+    EXPECT_EQ(path_inside(root, "inner/x.csv"), root / "inner/x.csv");
+    EXPECT_EQ(path_inside("", "x.csv"), std::filesystem::path("x.csv"));
+    using namespace std::string_literals;
+    for (const auto& [name, reason] :
+         std::vector<std::pair<std::string, std::string>>{{"../x", "leads out of it, "},
+                                                          {"a/../../x", "leads out of it, "},
+                                                          {"/etc/x", "is an absolute path"},
+                                                          {"", "is not a file name"},
+                                                          {"a/..", "is not a file name"},
+                                                          {"outer/x", "through a link"},
+                                                          {"outer", "through a link"},
+                                                          {"nowhere", "through a link"},
+                                                          {"real/new-link", "through a link"},
+                                                          {"a\0b"s, "zero byte"}}) {
+        EXPECT_NE(problem_of([&] { path_inside(root, name); }).find(reason), std::string::npos) << name;
+    }
+}
+
 } // namespace
 } // namespace tribode

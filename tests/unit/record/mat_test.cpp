@@ -18,6 +18,8 @@
 namespace tribode {
 namespace {
 
+constexpr std::size_t enough = 1 << 20; // bytes unpacked
+
 // A MAT file put together byte by byte from the description of the format, independent of the writer.
 class ByHand {
   public:
@@ -98,7 +100,7 @@ TEST(Mat, ReadsWhatTheFormatDescribesInBothByteOrders) {
     for (const bool big_endian : {false, true}) {
         const std::string bytes = three_columns(big_endian).bytes();
         ASSERT_TRUE(is_mat5(bytes));
-        const auto variables = mat_variables(bytes, "x.mat");
+        const auto variables = mat_variables(bytes, enough, "x.mat");
         ASSERT_EQ(variables.size(), 3u);
         EXPECT_EQ(variables[0].name, "t");
         EXPECT_EQ(variables[0].values, (std::vector<double>{0, 0.5, 1}));
@@ -112,7 +114,7 @@ TEST(Mat, DoublesMayBeStoredAsAnyKindOfNumber) {
     const ByHand make;
     const auto values = [&](std::uint32_t type, const std::string& data) {
         const ByHand file = ByHand().add(make.array("x", of_doubles, {2, 1}, make.element(type, data)));
-        return mat_variables(file.bytes(), "x.mat").at(0).values;
+        return mat_variables(file.bytes(), enough, "x.mat").at(0).values;
     };
     EXPECT_EQ(values(1, make.list<std::int8_t>({-1, 2})), (std::vector<double>{-1, 2}));
     EXPECT_EQ(values(3, make.list<std::int16_t>({-300, 2})), (std::vector<double>{-300, 2}));
@@ -128,7 +130,7 @@ TEST(Mat, WhatIsNoVectorOfDoublesHasItsReason) {
     const ByHand make;
     const std::string two = make.element(9, make.list<double>({1, 2}));
     const auto refusal = [&](std::uint32_t kind, std::vector<std::int32_t> shape, const std::string& parts) {
-        return mat_variables(ByHand().add(make.array("x", kind, shape, parts)).bytes(), "x.mat").at(0).refusal;
+        return mat_variables(ByHand().add(make.array("x", kind, shape, parts)).bytes(), enough, "x.mat").at(0).refusal;
     };
     EXPECT_EQ(refusal(of_doubles | complex_, {2, 1}, two + two), "is complex, must be real");
     EXPECT_EQ(refusal(of_doubles, {2, 2}, two + two), "is a matrix (2 x 2), must be a vector");
@@ -148,7 +150,7 @@ TEST(Mat, AnEntryWithoutANameIsPassedOverAndOfTwoTheLastCounts) {
     for (const double value : {1.0, 2.0}) {
         file.add(file.array("x", of_doubles, {1, 1}, file.element(9, file.raw(value))));
     }
-    const auto variables = mat_variables(file.bytes(), "x.mat");
+    const auto variables = mat_variables(file.bytes(), enough, "x.mat");
     ASSERT_EQ(variables.size(), 1u);
     EXPECT_EQ(variables[0].values, std::vector{2.0});
 }
@@ -166,7 +168,7 @@ TEST(Mat, ReadsBackAndTheSameTableGivesTheSameBytes) {
     write_mat(folder / "x.mat", table);
     const std::string bytes = read_file(folder / "x.mat");
     EXPECT_EQ(bytes, to_mat(table));
-    const auto variables = mat_variables(bytes, "x.mat");
+    const auto variables = mat_variables(bytes, enough, "x.mat");
     ASSERT_EQ(variables.size(), 2u);
     for (std::size_t i = 0; i < 2; ++i) {
         EXPECT_EQ(variables[i].name, table.columns[i].name);
@@ -207,11 +209,11 @@ TEST(Mat, DamagedFilesGiveOneSentence) {
     const std::string sentence = "input: x.mat:";
     // Cut anywhere, and thousands of times with up to four bytes changed.
     for (std::size_t length = 0; length < bytes.size(); ++length) {
-        const auto problem = problem_of([&] { mat_variables(bytes.substr(0, length), "x.mat"); });
+        const auto problem = problem_of([&] { mat_variables(bytes.substr(0, length), enough, "x.mat"); });
         EXPECT_TRUE(problem.starts_with(sentence) || problem == "none: ") << problem;
     }
     for (std::uint32_t seed = 0; seed < 20000; ++seed) {
-        const auto problem = problem_of([&] { mat_variables(damaged(bytes, seed), "x.mat"); });
+        const auto problem = problem_of([&] { mat_variables(damaged(bytes, seed), enough, "x.mat"); });
         ASSERT_TRUE(problem.starts_with(sentence) || problem == "none: ") << problem << ", seed " << seed;
     }
     // The whole way, with packed files: gzip knows each of its bytes by a sum.

@@ -104,5 +104,48 @@ TEST(Plot, SaysThatGnuplotIsMissing) {
     EXPECT_EQ(status, 0);
 }
 
+// Whatever stands in a text, gnuplot sees a text: each of these once ended its quotes or would run a command.
+TEST(Plot, NoTextBecomesACommand) {
+    const TemporaryFolder folder;
+    const std::string target = (folder / "made").string();
+    const std::string command = "; system(\"touch " + target + "\") #";
+    std::vector<std::string> ends = {"abc\\", "'", "''", "\"", "\\'", "`touch " + target + "`", "@system"};
+    for (char c = 0; c < 0x20; ++c) ends.push_back("abc\\" + std::string(1, c));
+    ends.emplace_back("abc\\\x7f");
+    int number = 0;
+    for (const auto& end : ends) {
+        Plot plot{.title = end};
+        plot.width = 300;
+        plot.panels.push_back({.title = end, .x_label = command, .y_label = end});
+        plot.panels.push_back({.title = command, .x_label = end, .y_label = command, .y_names = {end, command, end}});
+        plot.panels[0].series = {{.name = end, .x = {1, 2}, .y = {1, 2}}, {.name = command, .x = {1, 2}, .y = {2, 1}}};
+        plot.panels[0].map = {.label = end, .x_edges = {1, 2}, .y_edges = {1, 2}, .values = {1}, .strongest = 0};
+        EXPECT_FALSE(plot_svg(plot).empty());
+        EXPECT_FALSE(std::filesystem::exists(target)) << "text " << number;
+        ++number;
+    }
+}
+
+TEST(Plot, IsNotWrittenThroughLinks) {
+    const TemporaryFolder folder;
+    folder.write("precious", "kept");
+    std::filesystem::create_directory(folder / "out");
+    for (const char* name : {"a.png", "b.svg"}) {
+        std::filesystem::create_symlink(folder / "precious", (folder / "out") / name);
+    }
+    std::filesystem::create_hard_link(folder / "precious", folder / "out/c.png");
+    std::filesystem::create_hard_link(folder / "precious", folder / "out/c.svg.part");
+    std::filesystem::create_symlink(folder / "nowhere", folder / "out/d.png");
+    for (const char* name : {"a", "b", "d"}) {
+        EXPECT_NE(problem_of([&] { draw_plot((folder / "out") / name, {.panels = {{}}}); }).find("through a link"),
+                  std::string::npos)
+            << name;
+    }
+    draw_plot(folder / "out/c", {.panels = {{}}}); // new files of these names
+    EXPECT_EQ(read_file(folder / "precious"), "kept");
+    EXPECT_FALSE(std::filesystem::exists(folder / "nowhere"));
+    EXPECT_TRUE(read_file(folder / "out/c.svg").starts_with("<?xml"));
+}
+
 } // namespace
 } // namespace tribode

@@ -305,5 +305,81 @@ TEST(RecordFile, DamagedHdf5FilesGiveOneSentence) {
     }
 }
 
+// A file that a stranger has made reads no other file: not its numbers, and not what the library makes of them.
+// Makes an external link, also where the reader has taken that kind of link away.
+void link_to_another_file(hid_t parent, const char* name, const std::string& file, const std::string& object) {
+    H5L_class_t kind{};
+    kind.version = H5L_LINK_CLASS_T_VERS;
+    kind.id = H5L_TYPE_EXTERNAL;
+    kind.trav_func = [](const char*, hid_t, const void*, size_t, hid_t, hid_t) -> hid_t { return -1; };
+    ASSERT_GE(H5Lregister(&kind), 0);
+    const std::string value = std::string(1, '\0') + file + '\0' + object + '\0';
+    ASSERT_GE(H5Lcreate_ud(parent, name, H5L_TYPE_EXTERNAL, value.data(), value.size(), H5P_DEFAULT, H5P_DEFAULT), 0);
+    H5Lunregister(H5L_TYPE_EXTERNAL);
+}
+
+TEST(RecordFile, AnHdf5FileReachesNoOtherFile) {
+    const TemporaryFolder folder;
+    const std::string secret = folder.write("secret.txt", std::string(32, 'S')).string();
+    write_hdf5(folder / "other.h5", {{"", small_record()}});
+    {
+        const Hdf5File file(folder / "x.h5");
+        H5Dclose(Hdf5File::add(file.root(), "t", H5T_NATIVE_DOUBLE, {4}, four));
+        const hsize_t length = 4;
+        const hid_t space = H5Screate_simple(1, &length, nullptr);
+        const auto make = [&](hid_t parent, const char* name, hid_t creation) {
+            H5Dclose(H5Dcreate2(parent, name, H5T_NATIVE_DOUBLE, space, H5P_DEFAULT, creation, H5P_DEFAULT));
+        };
+        const hid_t external = H5Pcreate(H5P_DATASET_CREATE), made_of_others = H5Pcreate(H5P_DATASET_CREATE);
+        H5Pset_external(external, secret.c_str(), 0, 32);
+        H5Pset_virtual(made_of_others, space, (folder / "other.h5").c_str(), "u_V", space);
+        const hid_t group = file.group("g");
+        for (const hid_t parent : {file.root(), group}) {
+            make(parent, "u", external);
+            make(parent, "v", made_of_others);
+            link_to_another_file(parent, "w", (folder / "other.h5").string(), "u_V");
+        }
+        H5Lcreate_soft("/w", file.root(), "soft", H5P_DEFAULT, H5P_DEFAULT); // a link to the link
+        H5Gclose(group);
+        H5Pclose(external);
+        H5Pclose(made_of_others);
+        H5Sclose(space);
+    }
+    const std::string elsewhere = "has its numbers in another file, which is not read",
+                      link = "is a link to another file, which is not followed";
+    for (const auto& [name, reason] : std::vector<std::pair<std::string, std::string>>{
+             {"u", elsewhere}, {"v", elsewhere}, {"w", link}, {"g/u", elsewhere}, {"g/v", elsewhere}, {"g/w", link}}) {
+        const auto text = problem_of([&] { read_record(folder / "x.h5", RecordOptions::parse("u=" + name, "")); });
+        EXPECT_NE(text.find(name + " " + reason + "; vectors in the file: t"), std::string::npos) << text;
+    }
+    EXPECT_NE(
+        problem_of([&] { read_record(folder / "x.h5", RecordOptions::parse("u=soft", "")); }).find("no column soft"),
+        std::string::npos);
+    // What is the file's own is read as before.
+    EXPECT_EQ(read_record(folder / "x.h5", RecordOptions::parse("t=t", "")).table["t"].values,
+              (std::vector<double>{0, 1, 2, 3}));
+}
+
+TEST(RecordFile, WhatUnpacksToFarMoreThanItsSizeIsRefused) {
+    // 100 MiB of one letter become 100 KiB, packed twice a few hundred bytes.
+    const std::string packed = gzip(std::string(std::size_t{100} << 20, '1'));
+    EXPECT_EQ(problem(packed), "input: x: unpacks to more than " +
+                                   std::to_string(most_unpacked_of(packed.size()) >> 20) +
+                                   " MiB, which is more than a file of this size may; it is not read");
+    EXPECT_LT(most_unpacked_of(packed.size()), std::size_t{100} << 20);
+    EXPECT_EQ(most_unpacked_of(0), std::size_t{64} << 20);
+    EXPECT_EQ(most_unpacked_of(std::size_t{1} << 40), std::size_t{4} << 30);
+    // A record of which all but the time stands still.
+    std::string text = "t,u,y\n";
+    for (int k = 0; k < 100'000; ++k) text += std::to_string(k) + ",0,0\n";
+    EXPECT_EQ(problem(gzip(text)), "none: ");
+}
+
+TEST(RecordFile, AHeaderOfTooManyColumnsIsRefused) {
+    std::string text = "t";
+    for (int i = 0; i < 60'000; ++i) text += ",c" + std::to_string(i);
+    EXPECT_EQ(problem(text + "\n"), "input: x:1: there are more than 10000 columns, must be fewer");
+}
+
 } // namespace
 } // namespace tribode

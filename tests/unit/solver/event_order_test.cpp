@@ -208,13 +208,15 @@ TEST_P(EventsOfEveryMethod, a_sliding_system_ends_as_chattering_and_names_the_gu
         return EventEffect::restart;
     };
     SolverOptions options = tight(GetParam());
-    options.fixed_step = 1e-8; // flips 1e5 times within the window
+    options.fixed_step = 1e-8;
     if (GetParam() == Method::fixed) system.start = {1e-8};
     Simulator run(system, options);
     const RunOutcome outcome = run.advance_to(1.0);
     EXPECT_EQ(outcome.end, RunEnd::chattering);
     EXPECT_NE(outcome.message.find("guard 1 is chattering"), std::string::npos) << outcome.message;
-    EXPECT_NEAR(outcome.t, system.start[0], Simulator::chatter_window);
+    // With a fixed step each fall takes two of them.
+    EXPECT_NEAR(outcome.t, system.start[0],
+                GetParam() == Method::fixed ? 8e-8 * static_cast<double>(Simulator::chatter_limit) : 1e-9);
     // The outcome stays.
     EXPECT_EQ(run.advance_to(2.0).end, RunEnd::chattering);
     EXPECT_EQ(run.state().t, outcome.t);
@@ -243,7 +245,7 @@ TEST_P(Events, a_zeno_system_ends_with_an_outcome_at_its_accumulation_point) {
     const RunOutcome outcome = run.advance_to(10.0);
     EXPECT_TRUE(outcome.end == RunEnd::chattering || outcome.end == RunEnd::step_too_small) << outcome.message;
     EXPECT_FALSE(outcome.message.empty());
-    EXPECT_NEAR(outcome.t, std::sqrt(2 / 9.81) * (1 + e) / (1 - e), Simulator::chatter_window);
+    EXPECT_NEAR(outcome.t, std::sqrt(2 / 9.81) * (1 + e) / (1 - e), 1e-5); // bounces below the tolerances
 }
 
 } // namespace

@@ -58,6 +58,14 @@ TEST_F(CompiledC, RandomExpressionsHaveTheBitsOfTheirTape) {
     Expressions graph;
     const std::vector<Term> variables = {graph.variable("t"), graph.variable("a"), graph.variable("b")};
     std::vector<Tape> tapes;
+    LookupTable::Points points;
+    points.x = {-1, 0, 2};
+    points.values = {3, 1, 4};
+    points.extrapolation = LookupTable::Extrapolation::linear;
+    const auto table = std::make_shared<const LookupTable>(points);
+    points.y = {0, 1};
+    points.values = {1, 2, 3, 5, 8, 13};
+    const auto surface = std::make_shared<const LookupTable>(points);
     std::string program = Tape::c_declarations();
     for (std::uint64_t seed = 1; seed <= count; ++seed) {
         RandomExpressions source(graph, variables, seed);
@@ -69,6 +77,9 @@ TEST_F(CompiledC, RandomExpressionsHaveTheBitsOfTheirTape) {
         roots.push_back(graph.make(Op::any, less, graph.make(Op::equal, roots[7], roots[8])));
         roots.push_back(graph.make(Op::subtract, graph.constant(0.7), graph.make(Op::multiply, roots[9], roots[10])));
         roots.push_back(graph.make(Op::floor, graph.make(Op::multiply, graph.constant(10), roots[11])));
+        roots.push_back(graph.look_up(surface, roots[12], roots[13]));
+        roots.push_back(graph.make(Op::add, graph.look_up(table, roots.back(), 0), graph.look_up(table, roots[14], 0)));
+        roots.push_back(graph.derivatives(roots, variables[1]).back());
         tapes.emplace_back(graph, variables, roots, Tape::Parts{1, 2, 0});
         program += tapes.back().c_function(fmt::format("f{}", seed));
     }
