@@ -114,6 +114,11 @@ SystemRun run_system(const EquationSystem& system, const SystemRunOptions& optio
     // What lies within a step and outside all conditions, a short bump of an input for one, only shorter steps can see.
     constexpr double max_step_part = 1.0 / 50;
     SolverOptions solver = options.solver;
+    // One that had been found stiff goes on as such.
+    const bool was_stiff = options.resume && options.resume->method == name_of(Method::bdf);
+    if (solver.method == Method::automatic && result.method == Method::erk && was_stiff) {
+        solver.method = result.method = Method::bdf;
+    }
     if (solver.max_step == 0) solver.max_step = max_step_part * (options.end - begin);
     Simulator run(system, solver, std::move(start), control);
     if (options.resume && options.resume->method == name_of(result.method)) run.propose_step(options.resume->step);
@@ -134,7 +139,9 @@ SystemRun run_system(const EquationSystem& system, const SystemRunOptions& optio
     result.final_states = run.state().x;
     const auto discrete = system.discrete(run.state());
     result.final_discrete.assign(discrete.begin(), discrete.end());
-    result.state = {system.snapshot(run.state()), options.fingerprint, name_of(result.method), run.proposed_step()};
+    result.stiff_from = run.stiff_from();
+    const Method method = result.stiff_from ? Method::bdf : result.method;
+    result.state = {system.snapshot(run.state()), options.fingerprint, name_of(method), run.proposed_step()};
 
     if (const auto& culprit = result.outcome.not_finite) {
         const auto& state = system.equations().states[culprit->state];

@@ -25,6 +25,7 @@ struct SystemRun {
     std::vector<double> final_discrete;
     RunState state;                    // there, to continue with
     Method method = Method::automatic; // the one used
+    std::optional<double> stiff_from;  // then it went on by BDF [s]; nothing: it did not
     RunOutcome outcome;
     RunStatistics statistics;
 };

@@ -359,6 +359,7 @@ Json to_json(const SystemRun& run, const Equations& equations) {
     }
     json["state"] = to_json(run.state);
     json["solver"] = name_of(run.method);
+    if (run.stiff_from) json["stiff_from_s"] = *run.stiff_from;
     json["ok"] = run.outcome.ok();
     json["message"] = run.outcome.message;
     json["t_end"] = run.outcome.t;

@@ -16,7 +16,8 @@ constexpr double d1 = -12715105075.0 / 11282082432.0, d3 = 87487479700.0 / 32700
 } // namespace
 
 ErkIntegrator::ErkIntegrator(const HybridSystem& system, const SolverOptions& options)
-    : SundialsIntegrator(system, options) {
+    : SundialsIntegrator(system, options),
+      relative_tolerance_(options.relative_tolerance) {
     memory_ = ERKStepCreate(derivative_callback, 0.0, vector_.get(), context_);
     check(memory_ ? 0 : -1, "ERKStepCreate");
     check(ERKStepSetUserData(memory_, this), "ERKStepSetUserData");
@@ -62,6 +63,34 @@ SundialsIntegrator::Native ErkIntegrator::native_step(double t_stop, double& t) 
     }
 }
 
+std::array<const double*, ErkIntegrator::stages> ErkIntegrator::slopes() const {
+    std::array<const double*, stages> k{start_.data()};
+    for (std::size_t i = 1; i < stages; ++i) {
+        k[i] = last_slopes_[(next_slope_ + i - 1) % last_slopes_.size()].data();
+    }
+    return k;
+}
+
+double ErkIntegrator::stability_number() const {
+    // The weights of the seventh stage less those of the sixth.
+    constexpr std::array<double, stages - 1> w = {35.0 / 384 - 9017.0 / 3168,      355.0 / 33,
+                                                  500.0 / 1113 - 46732.0 / 5247,   125.0 / 192 - 49.0 / 176,
+                                                  -2187.0 / 6784 + 5103.0 / 18656, 11.0 / 84};
+    const auto k = slopes();
+    const double* absolute = N_VGetArrayPointer(tolerance_.get());
+    const std::span<const double> x = values(vector_.get());
+    double of_slopes = 0, of_states = 0;
+    for (std::size_t i = 0; i < size_; ++i) {
+        double apart = 0;
+        for (std::size_t j = 0; j < w.size(); ++j) apart += w[j] * k[j][i];
+        const double tolerated = relative_tolerance_ * std::abs(x[i]) + absolute[i];
+        const double slopes_apart = (k[6][i] - k[5][i]) / tolerated;
+        of_slopes += slopes_apart * slopes_apart;
+        of_states += apart * apart / (tolerated * tolerated);
+    }
+    return of_states > 0 ? std::sqrt(of_slopes / of_states) : 0;
+}
+
 long ErkIntegrator::native_rejected_steps() const {
     long failures = 0;
     ERKStepGetNumErrTestFails(memory_, &failures);
@@ -87,12 +116,7 @@ void ErkIntegrator::native_polynomial(std::span<const double> x0, StepPolynomial
     const double h = polynomial.h;
     polynomial.resize(size_, 4);
     const std::span<const double> x1 = values(vector_.get());
-    // k1, then k2 ... k7.
-    std::array<const double*, stages> k;
-    k[0] = start_.data();
-    for (std::size_t i = 1; i < stages; ++i) {
-        k[i] = last_slopes_[(next_slope_ + i - 1) % last_slopes_.size()].data();
-    }
+    const auto k = slopes();
     for (std::size_t i = 0; i < size_; ++i) {
         const double rise = x1[i] - x0[i];
         const double start = h * k[0][i] - rise, end = rise - h * k[6][i] - start;

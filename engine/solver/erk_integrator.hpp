@@ -13,6 +13,10 @@ class ErkIntegrator final : public SundialsIntegrator {
     ErkIntegrator(const HybridSystem& system, const SolverOptions& options);
     ~ErkIntegrator() override;
 
+    // The last step times the rate by which its last two stages, both at its end, differ [Hairer 1996, IV.2]. On a stiff
+    // problem it stays near 3.3, where the method ceases to be stable; where accuracy asks for the steps it is well below.
+    double stability_number() const;
+
   private:
     static constexpr std::size_t stages = 7;
 
@@ -28,6 +32,10 @@ class ErkIntegrator final : public SundialsIntegrator {
     static int choose_step(N_Vector x, double t, double h, double, double, double error, double, double, int order,
                            int embedded_order, double* proposed, void* self);
 
+    // k1, then k2 ... k7 of the last step.
+    std::array<const double*, stages> slopes() const;
+
+    const double relative_tolerance_;
     void* memory_ = nullptr;
     std::vector<double> start_;                               // the slope at the beginning of the step
     std::array<std::vector<double>, stages - 1> last_slopes_; // those seen last, a ring

@@ -1,5 +1,6 @@
 #include "solver/integrator.hpp"
 #include "base/error.hpp"
+#include "solver/automatic_integrator.hpp"
 #include "solver/collocation_integrator.hpp"
 #include "solver/cvode_integrator.hpp"
 #include "solver/erk_integrator.hpp"
@@ -42,7 +43,11 @@ Method resolved(Method method, const HybridSystem& system) {
 }
 
 std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const SolverOptions& options) {
-    switch (resolved(options.method, system)) {
+    const Method method = resolved(options.method, system);
+    if (options.method == Method::automatic && method == Method::erk) {
+        return std::make_unique<AutomaticIntegrator>(system, options);
+    }
+    switch (method) {
     case Method::automatic:
     case Method::exact: return std::make_unique<ExactIntegrator>(system);
     case Method::collocation: return std::make_unique<CollocationIntegrator>(system, options);

@@ -41,6 +41,9 @@ class Integrator {
     virtual double proposed_step() const { return 0; }
     virtual void propose_step(double) {}
 
+    // From when on [s] a run by `automatic` has gone on by BDF, the problem being stiff; nothing: it has not.
+    virtual std::optional<double> stiff_from() const { return std::nullopt; }
+
     const std::vector<GuardId>& fallen() const { return fallen_; }
     const RunOutcome& failure() const { return failure_; }
     // Steps, evaluations; the counts of events and samples are the simulator's.
@@ -54,8 +57,8 @@ class Integrator {
 // The ways to integrate. The first seven locate events and serve for results; the fixed-step ones are there to be compared
 // with them: they look at the guards after each step only, as one would write it on a signal processor.
 enum class Method {
-    automatic,           // exact where the system is piecewise affine, else erk: the default; the user writes auto
-    exact,               // Taylor series to rounding error, for systems that are piecewise affine
+    automatic, // exact where the system is piecewise affine, else erk, and bdf from where that is stiff: the default; the user writes auto
+    exact,     // Taylor series to rounding error, for systems that are piecewise affine
     collocation,         // exponential collocation, for systems that are nearly affine
     erk,                 // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE
     adams,               // Adams-Moulton with functional iteration, CVODE

@@ -48,6 +48,8 @@ class Simulator {
     double proposed_step() const { return integrator_->proposed_step(); }
     void propose_step(double h) { integrator_->propose_step(h); }
 
+    std::optional<double> stiff_from() const { return integrator_->stiff_from(); }
+
     const SystemState& state() const { return state_; }
     const EventLog& events() const { return events_; }
     RunStatistics statistics() const;
