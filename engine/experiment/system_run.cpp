@@ -15,12 +15,43 @@ constexpr double most_rows = 1e7;
 
 class SystemRecorder final : public Observer {
   public:
-    SystemRecorder(const EquationSystem& system, Table& table)
+    SystemRecorder(const EquationSystem& system, Table& table, bool with_jumps)
         : system_(system),
           table_(table),
-          outputs_(system.equations().outputs.size()) {}
+          outputs_(system.equations().outputs.size()),
+          with_jumps_(with_jumps) {
+        const auto& whens = system.equations().whens;
+        keeps_before_ = with_jumps || std::any_of(whens.begin(), whens.end(), [](const auto& when) { return when.stop; });
+    }
+
+    void before_instant(const SystemState& state) override {
+        if (!keeps_before_) return;
+        before_ = state;
+        events_before_ = of_guards_->size() + events_.size();
+    }
+
+    void after_instant(const SystemState& state) override {
+        if (!with_jumps_) return;
+        const auto before = system_.discrete(before_), after = system_.discrete(state);
+        const bool same = before_.x == state.x && std::equal(before.begin(), before.end(), after.begin()) &&
+                          of_guards_->size() + events_.size() == events_before_;
+        if (same) return;
+        left_limit_of_last_instant();
+        output(state);
+    }
+
+    // A row, unless the last one is at that time.
+    void left_limit_of_last_instant() {
+        const auto& times = table_.columns.front().values;
+        if (times.empty() || times.back() != before_.t) output(before_);
+    }
 
     void output(const SystemState& state) override {
+        if (static_cast<double>(table_.rows()) >= 2 * most_rows) {
+            throw InputError(fmt::format("the results have more than {} rows at t = {:.9g} s; output_events gives two "
+                                         "for each event and each jump",
+                                         2 * most_rows, state.t));
+        }
         auto column = table_.columns.begin();
         (column++)->values.push_back(state.t);
         for (const double value : state.x) (column++)->values.push_back(value);
@@ -52,6 +83,10 @@ class SystemRecorder final : public Observer {
     const EquationSystem& system_;
     Table& table_;
     std::vector<double> outputs_;
+    const bool with_jumps_;
+    bool keeps_before_ = false;
+    SystemState before_; // of the last instant, where it is kept
+    std::size_t events_before_ = 0;
     const EventLog* of_guards_ = nullptr;
     std::vector<std::pair<std::size_t, Event>> events_; // of samples, each behind so many of guards
 };
@@ -122,7 +157,7 @@ SystemRun run_system(const EquationSystem& system, const SystemRunOptions& optio
     if (solver.max_step == 0) solver.max_step = max_step_part * (options.end - begin);
     Simulator run(system, solver, std::move(start), control);
     if (options.resume && options.resume->method == name_of(result.method)) run.propose_step(options.resume->step);
-    SystemRecorder recorder(system, result.table);
+    SystemRecorder recorder(system, result.table, options.output_jumps);
     recorder.follow(run.events());
     run.observe(&recorder);
     for (const double t : options.output_times) {
@@ -136,6 +171,13 @@ SystemRun run_system(const EquationSystem& system, const SystemRunOptions& optio
     result.statistics = run.statistics();
 
     result.events = recorder.events();
+    if (result.outcome.end == RunEnd::stopped) {
+        recorder.left_limit_of_last_instant();
+        const auto last = std::find_if(result.events.rbegin(), result.events.rend(), [&](const Event& event) {
+            return system.equations().whens[static_cast<std::size_t>(event.subject)].stop;
+        });
+        if (last != result.events.rend()) result.ended_by = static_cast<std::size_t>(last->subject);
+    }
     result.final_states = run.state().x;
     const auto discrete = system.discrete(run.state());
     result.final_discrete.assign(discrete.begin(), discrete.end());

@@ -100,6 +100,9 @@ class HybridSystem {
     // Sample instant k of the clock.
     virtual EventEffect on_sample(ClockId clock, long k, SystemState& state) const = 0;
 
+    // Whether an event of the instant just handled ends the run.
+    virtual bool ends_run(const SystemState&) const { return false; }
+
     // The part L of f = L x + rest that a discretization by zero-order hold takes in, into a column-major square matrix
     // preset to zero; zero where the system knows none.
     virtual void linear_part(std::span<double> matrix) const;

@@ -8,6 +8,9 @@ class Observer {
   public:
     virtual ~Observer() = default;
 
+    // An instant, before anything is handled and after all is.
+    virtual void before_instant(const SystemState&) {}
+    virtual void after_instant(const SystemState&) {}
     // An instant at which clocks are due, before anything is handled.
     virtual void left_limit(const SystemState&) {}
     // A clock has fired; discrete values are those after it.

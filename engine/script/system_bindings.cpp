@@ -318,6 +318,7 @@ SystemRunOptions run_options(FieldReader& fields) {
                         fmt::format("has {} behind {}, must increase", to_text(bad[1]), to_text(*bad)));
         }
     }
+    options.output_jumps = fields.boolean("output_events", false);
     auto& solver = options.solver;
     solver.method = method_named(fields.choice("solver", SolverOptions::method_names(), name_of(solver.method)));
     solver.relative_tolerance = fields.number("relative_tolerance", "", Allowed::positive, solver.relative_tolerance);
@@ -363,6 +364,7 @@ Json to_json(const SystemRun& run, const Equations& equations) {
     json["ok"] = run.outcome.ok();
     json["message"] = run.outcome.message;
     json["t_end"] = run.outcome.t;
+    if (run.ended_by) json["ended_by"] = equations.whens[*run.ended_by].name;
     json["statistics"] = statistics_of(run.statistics);
     return json;
 }

@@ -337,7 +337,7 @@ class Reader {
     }
 
     void read_when(int table, const std::string& what, std::optional<std::size_t> mode) {
-        check_keys(lua_, table, {"name", "condition", "crossing", "direction", "set", "mode"}, what);
+        check_keys(lua_, table, {"name", "condition", "crossing", "direction", "set", "mode", "at_start", "stop"}, what);
         Equations::When when;
         when.name = has_field(lua_, table, "name") ? text_field(lua_, table, "name", what)
                                                    : fmt::format("when[{}]", made_.whens.size() + 1);
@@ -348,6 +348,8 @@ class Reader {
         lua_getfield(lua_, table, crossing ? "crossing" : "condition");
         Term watched = recorder_.record(what + (crossing ? ".crossing" : ".condition"), true)[0].term;
         when.set = assignments_at(table, what);
+        when.at_start = flag_field(lua_, table, "at_start", what);
+        when.stop = flag_field(lua_, table, "stop", what);
         const auto add = [&](Term condition) {
             when.condition = mode ? graph_.make(Op::all, in_mode(*mode), condition) : condition;
             made_.whens.push_back(when);

@@ -58,6 +58,16 @@ double number_field(lua_State* lua, int table, const char* key, const std::strin
     return number;
 }
 
+bool flag_field(lua_State* lua, int table, const char* key, const std::string& where) {
+    const int type = lua_getfield(lua, table, key);
+    if (type != LUA_TNIL && type != LUA_TBOOLEAN) {
+        throw InputError(fmt::format("{}: {} is a {}, must be true or false", where, key, luaL_typename(lua, -1)));
+    }
+    const bool flag = lua_toboolean(lua, -1);
+    lua_pop(lua, 1);
+    return flag;
+}
+
 std::vector<std::string> names_of(lua_State* lua, int table, const std::string& where) {
     std::vector<std::string> names;
     lua_pushnil(lua);

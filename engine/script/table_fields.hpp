@@ -22,6 +22,8 @@ std::string text_field(lua_State* lua, int table, const char* key, const std::st
 double number_field(lua_State* lua, int table, const char* key, const std::string& where,
                     std::optional<double> fallback);
 
+bool flag_field(lua_State* lua, int table, const char* key, const std::string& where); // false where there is none
+
 // The names of a table's fields, sorted: Lua's own order differs from run to run.
 std::vector<std::string> names_of(lua_State* lua, int table, const std::string& where);
 

@@ -6,7 +6,7 @@
 
 namespace tribode {
 
-enum class RunEnd { reached, interrupted, chattering, step_too_small, non_finite, diverged };
+enum class RunEnd { reached, interrupted, chattering, step_too_small, non_finite, diverged, stopped };
 
 // A state whose derivative was not finite, and when.
 struct NotFinite {
@@ -24,7 +24,8 @@ struct RunOutcome {
     std::string message;                 // one sentence with advice
     std::optional<NotFinite> not_finite; // the last one, where it kept the run from going on
 
-    bool ok() const { return end == RunEnd::reached; }
+    // Stopped: by an event that ends the run.
+    bool ok() const { return end == RunEnd::reached || end == RunEnd::stopped; }
 };
 
 // Counts and times of one run.

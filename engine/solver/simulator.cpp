@@ -87,14 +87,14 @@ RunStatistics Simulator::statistics() const {
 void Simulator::fail(RunEnd end, std::string message) { outcome_ = RunOutcome{end, state_.t, std::move(message)}; }
 
 RunOutcome Simulator::advance_to(double t_end) {
-    if (!outcome_.ok()) return outcome_;
+    if (outcome_.end != RunEnd::reached) return outcome_;
     if (!started_) {
         started_ = true;
         if (!output_grid_.empty()) emit_outputs(state_.t);
         handle_instant(true);
     }
     long steps_to_look = 0;
-    while (outcome_.ok() && state_.t < t_end) {
+    while (outcome_.end == RunEnd::reached && state_.t < t_end) {
         if (control_.stop_requested()) {
             fail(RunEnd::interrupted, fmt::format("interrupted at t = {:.6g} s", state_.t));
             break;
@@ -135,7 +135,7 @@ RunOutcome Simulator::advance_to(double t_end) {
             handle_instant(progress == Integrator::Progress::guard_fell);
         }
     }
-    if (outcome_.ok() && check_divergence()) outcome_.t = state_.t;
+    if (outcome_.end == RunEnd::reached && check_divergence()) outcome_.t = state_.t;
     return outcome_;
 }
 
@@ -156,6 +156,7 @@ bool Simulator::check_divergence() {
 // Steps 1 to 4 of the class comment.
 void Simulator::handle_instant(bool guards_fell) {
     const Stopwatch watch(statistics_.seconds_events, instants_timed_);
+    if (observer_) observer_->before_instant(state_);
     collect_due_clocks();
     if (observer_ && !due_.empty()) observer_->left_limit(state_);
 
@@ -169,6 +170,8 @@ void Simulator::handle_instant(bool guards_fell) {
         if (observer_) observer_->sampled(id, k, state_);
     }
     if (ok && guards_changed) settle_guards({});
+    if (observer_) observer_->after_instant(state_);
+    if (outcome_.ok() && system_.ends_run(state_)) fail(RunEnd::stopped, "");
 }
 
 // Handles the guards that fell, then all that are below zero, until none is.

@@ -506,6 +506,11 @@ SystemState EquationSystem::initial_state(double t) const {
         if (!changed) break;
     }
     condition_.evaluate({std::span(&state.t, 1), state.x, memory.values}, memory.conditions);
+    for (std::size_t i = 0; i < conditions_.size(); ++i) {
+        if (!equations_.whens[i].at_start || memory.conditions[i] == 0) continue;
+        memory.conditions[i] = 0;
+        memory.unsettled = true;
+    }
     memory.active.resize(relations_.size());
     find_active(state);
     return state;
@@ -535,7 +540,7 @@ void EquationSystem::guards(double t, std::span<const double> x, const DiscreteS
         g[i] = held.active[i] == 0 ? 1 : (values[i] != 0 ? g[i] : -g[i]) + held.slack[i];
         if (std::isnan(g[i])) g[i] = -1; // a step that leaves where it has a value must not pass over its fall
     }
-    g.back() = held.restless ? -1 : 1;
+    g.back() = held.restless || held.unsettled ? -1 : 1;
 }
 
 void EquationSystem::enclose_guards(const Enclosure& t, std::span<const Enclosure> x, const DiscreteState& d,
@@ -713,6 +718,7 @@ void EquationSystem::settle(Instant& now, std::vector<int>& fired) const {
         }
         if (!due) return;
         memory.conditions[*due] = 1;
+        memory.stopped = memory.stopped || equations_.whens[*due].stop;
         const auto& targets = when_updates_[*due].targets;
         const bool changed = carry_out(when_updates_[*due], *now.state);
         now.moved = now.moved || (changed && std::any_of(targets.begin(), targets.end(),
@@ -768,8 +774,11 @@ EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, Event
 }
 
 EventEffect EquationSystem::on_crossings(std::span<const GuardId> guards, SystemState& state, EventLog& log) const {
-    if (!guards.empty() && guards.back() == relations_.size()) return EventEffect::none; // restless: the run ends
     Instant& now = instant_of(state);
+    const bool of_relations = guards.empty() || guards.back() < relations_.size();
+    if (!of_relations && !now.memory->unsettled) return EventEffect::none; // restless: the run ends
+    now.memory->unsettled = false;
+    if (!of_relations) guards = guards.first(guards.size() - 1);
     thread_local std::vector<int> fired;
     thread_local std::vector<std::size_t> places;
     fired.clear();
@@ -922,6 +931,7 @@ SystemState EquationSystem::restored(const Snapshot& snapshot) const {
         if (count > 0) list = found->second;
     };
     SystemState state = initial_state();
+    static_cast<Memory&>(*state.discrete).unsettled = false;
     std::vector<double> time(1), samples(clocks_.size());
     read("t", time);
     read("x", state.x);

@@ -34,8 +34,8 @@ namespace tribode {
 // states and of the time are equal. One that has just changed compares operands that are equal, but for rounding: it
 // keeps the side it changed to, unless what has been carried out leaves the surface at rest under a push towards that
 // side, or moving away from it: then it is ready to change again. So a ball that is reflected, or put, onto the
-// floor is above it, however the floor's height rounds. What is true at the start is no event. A sample does the same
-// after its clock's values are set. The subject of an entry of the event log is the place of its `when`, from 0.
+// floor is above it, however the floor's height rounds. What is true at the start is no event, unless the `when` says so.
+// A sample does the same after its clock's values are set. The subject of an entry of the event log is the place of its `when`, from 0.
 //
 // The system is affine where all rates and guards are affine in x, with coefficients that do not depend on t, plus a
 // polynomial in t of degree 3 at most, whatever d is. Then the exact integrator runs it.
@@ -69,6 +69,7 @@ class EquationSystem final : public HybridSystem {
     void affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
                        std::span<double> coefficient) const override;
     std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const override;
+    bool ends_run(const SystemState& state) const override { return memory(*state.discrete).stopped; }
     std::string guard_name(GuardId guard, const SystemState& state) const override;
 
     // From now on what a run evaluates most often is machine code, with the same bits. Throws Error where that cannot
@@ -104,6 +105,8 @@ class EquationSystem final : public HybridSystem {
         std::vector<double> slack;
         std::vector<int> fired; // by the last sample; where they are endless, by the last events
         bool restless = false;  // max_rounds were not enough
+        bool unsettled = false; // a condition that is true at the start is an event, still to be carried out
+        bool stopped = false;   // an event that ends the run has been carried out
     };
     static const Memory& memory(const DiscreteState& d) { return static_cast<const Memory&>(d); }
     // What of the memory a snapshot holds: the rest follows from it.

@@ -109,7 +109,10 @@ std::string Equations::fingerprint() const {
     }
     for (const auto& parameter : parameters) all += fmt::format("\n{} {}", parameter.name, to_text(parameter.value));
     for (const auto& input : inputs) all += fmt::format("\n{} {}", input.name, to_text(input.value));
-    for (const auto& when : whens) all += fmt::format("\nwhen {} {}", when.name, when.set.size());
+    for (const auto& when : whens) {
+        all += fmt::format("\nwhen {} {}{}{}", when.name, when.set.size(), when.at_start ? " at start" : "",
+                           when.stop ? " stop" : "");
+    }
     for (const auto& clock : clocks) {
         all += fmt::format("\nclock {} {} {} {}", clock.name, to_text(clock.period), to_text(clock.offset),
                            clock.set.size());

@@ -53,8 +53,10 @@ struct Equations {
 
     struct When {
         std::string name;
-        Term condition = 0; // true at the start: not yet an event
+        Term condition = 0;
         Assignments set;
+        bool at_start = false; // whether it is an event already where the condition is true at the start
+        bool stop = false;     // whether it ends the run
     };
 
     // A function from outside: gets the index of the sample and the values of `reads`, gives those of `writes`.
