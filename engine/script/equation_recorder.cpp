@@ -311,17 +311,26 @@ void EquationRecorder::compare(int function, const std::vector<Recorded>& record
     const Tape tape(graph_, scope_.terms, terms);
     const std::size_t count = scope_.terms.size();
     std::vector<double> point(count), values(terms.size());
-    const auto randomize = [&](std::uint64_t draw) {
-        for (std::size_t i = 0; i < count; ++i) {
-            // Of all sizes, mostly near one; half of the points positive.
-            const double u = uniform(1, draw, i);
-            point[i] = (draw % 2 ? 2 * u : 4 * u - 2) * (draw % 5 == 4 ? 100 : 1);
-        }
+    // The values that the function sees, in one table for all calls: of many variables only those that change are set.
+    push_values(lua_, scope_, point);
+    const int scope_table = lua_gettop(lua_);
+    const auto set = [&](std::size_t i, double value) {
+        point[i] = value;
+        lua_pushvalue(lua_, scope_table);
+        const auto place = go_to(lua_, scope_.names[i]);
+        lua_pushnumber(lua_, value);
+        put(lua_, place);
+        lua_pop(lua_, 1);
+    };
+    const auto randomize = [&](std::uint64_t draw, std::size_t i) {
+        // Of all sizes, mostly near one; half of the points positive.
+        const double u = uniform(1, draw, i);
+        set(i, (draw % 2 ? 2 * u : 4 * u - 2) * (draw % 5 == 4 ? 100 : 1));
     };
     const auto check = [&] {
         tape.evaluate({point}, values);
         lua_pushvalue(lua_, function);
-        push_values(lua_, scope_, point);
+        lua_pushvalue(lua_, scope_table);
         // What fails on numbers, fails for reasons of the point.
         if (lua_pcall(lua_, 1, 1, 0) != LUA_OK) return lua_pop(lua_, 1);
         for (std::size_t i = 0; i < recorded.size(); ++i) {
@@ -337,30 +346,36 @@ void EquationRecorder::compare(int function, const std::vector<Recorded>& record
     };
     constexpr std::uint64_t random_points = 20;
     for (std::uint64_t draw = 0; draw < random_points; ++draw) {
-        randomize(draw);
+        for (std::size_t i = 0; i < count; ++i) randomize(draw, i);
         check();
     }
-    // Of many variables some, as many as take no longer than the recording.
+    // Of many variables some, as many as take no longer than the recording; the next ones behind each of them are drawn
+    // anew.
+    constexpr std::size_t drawn_anew = 30;
     const std::size_t most = std::clamp<std::size_t>(200'000 / std::max<std::size_t>(count, 1), 10, 500);
     const std::size_t stride = (count + most - 1) / most;
     for (const double value : compared_numbers(function)) {
-        std::fill(point.begin(), point.end(), value);
+        for (std::size_t i = 0; i < count; ++i) set(i, value);
         check();
+        for (std::size_t i = 0; i < count; ++i) randomize(random_points, i);
         for (std::size_t i = 0; i < count; i += stride) {
-            randomize(random_points + i);
-            point[i] = value;
+            for (std::size_t n = 0; n < std::min(count, drawn_anew); ++n) randomize(random_points + i, (i + n) % count);
+            set(i, value);
             check();
+            randomize(random_points + i, i);
         }
     }
     // What is compared for equality may be an expression: points at which one of this scope has such a value.
-    if (!compares_for_equality(function)) return;
-    for (const Term term : expressions_of_scope()) {
+    for (const Term term : compares_for_equality(function) ? expressions_of_scope() : std::vector<Term>()) {
         const Tape expression(graph_, scope_.terms, {term});
         for (const double value : compared_numbers(function)) {
             for (std::size_t i = 0; i < count; ++i) point[i] = static_cast<double>(i % 7) / 4 - 0.5;
-            if (move_to(expression, value, point)) check();
+            if (!move_to(expression, value, point)) continue;
+            for (std::size_t i = 0; i < count; ++i) set(i, point[i]);
+            check();
         }
     }
+    lua_pop(lua_, 1);
 }
 
 // The newest expressions, not too many, that are made of the variables of the scope alone.
