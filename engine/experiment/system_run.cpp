@@ -21,7 +21,8 @@ class SystemRecorder final : public Observer {
           outputs_(system.equations().outputs.size()),
           with_jumps_(with_jumps) {
         const auto& whens = system.equations().whens;
-        keeps_before_ = with_jumps || std::any_of(whens.begin(), whens.end(), [](const auto& when) { return when.stop; });
+        keeps_before_ =
+            with_jumps || std::any_of(whens.begin(), whens.end(), [](const auto& when) { return when.stop; });
     }
 
     void before_instant(const SystemState& state) override {

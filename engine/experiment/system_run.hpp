@@ -20,9 +20,9 @@ struct SystemRunOptions {
 
 // What a run of a system of equations gave, up to where it came.
 struct SystemRun {
-    Table table;                      // t, states, discrete variables, outputs, at the grid: left limits; where an event ends
-                                      // the run, a last row there
-    EventLog events;                  // in time; subject: the place of the `when`
+    Table table;     // t, states, discrete variables, outputs, at the grid: left limits; where an event ends
+                     // the run, a last row there
+    EventLog events; // in time; subject: the place of the `when`
     std::vector<double> final_states; // right limits, in the order of the equations
     std::vector<double> final_discrete;
     RunState state;                    // there, to continue with

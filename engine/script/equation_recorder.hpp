@@ -78,6 +78,7 @@ class EquationRecorder {
                  bool single);
     std::vector<std::string> source_of(int function, int& first_line) const;
     std::vector<double> compared_numbers(int function) const;
+    bool is_at_jump(Term root, const std::vector<double>& point) const;
     bool compares_for_equality(int function) const;
     std::vector<Term> expressions_of_scope() const;
     [[noreturn]] void refuse_branch(int function, const std::string& what, const std::string& line) const;

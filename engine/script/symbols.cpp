@@ -242,9 +242,28 @@ constexpr const char* no_comparison =
 constexpr const char* no_equality = "symbolic values cannot be compared with == while equations are recorded; an event "
                                     "is a `when` with tb.less and the "
                                     "like, a branch tb.where";
-constexpr const char* no_remainder = "% and // of a symbolic value cannot be recorded: they jump; count in a discrete "
-                                     "variable that a `when` or a sample "
-                                     "clock changes, with math.floor where need be";
+constexpr const char* no_remainder =
+    "math.fmod, math.modf and math.tointeger of a symbolic value cannot be recorded; %, //, "
+    "math.floor and math.ceil can";
+
+// a // b, and a % b as what is left over it.
+LuaState::StackFunction quotient(const Graph& symbols, bool remainder, const char* what) {
+    return [symbols, remainder, what](lua_State* lua) {
+        auto& graph = *symbols->graph;
+        const Term a = value_at(lua, 1, graph, what), b = value_at(lua, 2, graph, what);
+        const Term whole = graph.make(Op::floor, graph.make(Op::divide, a, b));
+        push_number_or_symbol(lua, graph,
+                              remainder ? graph.make(Op::subtract, a, graph.make(Op::multiply, whole, b)) : whole);
+        return 1;
+    };
+}
+
+int round_up(const Graph& symbols, lua_State* lua) {
+    auto& graph = *symbols->graph;
+    const Term x = value_at(lua, 1, graph, "math.ceil");
+    push_number_or_symbol(lua, graph, graph.make(Op::negate, graph.make(Op::floor, graph.make(Op::negate, x))));
+    return 1;
+}
 
 void make_metatable(lua_State* lua, const Graph& symbols) {
     luaL_newmetatable(lua, symbol_type);
@@ -257,8 +276,8 @@ void make_metatable(lua_State* lua, const Graph& symbols) {
     set_function(lua, "__lt", refused(no_comparison));
     set_function(lua, "__le", refused(no_comparison));
     set_function(lua, "__eq", refused(no_equality));
-    set_function(lua, "__mod", refused(no_remainder));
-    set_function(lua, "__idiv", refused(no_remainder));
+    set_function(lua, "__mod", quotient(symbols, true, "%"));
+    set_function(lua, "__idiv", quotient(symbols, false, "//"));
     set_function(lua, "__tostring", [symbols](lua_State* state) {
         lua_pushstring(state, symbols->graph->text(symbol_at(state, 1).value()).c_str());
         return 1;
@@ -299,8 +318,9 @@ void extend_math(lua_State* lua, const Graph& symbols) {
     extend(lua, "abs", [symbols](lua_State* state) { return absolute(symbols, state); });
     extend(lua, "max", extreme(symbols, false, "math.max"));
     extend(lua, "min", extreme(symbols, true, "math.min"));
+    extend(lua, "ceil", [symbols](lua_State* state) { return round_up(symbols, state); });
     keep_out(lua, symbols, "random", no_random);
-    for (const char* name : {"ceil", "fmod", "modf", "tointeger"}) extend(lua, name, refused(no_remainder));
+    for (const char* name : {"fmod", "modf", "tointeger"}) extend(lua, name, refused(no_remainder));
     lua_pop(lua, 1);
     lua_getglobal(lua, "os");
     for (const char* name : {"clock", "time"}) keep_out(lua, symbols, name, no_clock);

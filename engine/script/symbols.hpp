@@ -10,7 +10,7 @@ namespace tribode {
 // Symbolic values in Lua: userdata with the arithmetic of numbers, whose results are terms of one graph. The functions
 // of `math` and tb.where, tb.less and the like take numbers and symbolic values alike.
 //
-// What Lua would decide at once is refused: `<` and `==` between symbolic values, `%`, `//`. Lua asks nobody about `==`
+// What Lua would decide at once is refused: `<` and `==` between symbolic values. Lua asks nobody about `==`
 // with a number and about `if x`, `and`, `or`, `not`; see the reader of systems.
 struct Symbols {
     std::shared_ptr<Expressions> graph = std::make_shared<Expressions>();

@@ -337,7 +337,8 @@ class Reader {
     }
 
     void read_when(int table, const std::string& what, std::optional<std::size_t> mode) {
-        check_keys(lua_, table, {"name", "condition", "crossing", "direction", "set", "mode", "at_start", "stop"}, what);
+        check_keys(lua_, table, {"name", "condition", "crossing", "direction", "set", "mode", "at_start", "stop"},
+                   what);
         Equations::When when;
         when.name = has_field(lua_, table, "name") ? text_field(lua_, table, "name", what)
                                                    : fmt::format("when[{}]", made_.whens.size() + 1);

@@ -67,25 +67,15 @@ void EquationSystem::hold_relations() {
 
     const auto order = graph.reachable(roots, false);
     const auto moving = moving_terms(order);
-    for (std::size_t i = 0; i < roots.size(); ++i) {
-        for (const Term term : graph.reachable(std::span(&roots[i], 1), false)) {
-            if (graph[term].op != Op::floor || !moving.contains(term)) continue;
-            const bool is_rate = i < equations_.states.size();
-            const auto& state = equations_.states[is_rate ? i : 0];
-            throw InputError(fmt::format(
-                "{}: {} has {}, which jumps between events; count in a discrete variable that a `when` or a sample "
-                "clock changes, or put it below tb.no_event",
-                equations_.name,
-                is_rate ? "der(" + state.name + ")" + (state.where.empty() ? "" : " (" + state.where + ")")
-                        : "the condition of " + equations_.whens[i - equations_.states.size()].name,
-                shortened(graph.text(term))));
-        }
-    }
     // The same relation may stand below no_event and elsewhere; there it stays as it is.
     Expressions::Replacement held;
     for (const Term term : order) {
         const auto node = graph[term];
         if (node.op == Op::no_event) held[term] = term;
+        if (node.op == Op::floor && moving.contains(term)) {
+            held[term] = add_counter(term);
+            continue;
+        }
         const bool relation = node.op == Op::less || node.op == Op::less_equal;
         if (!relation || !moving.contains(term)) continue;
         Relation made;
@@ -103,8 +93,31 @@ void EquationSystem::hold_relations() {
     // An operand may itself have a branch.
     std::vector<Term> margins;
     for (const auto& relation : relations_) margins.push_back(relation.margin);
+    for (const auto& counter : counters_) margins.push_back(counter.operand);
     margins = graph.substitute(margins, held);
     for (std::size_t i = 0; i < relations_.size(); ++i) relations_[i].margin = margins[i];
+    for (std::size_t i = 0; i < counters_.size(); ++i) counters_[i].operand = margins[relations_.size() + i];
+}
+
+// A floor that is an event, and the relations at which it changes. Its held value.
+Term EquationSystem::add_counter(Term floor) {
+    auto& graph = *equations_.graph;
+    const std::string text = shortened(graph.text(floor));
+    const Counter counter{graph.variable("(" + text + ")"), graph[floor].a};
+    for (const double step : {1.0, -1.0}) {
+        Relation made;
+        made.text = text;
+        made.held = graph.variable("(" + text + ")");
+        made.margin =
+            step > 0 ? graph.make(Op::subtract, counter.operand, graph.make(Op::add, counter.held, graph.constant(1)))
+                     : graph.make(Op::subtract, counter.held, counter.operand);
+        made.strict = true;
+        made.counter = counters_.size();
+        made.step = step;
+        relations_.push_back(std::move(made));
+    }
+    counters_.push_back(counter);
+    return counter.held;
 }
 
 // Below a function with a limited domain, a branch that goes on continuously, as those of max, min and abs, follows its
@@ -306,6 +319,7 @@ void EquationSystem::make_tapes() {
     }
     for (const auto& discrete : equations_.discrete) inputs_.push_back(discrete.symbol);
     for (const auto& relation : relations_) inputs_.push_back(relation.held);
+    for (const auto& counter : counters_) inputs_.push_back(counter.held);
 
     rate_ = tape_of(rates_);
     std::vector<Term> terms;
@@ -325,6 +339,9 @@ void EquationSystem::make_tapes() {
     std::vector<Term> active;
     for (const auto& relation : relations_) active.push_back(relation.active);
     active_ = tape_of(active);
+    terms.clear();
+    for (const auto& counter : counters_) terms.push_back(counter.operand);
+    counted_ = tape_of(terms);
     for (const auto& when : equations_.whens) when_updates_.push_back(update_of(when.name, when.set));
     for (const auto& clock : equations_.clocks) {
         clock_updates_.push_back(update_of(clock.name, clock.set));
@@ -371,7 +388,12 @@ void EquationSystem::find_dependences() {
     for (std::size_t w = 0; w < conditions_.size(); ++w) {
         for (const Term variable : graph.variables_of(std::span(&conditions_[w], 1))) {
             const std::size_t at = place.at(variable);
-            if (at >= held_place(0)) relations_[at - held_place(0)].whens.push_back(w);
+            if (at < held_place(0)) continue;
+            const std::size_t relation = at - held_place(0);
+            if (relation < relations_.size()) relations_[relation].whens.push_back(w);
+            for (auto& other : relations_) {
+                if (other.counter && relation == relations_.size() + *other.counter) other.whens.push_back(w);
+            }
         }
     }
 }
@@ -443,8 +465,9 @@ void EquationSystem::recognize_affine() {
     for (std::size_t i = first_value; i < inputs_.size(); ++i) {
         if (!std::binary_search(used.begin(), used.end(), inputs_[i])) continue;
         const std::size_t place = i - first_value;
-        const bool is_relation = place >= equations_.discrete.size();
-        const auto modes = is_relation ? 0 : static_cast<double>(equations_.discrete[place].modes.size());
+        const bool is_own = place < equations_.discrete.size();
+        const bool is_relation = !is_own && place < counter_value_place(0);
+        const auto modes = is_own ? static_cast<double>(equations_.discrete[place].modes.size()) : 0;
         pattern_.push_back({place, is_relation ? 3 : modes, is_relation});
     }
     // A value has a number of its own, base 0; relations and modes are digits of as many others as they need.
@@ -487,18 +510,25 @@ SystemState EquationSystem::initial_state(double t) const {
     std::vector<double> x;
     for (const auto& state : equations_.states) x.push_back(state.start);
     for (const auto& discrete : equations_.discrete) values->values.push_back(discrete.start);
-    values->values.resize(equations_.discrete.size() + relations_.size());
+    values->values.resize(counter_value_place(counters_.size()));
     values->conditions.resize(conditions_.size());
     values->slack.resize(relations_.size());
     SystemState state(t, std::move(x), std::move(values));
     auto& memory = static_cast<Memory&>(*state.discrete);
     // A relation may stand in the operand of another; each pass sets one more of such a chain.
-    std::vector<double> margins(relations_.size());
+    std::vector<double> margins(relations_.size()), operands(counters_.size());
     for (std::size_t pass = 0; pass <= relations_.size(); ++pass) {
         bool changed = false;
+        counted_.evaluate({std::span(&state.t, 1), state.x, memory.values}, operands);
+        for (std::size_t i = 0; i < counters_.size(); ++i) {
+            double& held = memory.values[counter_value_place(i)];
+            changed = changed || held != std::floor(operands[i]);
+            held = std::floor(operands[i]);
+        }
         guard_.evaluate({std::span(&state.t, 1), state.x, memory.values}, margins);
         for (std::size_t i = 0; i < relations_.size(); ++i) {
-            double& held = memory.values[equations_.discrete.size() + i];
+            if (relations_[i].counter) continue; // never holds
+            double& held = memory.values[value_place(i)];
             const double now = relations_[i].strict ? margins[i] > 0 : margins[i] >= 0;
             changed = changed || now != held;
             held = now;
@@ -659,11 +689,24 @@ void EquationSystem::enclose_margins(Instant& now, double t, std::span<const dou
 
 // Its guard begins at zero or above.
 void EquationSystem::hold(Instant& now, std::size_t relation, bool holds) const {
-    double& held = now.memory->values[equations_.discrete.size() + relation];
+    double& held = now.memory->values[value_place(relation)];
     now.moved = now.moved || ((held != 0) != holds && moves_[held_place(relation)]);
     held = holds;
     const double side = holds ? now.margins[relation] : -now.margins[relation];
     now.memory->slack[relation] = side < 0 ? -side : 0;
+}
+
+// A floor's operand has left the value that is held: counts on, at least by one. The place of the counter in inputs_.
+std::size_t EquationSystem::count(Instant& now, std::size_t relation) const {
+    const auto& [counter, step] = std::pair(*relations_[relation].counter, relations_[relation].step);
+    now.operands.resize(counters_.size());
+    counted_.evaluate({std::span(&now.state->t, 1), now.state->x, now.memory->values}, now.operands);
+    double& value = now.memory->values[counter_value_place(counter)];
+    const double below = std::floor(now.operands[counter]);
+    value = step > 0 ? std::max(value + 1, below) : std::min(value - 1, below);
+    const std::size_t place = 1 + equations_.states.size() + counter_value_place(counter);
+    now.moved = now.moved || moves_[place];
+    return place;
 }
 
 // Compares anew, as they are written, the relations whose operands were changed and those that have come to matter; and
@@ -676,26 +719,38 @@ void EquationSystem::take_anew(Instant& now, std::span<const std::size_t> writte
         look(now);
         auto& list = now.list;
         list.clear();
+        now.counted.clear();
         for (const std::size_t place : now.written) {
             for (const std::size_t i : moved_relations_of_[place]) now.turned[i] = true;
             for (const std::size_t i : relations_of_[place]) {
                 now.touched[i] = true;
                 // What has crossed may have been put where it is.
-                if (now.margins[i] != now.margins_before[i] || now.crossed[i] != Crossed::no) list.push_back(i);
+                if (now.margins[i] == now.margins_before[i] && now.crossed[i] == Crossed::no) continue;
+                list.push_back(i);
+                now.counted.push_back(relations_[i].counter &&
+                                      place == held_place(relations_.size() + *relations_[i].counter));
             }
         }
         for (std::size_t i = 0; i < relations_.size(); ++i) {
             if (now.active_before[i] == 0 && now.active[i] != 0) list.push_back(i);
         }
+        now.counted.resize(list.size());
         if (list.empty()) return;
         const bool exact = std::all_of(list.begin(), list.end(), [&](std::size_t i) { return now.margins[i] == 0; });
         if (!exact) enclose_margins(now, now.state->t, now.state->x, false);
         now.written.clear();
-        for (const std::size_t i : list) {
+        for (std::size_t n = 0; n < list.size(); ++n) {
+            const std::size_t i = list[n];
             const bool is_zero = exact || now.bounds[i].value.contains(0);
             const double margin = is_zero ? 0 : now.margins[i];
-            const bool holds = relations_[i].strict ? margin > 0 : margin >= 0;
-            const bool held = now.memory->values[equations_.discrete.size() + i] != 0;
+            // Put onto a whole number, the operand is there; come there from below, it is still on its way.
+            const bool is_put = relations_[i].step > 0 && now.counted[n] == 0;
+            const bool holds = relations_[i].strict && !is_put ? margin > 0 : margin >= 0;
+            if (relations_[i].counter && holds) {
+                now.written.push_back(count(now, i));
+                continue;
+            }
+            const bool held = now.memory->values[value_place(i)] != 0;
             hold(now, i, holds);
             if (holds != held) now.written.push_back(held_place(i));
         }
@@ -787,12 +842,16 @@ EventEffect EquationSystem::on_crossings(std::span<const GuardId> guards, System
     look(now);
     if (may_turn) enclose_margins(now, state.t, state.x, true);
     for (const GuardId i : guards) {
-        const bool holds = now.memory->values[equations_.discrete.size() + i] == 0;
+        const bool holds = now.memory->values[value_place(i)] == 0;
         // Below zero by rounding, while the motion leads away: that is no crossing.
         const double zero = (holds ? 1 : -1) * now.memory->slack[i]; // of the guard
         if (may_turn_[i] != 0 && now.bounds[i].value.contains(zero) &&
             (holds ? now.bounds[i].rate.high < 0 : now.bounds[i].rate.low > 0)) {
             hold(now, i, !holds);
+            continue;
+        }
+        if (relations_[i].counter) {
+            places.push_back(count(now, i));
             continue;
         }
         hold(now, i, holds);

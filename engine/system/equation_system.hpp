@@ -19,6 +19,10 @@ namespace tribode {
 // zero only, as in sqrt(max(h, 0)), the branch follows its operands at once: held, it would have no value where a step
 // leads beyond the instant that is still to be located.
 //
+// Roundings. A floor in such a place is an event too: its value is held, and two relations watch its operand. It rises where
+// the operand goes beyond the next whole number, falls where it goes below its own, and is taken anew where a reset
+// changes the operand.
+//
 // An event. The order of things at one instant is:
 //
 //     the relations whose guards fell change, all together
@@ -97,7 +101,7 @@ class EquationSystem final : public HybridSystem {
 
   private:
     struct Memory final : DiscreteValues<Memory> {
-        std::vector<double> values;     // the discrete variables, then what is held of each relation, 1 or 0
+        std::vector<double> values;     // discrete variables; what is held of each relation, 1 or 0; the counters
         std::vector<double> conditions; // of each `when`, as last seen
         std::vector<double> active;     // of each relation, whether it matters now
         // Of each relation, how far it was beyond its zero when it was taken, by rounding: its guard is that much higher, so
@@ -120,6 +124,14 @@ class EquationSystem final : public HybridSystem {
         bool of_time_alone = false;
         std::vector<std::size_t> whens; // whose condition it is part of
         std::string text;
+        // Of a floor: it is counted on by so much where the relation comes to hold, and so holds no longer.
+        std::optional<std::size_t> counter;
+        double step = 0;
+    };
+
+    struct Counter {
+        Term held = 0;    // a variable
+        Term operand = 0; // of the floor
     };
 
     // A matrix of terms without its zeros.
@@ -150,6 +162,7 @@ class EquationSystem final : public HybridSystem {
 
     void put_in_parameters();
     void hold_relations();
+    Term add_counter(Term floor);
     void keep_in_domain(const std::vector<Term>& order, Expressions::Replacement& held);
     void mark_active();
     void join_clocks();
@@ -161,7 +174,9 @@ class EquationSystem final : public HybridSystem {
     std::size_t place_of(Term target) const;
     static bool write(const std::vector<std::size_t>& places, std::span<const double> values, SystemState& state);
     bool carry_out(const Update& update, SystemState& state) const;
-    std::size_t held_place(std::size_t relation) const { return inputs_.size() - relations_.size() + relation; }
+    std::size_t held_place(std::size_t relation) const { return 1 + equations_.states.size() + value_place(relation); }
+    std::size_t value_place(std::size_t relation) const { return equations_.discrete.size() + relation; } // in values
+    std::size_t counter_value_place(std::size_t counter) const { return value_place(relations_.size()) + counter; }
     enum class Crossed : char { no, to_hold, to_fail };
 
     // The work at one instant.
@@ -176,12 +191,15 @@ class EquationSystem final : public HybridSystem {
         std::vector<double> rates, conditions, ahead;
         std::vector<Enclosure> inputs, rate_bounds, bounds; // of states and values; of dx/dt; of the margins
         std::vector<std::size_t> list, written;
+        std::vector<char> counted; // of the list: whether nothing but its counter has changed
+        std::vector<double> operands;
         bool moved = false; // whether x or dx/dt have changed
     };
     Instant& instant_of(SystemState& state) const;
     void look(Instant& now) const;
     void enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates) const;
     void hold(Instant& now, std::size_t relation, bool holds) const;
+    std::size_t count(Instant& now, std::size_t relation) const;
     void take_anew(Instant& now, std::span<const std::size_t> written) const;
     void settle(Instant& now, std::vector<int>& fired) const;
     bool turn_back(Instant& now, std::span<const GuardId> guards) const;
@@ -196,10 +214,12 @@ class EquationSystem final : public HybridSystem {
     std::vector<StateVariable> variables_;
     std::vector<SampleClock> clocks_;
     std::vector<Relation> relations_;
+    std::vector<Counter> counters_;
     std::vector<Term> rates_, conditions_, guard_terms_;
     std::vector<Term> inputs_; // of every tape: t, x, values of the memory
     Tape rate_, output_, condition_;
     Tape guard_, active_; // of each relation: its margin, whether it matters
+    Tape counted_;        // of each counter: its operand
     // Of each place in inputs_: the relations whose margin depends on it; and those whose margin's rate of change does.
     std::vector<std::vector<std::size_t>> relations_of_, moved_relations_of_;
     std::vector<char> may_turn_; // of each relation: whether a `when` writes one of these

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <numbers>
+#include <set>
 #include <unsupported/Eigen/MatrixFunctions>
 
 namespace tribode {
@@ -37,11 +38,15 @@ class Local {
         return result;
     }
 
-    // (terms x variables); what rounds is taken by its mean slope.
+    // (terms x variables); what rounds is taken by its mean slope, a remainder by that between its jumps.
     MatrixXd jacobian(std::vector<Term> terms, const std::vector<Term>& variables) const {
-        for (auto rounded = roundings(terms); !rounded.empty(); rounded = roundings(terms)) {
+        while (true) {
             Expressions::Replacement operands;
-            for (const Term term : rounded) operands[term] = graph_[term].a;
+            const auto remainders = in_remainders(terms);
+            for (const Term term : roundings(terms)) {
+                if (!remainders.contains(term)) operands[term] = graph_[term].a;
+            }
+            if (operands.empty()) break;
             terms = graph_.substitute(terms, operands);
         }
         MatrixXd matrix(static_cast<Index>(terms.size()), static_cast<Index>(variables.size()));
@@ -55,6 +60,27 @@ class Local {
     }
 
     std::vector<Term> roundings(const std::vector<Term>& terms) const { return all_of(terms, {Op::floor}); }
+
+    // The floors in a % b = a - floor(a/b) b, or in what it is with the other sign.
+    std::set<Term> in_remainders(const std::vector<Term>& terms) const {
+        std::set<Term> found;
+        const auto look = [&](Term a, Term whole) {
+            const auto is_quotient = [&](Term floor, std::optional<Term> b) {
+                if (graph_[floor].op != Op::floor) return false;
+                const auto& of = graph_[graph_[floor].a];
+                return b ? of.op == Op::divide && of.a == a && of.b == *b : graph_[floor].a == a;
+            };
+            const auto& product = graph_[whole];
+            if (is_quotient(whole, std::nullopt)) found.insert(whole);
+            if (product.op == Op::multiply && is_quotient(product.a, product.b)) found.insert(product.a);
+            if (product.op == Op::multiply && is_quotient(product.b, product.a)) found.insert(product.b);
+        };
+        for (const Term term : all_of(terms, {Op::subtract})) {
+            look(graph_[term].a, graph_[term].b);
+            look(graph_[term].b, graph_[term].a);
+        }
+        return found;
+    }
 
     // The relations in the terms on whose edge the point lies.
     std::vector<Term> edges(const std::vector<Term>& terms) const {

@@ -68,12 +68,14 @@ end
 -- Both sides: a sawtooth that falls from 1 to 0, by events and by samples, and what is held.
 local saw = tb.system {
   states = { x = 0 }, discrete = { n = 0, k = 0 }, der = function() return { x = 1 } end,
-  when = { { name = "over", crossing = function(s) return 1 - s.x end, set = function(s) return { x = 0, n = s.n + 1 } end } },
+  when = { { name = "over", crossing = function(s) return 1 - s.x end,
+    set = function(s) return { x = 0, n = s.n + 1 } end } },
   sample = { { period_s = 0.7, offset_s = 0.7, set = function(s) return { k = s.k + 1 } end } },
 }
 for _, solver in ipairs(solvers) do
   local plain = tb.run_system { system = saw, duration_s = 3.5, output_step_s = 0.25, solver = solver }
-  local run = tb.run_system { system = saw, duration_s = 3.5, output_step_s = 0.25, output_events = true, solver = solver }
+  local run = tb.run_system { system = saw, duration_s = 3.5, output_step_s = 0.25, output_events = true,
+    solver = solver }
   -- Without them the results are what they are with them, row by row.
   local row = 0
   for i = 1, #plain.t do

@@ -256,11 +256,7 @@ end))
 refused("must be a value; tb.where makes one of it", system_of(function(s)
   return { x = tb.less(s.x, 0) * 2, y = 0 }
 end))
-refused("count in a discrete variable", system_of(function(s) return { x = s.x % 2, y = 0 } end))
-refused("der(x) (", function()
-  tb.run_system { system = tb.system { states = { x = 1 }, der = function(s) return { x = math.floor(s.x) } end },
-    duration_s = 1 }
-end)
+refused("math.fmod", system_of(function(s) return { x = math.fmod(s.x, 2), y = 0 } end))
 
 -- So are wrong equations.
 refused("z is not a variable of the system", system_of(function(s) return { x = s.z, y = 0 } end))
