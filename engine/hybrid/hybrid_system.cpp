@@ -20,6 +20,10 @@ EventEffect HybridSystem::on_crossings(std::span<const GuardId> guards, SystemSt
     return all;
 }
 
+void HybridSystem::sparse_jacobian(double, std::span<const double>, const DiscreteState&, std::span<double>) const {
+    assert(!"a system that knows the pattern of its Jacobian gives its entries");
+}
+
 void HybridSystem::linear_part(std::span<double>) const {}
 
 std::optional<std::string> HybridSystem::why_not_affine() const {

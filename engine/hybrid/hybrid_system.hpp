@@ -52,6 +52,11 @@ enum class EventEffect {
     restart     // x jumped, or the guards changed: they are looked at again, and the integrator starts afresh
 };
 
+// Of a sparse square matrix: column j has entries in rows[starts[j]], ... rows[starts[j + 1] - 1], ascending.
+struct SparsityPattern {
+    std::vector<std::size_t> starts, rows;
+};
+
 // A system of ordinary differential equations with events and sampled blocks:
 //
 //     dx/dt = f(t, x; d)         between events, d constant
@@ -77,6 +82,12 @@ class HybridSystem {
 
     // df/dx into a column-major square matrix preset to zero; false: not available, differences will do.
     virtual bool jacobian(double t, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const;
+
+    // Where the entries of df/dx are that are not always zero, whatever d is; null: not known. Then sparse_jacobian() gives
+    // them in this order.
+    virtual const SparsityPattern* jacobian_pattern() const { return nullptr; }
+    virtual void sparse_jacobian(double t, std::span<const double> x, const DiscreteState& d,
+                                 std::span<double> entries) const;
 
     // g(t, x; d), guard_count() entries.
     virtual void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const = 0;

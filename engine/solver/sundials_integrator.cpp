@@ -6,7 +6,6 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <limits>
-#include <sunmatrix/sunmatrix_dense.h>
 
 namespace tribode {
 
@@ -58,10 +57,6 @@ SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverO
     for (std::size_t i = 0; i < size_; ++i) {
         N_VGetArrayPointer(tolerance_.get())[i] = options.absolute_tolerance * system.states()[i].scale;
     }
-    // Whether there is an analytic Jacobian does not depend on the state.
-    const SystemState start = system.initial_state();
-    std::vector<double> matrix(size_ * size_);
-    has_jacobian_ = system.jacobian(0.0, start.x, *start.discrete, matrix);
 }
 
 SundialsIntegrator::~SundialsIntegrator() {
@@ -82,15 +77,6 @@ int SundialsIntegrator::derivative_callback(double t, N_Vector x, N_Vector dxdt,
     me.not_finite_ = not_finite;
     me.met_non_finite_ = true;
     return 1; // recoverable: a shorter step may do
-}
-
-int SundialsIntegrator::jacobian_callback(double t, N_Vector x, N_Vector, SUNMatrix matrix, void* self, N_Vector,
-                                          N_Vector, N_Vector) {
-    auto& me = *static_cast<SundialsIntegrator*>(self);
-    ++me.counts_.jacobian_evaluations;
-    SUNMatZero(matrix);
-    me.system_.jacobian(t, me.values(x), *me.state_->discrete, {SM_DATA_D(matrix), me.size_ * me.size_});
-    return 0;
 }
 
 void SundialsIntegrator::message_callback(int code, const char*, const char*, char* text, void* self) {

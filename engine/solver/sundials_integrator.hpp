@@ -60,8 +60,6 @@ class SundialsIntegrator : public Integrator {
     static void check(int flag, const char* function);
 
     static int derivative_callback(double t, N_Vector x, N_Vector dxdt, void* self);
-    static int jacobian_callback(double t, N_Vector x, N_Vector fx, SUNMatrix matrix, void* self, N_Vector, N_Vector,
-                                 N_Vector);
     static void message_callback(int code, const char* module, const char* function, char* text, void* self);
 
     const HybridSystem& system_;
@@ -69,7 +67,6 @@ class SundialsIntegrator : public Integrator {
     SUNContext context_ = nullptr;
     Owned<N_Vector> vector_, tolerance_;
     double kept_step_ = 0; // [s]
-    bool has_jacobian_ = false;
 
     std::span<const double> values(N_Vector v) const { return {N_VGetArrayPointer(v), size_}; }
 

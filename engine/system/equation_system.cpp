@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
+#include <numeric>
 
 namespace tribode {
 
@@ -234,7 +235,10 @@ EquationSystem::Sparse EquationSystem::sparse_jacobian(const std::vector<Term>& 
     terms.clear();
     std::vector<Term> symbols;
     for (const auto& state : equations_.states) symbols.push_back(state.symbol);
-    for (const auto& derivative : graph.jacobian(rows, symbols)) {
+    auto derivatives = graph.jacobian(rows, symbols);
+    std::stable_sort(derivatives.begin(), derivatives.end(),
+                     [](const auto& a, const auto& b) { return a.column < b.column; });
+    for (const auto& derivative : derivatives) {
         sparse.entries.push_back({derivative.row, derivative.column});
         terms.push_back(derivative.term);
     }
@@ -402,6 +406,13 @@ void EquationSystem::recognize_affine() {
     auto& graph = *equations_.graph;
     std::vector<Term> matrix, guard_matrix;
     jacobian_ = sparse_jacobian(rates_, matrix);
+    jacobian_pattern_.starts.assign(equations_.states.size() + 1, 0);
+    for (const auto& [row, column] : jacobian_.entries) {
+        jacobian_pattern_.rows.push_back(row);
+        ++jacobian_pattern_.starts[column + 1];
+    }
+    std::partial_sum(jacobian_pattern_.starts.begin(), jacobian_pattern_.starts.end(),
+                     jacobian_pattern_.starts.begin());
     guard_jacobian_ = sparse_jacobian(guard_terms_, guard_matrix);
 
     std::set<Term> moving{equations_.time};
@@ -562,6 +573,11 @@ bool EquationSystem::jacobian(double t, std::span<const double> x, const Discret
     return true;
 }
 
+void EquationSystem::sparse_jacobian(double t, std::span<const double> x, const DiscreteState& d,
+                                     std::span<double> entries) const {
+    jacobian_.tape.evaluate({std::span(&t, 1), x, memory(d).values}, entries);
+}
+
 void EquationSystem::guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const {
     const Memory& held = memory(d);
     guard_.evaluate({std::span(&t, 1), x, held.values}, g.first(relations_.size()));
@@ -570,7 +586,7 @@ void EquationSystem::guards(double t, std::span<const double> x, const DiscreteS
         g[i] = held.active[i] == 0 ? 1 : (values[i] != 0 ? g[i] : -g[i]) + held.slack[i];
         if (std::isnan(g[i])) g[i] = -1; // a step that leaves where it has a value must not pass over its fall
     }
-    g.back() = held.restless || held.unsettled ? -1 : 1;
+    if (has_endless_guard()) g.back() = held.restless || held.unsettled ? -1 : 1;
 }
 
 void EquationSystem::enclose_guards(const Enclosure& t, std::span<const Enclosure> x, const DiscreteState& d,
@@ -593,7 +609,7 @@ void EquationSystem::enclose_guards(const Enclosure& t, std::span<const Enclosur
         }
         value = {value.low + held.slack[i], value.high + held.slack[i]};
     }
-    g.back() = Enclosure::constant(held.restless ? -1 : 1);
+    if (has_endless_guard()) g.back() = Enclosure::constant(held.restless ? -1 : 1);
 }
 
 void EquationSystem::find_active(SystemState& state) const {
@@ -905,7 +921,7 @@ void EquationSystem::affine_derivative(int n, double t0, double h, std::span<con
 void EquationSystem::affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
                                    std::span<double> coefficient) const {
     if (n == 0) return guards(t0, c, d, coefficient);
-    coefficient.back() = 0;
+    if (has_endless_guard()) coefficient.back() = 0;
     affine_coefficient(guard_jacobian_, guard_by_time_, n, t0, h, c, d, coefficient.first(relations_.size()));
 }
 

@@ -52,11 +52,15 @@ class EquationSystem final : public HybridSystem {
 
     const std::vector<StateVariable>& states() const override { return variables_; }
     const std::vector<SampleClock>& clocks() const override { return clocks_; }
-    std::size_t guard_count() const override { return relations_.size() + 1; }
+    // The last one falls where events cause each other without end.
+    std::size_t guard_count() const override { return relations_.size() + (has_endless_guard() ? 1 : 0); }
     SystemState initial_state() const override { return initial_state(0); }
     SystemState initial_state(double t) const; // start values, at another time [s], not negative
     void derivative(double t, std::span<const double> x, const DiscreteState& d, std::span<double> dxdt) const override;
     bool jacobian(double t, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const override;
+    const SparsityPattern* jacobian_pattern() const override { return &jacobian_pattern_; }
+    void sparse_jacobian(double t, std::span<const double> x, const DiscreteState& d,
+                         std::span<double> entries) const override;
     void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const override;
     bool encloses_guards() const override { return true; }
     void enclose_guards(const Enclosure& t, std::span<const Enclosure> x, const DiscreteState& d,
@@ -134,7 +138,7 @@ class EquationSystem final : public HybridSystem {
         Term operand = 0; // of the floor
     };
 
-    // A matrix of terms without its zeros.
+    // A matrix of terms without its zeros, column by column.
     struct Sparse {
         struct Entry {
             std::size_t row, column;
@@ -174,6 +178,7 @@ class EquationSystem final : public HybridSystem {
     std::size_t place_of(Term target) const;
     static bool write(const std::vector<std::size_t>& places, std::span<const double> values, SystemState& state);
     bool carry_out(const Update& update, SystemState& state) const;
+    bool has_endless_guard() const { return !relations_.empty() || !equations_.whens.empty(); }
     std::size_t held_place(std::size_t relation) const { return 1 + equations_.states.size() + value_place(relation); }
     std::size_t value_place(std::size_t relation) const { return equations_.discrete.size() + relation; } // in values
     std::size_t counter_value_place(std::size_t counter) const { return value_place(relations_.size()) + counter; }
@@ -225,6 +230,7 @@ class EquationSystem final : public HybridSystem {
     std::vector<char> may_turn_; // of each relation: whether a `when` writes one of these
     std::vector<char> moves_;    // of each place: whether it is a state or dx/dt depends on it
     Sparse jacobian_, guard_jacobian_;
+    SparsityPattern jacobian_pattern_;
     std::vector<Update> when_updates_, clock_updates_;
     std::vector<std::optional<Call>> calls_; // of the clocks
     std::vector<Reach> reach_;               // of the clocks
