@@ -134,6 +134,10 @@ std::map<std::string, std::string> defines_of(const std::vector<std::string>& de
     return values;
 }
 
+MachineModel read_machine(const std::string& file, const Common& common) {
+    return MachineModel::from_description(read_description(file, {}, nullptr, nullptr, common.control()), file);
+}
+
 // A machine and the record that drives it, as simulate and compare take them.
 struct MachineAndRecord {
     std::string machine, input, columns, scale;
@@ -146,7 +150,7 @@ struct MachineAndRecord {
         app.add_option("--scale", scale, "factors that bring input columns to SI, e.g. u=35.15");
     }
 
-    MachineModel model() const { return MachineModel::from_description(read_description(machine), machine); }
+    MachineModel model(const Common& common) const { return read_machine(machine, common); }
 
     DriveRecord record(const MachineModel& model) const {
         const Record measured = read_record(input, RecordOptions::parse(columns, scale), DriveRecord::columns());
@@ -191,7 +195,7 @@ struct SimulateCommand {
 
     int run(const Common& common) {
         confine(what.machine, {what.input}, events.empty() ? std::vector{output} : std::vector{output, events});
-        const MachineModel model = what.model();
+        const MachineModel model = what.model(common);
         options.method = method_named(solver);
         options.fixed_step = step.value_or(model.sample_time / 10);
         for (const auto& [name, value] : {std::pair{"--rtol", options.relative_tolerance},
@@ -236,7 +240,7 @@ struct CompareCommand {
 
     int run(const Common& common) {
         confine(what.machine, {what.input}, {output});
-        const MachineModel model = what.model();
+        const MachineModel model = what.model(common);
         const DriveRecord record = what.record(model);
         RunFolder folder(output); // first: a folder that cannot be made is said before the work
         const Comparison comparison = compare(model, record, options, common.control());
@@ -278,7 +282,7 @@ struct DiagnoseCommand {
         std::vector<std::string> records_to_read = data;
         if (!validate.empty()) records_to_read.push_back(validate);
         confine(machine, records_to_read, {output});
-        const MachineModel model = MachineModel::from_description(read_description(machine), machine);
+        const MachineModel model = read_machine(machine, common);
         std::vector<std::string> hashes;
         const auto measurement = [&](const std::string& file) {
             hashes.push_back(sha256(read_file(file)));

@@ -16,7 +16,9 @@ int main(int count, char** arguments) {
         std::vector<fs::path> files;
         for (int i = 2; i < count; ++i) {
             if (!fs::is_directory(arguments[i])) continue;
-            for (const auto& entry : fs::directory_iterator(arguments[i])) files.push_back(entry.path());
+            for (const auto& entry : fs::recursive_directory_iterator(arguments[i])) {
+                if (entry.is_regular_file()) files.push_back(entry.path());
+            }
         }
         if (files.empty()) {
             std::fprintf(stderr, "fuzz_replay: there are no files\n");

@@ -422,7 +422,7 @@ class Search {
         for (const std::size_t i : order) running.insert(running.end(), begun[i].begin(), begun[i].end());
         for (const auto& [iterations, keep, factor] :
              {std::tuple{2, std::size_t{16}, 30.0}, {4, std::size_t{8}, 10.0}}) {
-            for_each_index(running.size(), control_, what + ": fitting", [&](std::size_t i) {
+            for_each_index(running.size(), control_, what + ": fitting", [&, iterations = iterations](std::size_t i) {
                 // With the uncertain fields, which the baseline may have bent so far that the effect alone gains little.
                 if (!running[i].converged) refine(running[i], lead_records_, iterations, 1);
             });

@@ -6,8 +6,12 @@
 #include <cstdint>
 #include <fmt/format.h>
 #include <functional>
+#include <limits>
 #include <lua.hpp>
+#include <numeric>
+#include <span>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace tribode {
@@ -228,18 +232,82 @@ int ordered_next(lua_State* lua) {
     return results;
 }
 
+// Whether entry `a` of the list at index 3 comes before entry `b`, by the function at index 2 where there is one.
+bool comes_before(lua_State* lua, lua_Integer a, lua_Integer b) {
+    const bool by_function = !lua_isnil(lua, 2);
+    if (by_function) lua_pushvalue(lua, 2);
+    lua_rawgeti(lua, 3, a);
+    lua_rawgeti(lua, 3, b);
+    if (by_function) lua_call(lua, 2, 1);
+    const bool before = by_function ? lua_toboolean(lua, -1) != 0 : lua_compare(lua, -2, -1, LUA_OPLT) != 0;
+    lua_pop(lua, by_function ? 1 : 2);
+    return before;
+}
+
+// The places of the entries of the list at index 3 in their order, as a part of `room` for twice as many. The sorts of the
+// standard library may go astray where the function is no order.
+std::span<std::uint32_t> merge_sorted(lua_State* lua, std::span<std::uint32_t> room) {
+    const std::size_t n = room.size() / 2;
+    std::span<std::uint32_t> order = room.first(n), merged = room.last(n);
+    std::iota(order.begin(), order.end(), 1);
+    for (std::size_t width = 1; width < n; width *= 2) {
+        charge_instructions(lua, n);
+        for (std::size_t begin = 0; begin < n; begin += 2 * width) {
+            const std::size_t middle = std::min(begin + width, n), end = std::min(begin + 2 * width, n);
+            std::size_t left = begin, right = middle;
+            for (std::size_t at = begin; at < end; ++at) {
+                const bool from_right = left == middle || (right < end && comes_before(lua, order[right], order[left]));
+                merged[at] = order[from_right ? right++ : left++];
+            }
+        }
+        std::swap(order, merged);
+    }
+    return order;
+}
+
+int stable_sort(lua_State* lua) {
+    require_table(lua, "sort");
+    if (!lua_isnoneornil(lua, 2) && !lua_isfunction(lua, 2)) {
+        throw InputError(fmt::format("bad argument #2 to 'sort' (function expected, got {})", luaL_typename(lua, 2)));
+    }
+    lua_settop(lua, 2);
+    const lua_Integer count = luaL_len(lua, 1);
+    constexpr lua_Integer most = std::numeric_limits<int>::max();
+    if (count >= most) throw InputError("bad argument #1 to 'sort' (array too big)");
+    if (count < 2) return 0;
+    charge_instructions(lua, static_cast<std::uint64_t>(count));
+    lua_newtable(lua); // 3: the elements as they were
+    const auto n = static_cast<std::size_t>(count);
+    // 4: memory of Lua, so that it counts to the limit of the script
+    auto* const room = static_cast<std::uint32_t*>(lua_newuserdatauv(lua, 2 * n * sizeof(std::uint32_t), 0));
+    for (lua_Integer i = 1; i <= count; ++i) {
+        lua_geti(lua, 1, i);
+        lua_rawseti(lua, 3, i);
+    }
+    lua_Integer place = 0;
+    for (const std::uint32_t from : merge_sorted(lua, {room, 2 * n})) {
+        lua_rawgeti(lua, 3, from);
+        lua_seti(lua, 1, ++place);
+    }
+    return 0;
+}
+
+// Field `name` of the table on top becomes `function`, with the old value for call_replaced. [-0, +0]
+void replace(lua_State* lua, const char* name, lua_CFunction function) {
+    lua_getfield(lua, -1, name);
+    push_function(lua, function);
+    lua_setfield(lua, -2, name);
+}
+
 } // namespace
 
 void order_tables(lua_State* lua) {
     lua_pushglobaltable(lua);
-    const std::initializer_list<std::pair<const char*, lua_CFunction>> functions = {{"pairs", ordered_pairs},
-                                                                                    {"next", ordered_next}};
-    for (const auto& [name, function] : functions) {
-        lua_getfield(lua, -1, name);
-        push_function(lua, function);
-        lua_setfield(lua, -2, name);
-    }
-    lua_pop(lua, 1);
+    replace(lua, "pairs", ordered_pairs);
+    replace(lua, "next", ordered_next);
+    lua_getfield(lua, -1, "table");
+    replace(lua, "sort", stable_sort);
+    lua_pop(lua, 2);
 }
 
 } // namespace tribode

@@ -13,6 +13,7 @@
 #include "system/compiled_c.hpp"
 
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <fmt/format.h>
@@ -45,7 +46,8 @@ Json parse_define(const std::string& name, const std::string& text, const Json& 
     }
     if (fallback.is_number()) {
         const double value = number(text);
-        if (fallback.is_number_integer() && value == static_cast<double>(static_cast<long>(value))) {
+        constexpr double most = 1L << 53; // beyond, not every whole number is a double
+        if (fallback.is_number_integer() && std::abs(value) <= most && value == std::trunc(value)) {
             return static_cast<long>(value);
         }
         return value;
@@ -162,7 +164,7 @@ std::filesystem::path ScriptRun::ready_file(const std::string& name) {
 Json ScriptRun::machine(const std::string& file, const Json& argument) {
     const auto path = find_file(file);
     lua_.access().check_read(path);
-    Json description = read_description(path, lua_.limits(), argument, files_read_);
+    Json description = read_description(path, lua_.limits(), argument, files_read_, control_);
     note_read(path);
     machines_[file] = MachineModel::from_description(description, file).hash();
     return description;

@@ -24,16 +24,24 @@ ScriptRun& surroundings() {
     return *run;
 }
 
+constexpr std::string_view use = "local make, problem = load((...), '=a.lua')\n"
+                                 "if not make then error(problem, 0) end\n"
+                                 "local tb, system = require 'tribode', make()\n"
+                                 "if not system then return end\n"
+                                 "tb.run_system { system = system, duration_s = 0.5, output_step_s = 0.1 }\n"
+                                 "tb.linearize { system = system }\n";
+
 } // namespace
 
-// A script with the functions of systems: tb.system, tb.run_system, tb.linearize. What it does with them is its own.
+// A script with the functions of systems: tb.system, tb.run_system, tb.linearize. What it does with them is its own; a
+// system that it returns, as a file of models/systems does, is run and linearized.
 void run_system(std::string_view bytes) {
     ScriptRun& run = surroundings();
     Patience::begin();
     try {
         LuaState lua({std::size_t{1} << 25, 1'000'000}, {}, run.control());
         add_system_bindings(lua, run);
-        lua.run_text(bytes, "a.lua");
+        lua.run_text(use, "use.lua", std::string(bytes));
     } catch (const InputError&) {
     } catch (const EndedEarly&) {
     }

@@ -14,14 +14,27 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Every kind of thing that is kept, points that fail, chance that belongs to the point.
+// Every kind of thing that is kept, points that fail, chance that belongs to the point. Where the option `hold` names a
+// file that is there, a worker stands still behind some points of its shard, longer than results are gathered.
 const std::string all_kinds = "local tb = require 'tribode'\n"
                               "local work = 'WORK' == 'none' and 0 or tonumber 'WORK'\n"
+                              "local hold, done = tb.options { hold = '' }.hold, 0\n"
+                              "local function wait()\n"
+                              "  done = done + 1\n"
+                              "  local begin = os.clock()\n"
+                              "  repeat until os.clock() - begin > 0.01\n"
+                              "  while done > 20 do\n"
+                              "    local file = io.open(hold)\n"
+                              "    if not file then return end\n"
+                              "    file:close()\n"
+                              "  end\n"
+                              "end\n"
                               "tb.batch {\n"
                               "  seed = 7, count = COUNT, units = { x = 'm', square = 'm2' },\n"
                               "  points = function(i) return { x = i / 10, big = i > 5 } end,\n"
                               "  run = function(point, seed, index)\n"
                               "    if index % 50 == 3 then error('bad luck, \"again\"') end\n"
+                              "    if hold ~= '' then wait() end\n"
                               "    for _ = 1, work do end\n"
                               "    local list = {}\n"
                               "    for i = 1, index % 4 do list[i] = point.x * i end\n"
@@ -57,9 +70,10 @@ class BatchCommands : public ::testing::Test {
     }
 
     // A script of `count` points, each with `work` turns of a loop (a million is about 5 ms), in `b` with `shards`.
-    void plan(int count, const std::string& work, int shards, const std::string& out = "b") const {
+    void plan(int count, const std::string& work, int shards, const std::string& out = "b",
+              const std::string& hold = "") const {
         folder.write("s.lua", replaced(replaced(all_kinds, "COUNT", std::to_string(count)), "WORK", work));
-        expect_done({"plan", "s.lua", "-o", out, "--shards", std::to_string(shards)});
+        expect_done({"plan", "s.lua", "-o", out, "--shards", std::to_string(shards), "-D", "hold=" + hold});
     }
 
     std::string merged(const std::string& batch) const {
@@ -71,12 +85,16 @@ class BatchCommands : public ::testing::Test {
         return std::make_unique<Program>(words, Surroundings{.folder = folder.path()});
     }
 
-    // A run that has done something and is far from its end.
-    std::unique_ptr<Program> begin_long_run() const {
-        plan(400, "1000000", 4);
-        auto program = begin({"batch", "run", "b", "-j", "2", "--quiet"});
+    // A command on `b` that has done some of its points and does not end by itself.
+    std::unique_ptr<Program> begin_and_hold(const std::vector<std::string>& words, int shards) const {
+        plan(400, "none", shards, "b", "b/hold");
+        folder.write("b/hold", "");
+        auto program = begin(words);
         EXPECT_TRUE(program->wait_until([&] { return points_done() > 0; }));
         return program;
+    }
+    std::unique_ptr<Program> begin_long_run() const {
+        return begin_and_hold({"batch", "run", "b", "-j", "2", "--quiet"}, 4);
     }
 
     int points_done() const {
@@ -201,9 +219,7 @@ TEST_F(BatchCommands, StatusAndMergeCountTheSamePointsAsMissing) {
 }
 
 TEST_F(BatchCommands, AShardThatIsTerminatedEndsWith75AtAPoint) {
-    plan(100, "1000000", 1);
-    const auto program = begin({"batch", "shard", "b", "1", "--quiet"});
-    ASSERT_TRUE(program->wait_until([&] { return points_done() > 0; }));
+    const auto program = begin_and_hold({"batch", "shard", "b", "1", "--quiet"}, 1);
     program->send(SIGTERM);
     EXPECT_EQ(program->finish().exit_code, 75);
     EXPECT_GT(points_done(), 0);

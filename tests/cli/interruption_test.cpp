@@ -7,7 +7,6 @@
 #include <csignal>
 #include <gtest/gtest.h>
 #include <map>
-#include <thread>
 
 namespace tribode::cli {
 namespace {
@@ -47,13 +46,15 @@ class Interruption : public ::testing::Test {
 
     std::vector<std::string> command(const std::string& out) const { return {"run", "s.lua", "-o", out, "-j", "2"}; }
 
-    // Sends the signal while the sweep runs and has kept something.
+    // Sends the signal while the sweep runs and has kept something: it says so to a terminal that is stopped, and
+    // waits.
     Ending interrupted(int signal) {
-        Program program(command("out"), {.folder = folder.path()});
-        const bool in_time = program.wait_until([&] { return fs::exists(checkpoint); });
-        EXPECT_TRUE(in_time) << "the sweep ended before it was interrupted";
+        Program program(command("out"), {.folder = folder.path(), .terminal_is_stopped = true});
+        EXPECT_TRUE(program.wait_until([&] { return fs::exists(checkpoint); })) << program.err();
         program.send(signal);
-        return program.finish();
+        Ending ending = program.finish();
+        ending.err.erase(0, ending.err.find("tribode: ")); // the progress
+        return ending;
     }
 
     void expect_second_run_finishes_as_an_undisturbed_one() {
@@ -143,7 +144,7 @@ TEST_F(Interruption, TheSecondCtrlCEndsAtOnce) {
     Program program(command("out"), {.folder = folder.path()});
     ASSERT_TRUE(program.wait_until([&] { return program.out() == "begun\n"; }));
     program.send(SIGINT);
-    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    ASSERT_TRUE(program.wait_until([&] { return !program.listens_to(SIGINT); }));
     EXPECT_FALSE(program.has_ended());
     program.send(SIGINT);
     const auto ending = program.finish();

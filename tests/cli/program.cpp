@@ -11,6 +11,7 @@
 #include <stdexcept>
 #include <sys/resource.h>
 #include <sys/wait.h>
+#include <termios.h>
 #include <thread>
 #include <unistd.h>
 
@@ -67,9 +68,11 @@ bool take_rights_away() {
 
 Program::Program(const std::vector<std::string>& arguments, const Surroundings& surroundings)
     : give_up_(std::chrono::steady_clock::now() + surroundings.patience),
-      out_(file_without_name()) {
-    if (surroundings.errors_to_terminal) {
+      out_(file_without_name()),
+      terminal_is_stopped_(surroundings.terminal_is_stopped) {
+    if (surroundings.errors_to_terminal || terminal_is_stopped_) {
         terminal_ = new_terminal(err_);
+        if (terminal_is_stopped_) tcflow(err_, TCOOFF);
     } else {
         err_ = file_without_name();
     }
@@ -113,6 +116,15 @@ bool Program::wait_until(const std::function<bool()>& condition) {
 
 void Program::send(int signal) const { kill(process_, signal); }
 
+bool Program::listens_to(int signal) const {
+    std::ifstream status("/proc/" + std::to_string(process_) + "/status");
+    unsigned long long caught = 0;
+    for (std::string word; status >> word;) {
+        if (word == "SigCgt:") status >> std::hex >> caught;
+    }
+    return caught >> (signal - 1) & 1;
+}
+
 std::string Program::out() const { return all_of(out_); }
 
 std::string Program::err() const { return terminal_ >= 0 ? terminal_text_ : all_of(err_); }
@@ -126,6 +138,7 @@ void Program::read_terminal() {
 }
 
 Ending Program::finish() {
+    if (terminal_is_stopped_) tcflow(err_, TCOON);
     if (!wait_until([this] { return has_ended(); })) {
         kill(process_, SIGKILL);
         waitpid(process_, &status_, 0);

@@ -16,6 +16,7 @@ struct Surroundings {
     std::filesystem::path output;      // standard output goes there; empty: to Ending::out
     bool as_nobody = false;            // a superuser gives up all rights first
     bool errors_to_terminal = false;   // standard error is a terminal
+    bool terminal_is_stopped = false;  // it is one, and stopped as by Ctrl-S: what writes there waits until `finish`
     std::chrono::minutes patience{15}; // a program that hangs is killed then
 };
 
@@ -41,6 +42,9 @@ class Program {
     bool wait_until(const std::function<bool()>& condition);
     bool has_ended();
     void send(int signal) const;
+    // Whether it has a function of its own for the signal: false before it has begun to listen, and where the first
+    // signal of two was heard.
+    bool listens_to(int signal) const;
     pid_t number() const { return process_; }
 
     std::string out() const; // so far
@@ -53,6 +57,7 @@ class Program {
     std::chrono::steady_clock::time_point give_up_;
     int out_, err_; // files without a name
     int terminal_ = -1;
+    bool terminal_is_stopped_;
     std::string terminal_text_;
     pid_t process_ = -1;
     int status_ = 0;

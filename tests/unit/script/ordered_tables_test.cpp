@@ -79,5 +79,55 @@ TEST(OrderedTables, KeepsWhatLuaPromises) {
         Json("ab"));
 }
 
+// Lua's own would divide such a list at places that the clock chooses, after a few bad ones.
+TEST(OrderedTables, SortLeavesEqualElementsInTheirOrder) {
+    const std::string check = "for i = 2, #t do local a, b = t[i - 1], t[i]\n"
+                              "  assert(a.key < b.key or a.key == b.key and a.place < b.place, i) end\n";
+    for (const char* key : {"0", "i % 3", "-i", "i", "(i * 7919) % 101", "i < 2500 and i or 5000 - i"}) {
+        EXPECT_EQ(run(std::string("local t = {} for i = 1, 5000 do t[i] = { key = ") + key +
+                      ", place = i } end\n"
+                      "table.sort(t, function(a, b) return a.key < b.key end) assert(#t == 5000)\n" +
+                      check + "return 'sorted'"),
+                  Json("sorted"))
+            << key;
+    }
+    EXPECT_EQ(run("local t = {3, 1, 2} table.sort(t) local s = {'b', 'a'} table.sort(s, nil)\n"
+                  "table.sort({}) table.sort({1})\n"
+                  "return table.concat(t) .. table.concat(s)"),
+              Json("123ab"));
+    EXPECT_EQ(run("local log = {}\n"
+                  "local t = setmetatable({}, {__len = function() return 3 end,\n"
+                  "  __index = function(_, i) return 10 - i end,\n"
+                  "  __newindex = function(t, i, v) log[#log + 1] = i .. '=' .. v end})\n"
+                  "table.sort(t) return table.concat(log, ' ')"),
+              Json("1=7 2=8 3=9"));
+}
+
+TEST(OrderedTables, SortByWhatIsNoOrderEnds) {
+    for (const char* order : {"true", "a ~= b", "a % 3 < 2", "next({}) == nil"}) {
+        EXPECT_EQ(run(std::string("local t = {} for i = 1, 999 do t[i] = i end\n"
+                                  "table.sort(t, function(a, b) return ") +
+                      order + " end)\nlocal sum = 0 for _, v in ipairs(t) do sum = sum + v end return sum"),
+                  Json(999 * 500));
+    }
+    EXPECT_NE(problem_of([] { run("table.sort({1, 'a', {}})"); }).find("attempt to compare"), std::string::npos);
+    EXPECT_NE(problem_of([] { run("table.sort({3, 2}, function() error('why') end)"); }).find("t:1: why"),
+              std::string::npos);
+    EXPECT_EQ(run("local _, e = pcall(table.sort, {3, 2}, function() error({7}) end) return e[1]"), Json(7));
+    EXPECT_EQ(problem_of([] { run("table.sort({}, 3)"); }),
+              "input: t:1: bad argument #2 to 'sort' (function expected, got number)");
+    EXPECT_NE(problem_of([] {
+                  run("table.sort(setmetatable({}, {__len = function() return 1 << 40 end}))");
+              }).find("array too big"),
+              std::string::npos);
+    ScriptLimits limits;
+    limits.instructions = 1'000'000;
+    EXPECT_NE(problem_of([&] {
+                  LuaState(limits, {}, {})
+                      .run_text("local t = {} for i = 1, 20000 do t[i] = -i end while true do table.sort(t) end", "t");
+              }).find("more than 1000000 instructions"),
+              std::string::npos);
+}
+
 } // namespace
 } // namespace tribode
