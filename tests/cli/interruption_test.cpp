@@ -180,6 +180,20 @@ TEST_F(Interruption, CtrlCEndsAnEndlessScript) {
     expect_sentence(program.finish(), 3, {"s.lua:2:", "interrupted"});
 }
 
+TEST_F(Interruption, CtrlCEndsAnEndlessMachineFile) {
+    folder.write("m.lua", "print('begun')\nwhile true do end\n");
+    folder.write("in.csv", "t,u\n0,0\n0.0005,0\n");
+    folder.write("s.lua", "require 'tribode'.machine 'm.lua'\n");
+    for (const std::vector<std::string>& words :
+         {std::vector<std::string>{"simulate", "--machine", "m.lua", "--input", "in.csv", "-o", "out.csv"},
+          {"run", "s.lua", "-o", "out", "-D", "machine=m.lua"}}) {
+        Program program(words, {.folder = folder.path()});
+        ASSERT_TRUE(program.wait_until([&] { return program.out() == "begun\n"; })) << program.err();
+        program.send(SIGINT);
+        expect_sentence(program.finish(), 3, {"m.lua:2: interrupted"});
+    }
+}
+
 // A step of a nanosecond: the run would take minutes. Its progress tells that it has begun.
 TEST_F(Interruption, CtrlCInASimulationKeepsWhatWasReachedUnderAnotherName) {
     folder.write("mass.json", R"({"rigid_gain_per_kg": 0.1})");
