@@ -55,9 +55,11 @@ std::size_t for_each_cell(std::string_view line, Use use) {
     }
 }
 
+constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";
+
 // Without the byte order mark that some programs put in front.
 std::string_view without_mark(std::string_view text) {
-    if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
+    if (text.starts_with(byte_order_mark)) text.remove_prefix(byte_order_mark.size());
     return text;
 }
 
@@ -170,11 +172,11 @@ std::string to_csv(const Table& table) {
     std::string text;
     for (const Column& column : table.columns) {
         const std::string& name = column.name;
-        if (name.empty() || trim(name) != name || name.starts_with('#') || parse_number(name) ||
-            name.find_first_of(",\"\r\n") != std::string::npos) {
+        if (name.empty() || trim(name) != name || name.starts_with('#') || name.starts_with(byte_order_mark) ||
+            parse_number(name) || name.find_first_of(",\"\r\n") != std::string::npos) {
             throw InputError(
                 fmt::format("\"{}\" is not a column name that CSV can hold: a comma, a quote, a line break, "
-                            "a blank at an end, a # in front and a number are not allowed",
+                            "a blank at an end, a # or a byte order mark in front and a number are not allowed",
                             name));
         }
         text += text.empty() ? "" : ",";
