@@ -221,30 +221,6 @@ SweepPoint run_point(const MachineModel& machine, const SweepOptions& options, s
 
 } // namespace
 
-void SweepOptions::read(FieldReader& fields) {
-    frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, frequency_hz);
-    constexpr std::size_t most_frequencies = 1'000'000;
-    if (frequency_hz.size() > most_frequencies) {
-        fields.fail("frequency_hz",
-                    fmt::format("has {} entries, must have {} at most", frequency_hz.size(), most_frequencies));
-    }
-    amplitude = fields.number("amplitude_N", "N", Allowed::positive, amplitude);
-    settle_periods = fields.number("settle_periods", "", Allowed::non_negative, settle_periods);
-    settle_time = fields.number("settle_time_s", "s", Allowed::non_negative, settle_time);
-    settle_tolerance = fields.number("settle_tolerance", "", Allowed::positive, settle_tolerance);
-    settle_time_limit = fields.number("settle_time_limit_s", "s", Allowed::positive, settle_time_limit);
-    measure_periods = fields.integer("measure_periods", 2, 1'000'000, measure_periods);
-    measure_time = fields.number("measure_time_s", "s", Allowed::non_negative, measure_time);
-    harmonics = static_cast<int>(fields.integer("harmonics", 1, 50, harmonics));
-    delay = fields.number("delay_s", "s", Allowed::non_negative, delay);
-    delay_order = static_cast<int>(fields.integer("delay_order", 1, 10, delay_order));
-    improved = fields.boolean("improved", improved);
-    friction_feedback = fields.number("friction_feedback", "", Allowed::non_negative, friction_feedback);
-    friction_model = FrictionModel::read(fields);
-    seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, static_cast<long>(seed)));
-    solver.read(fields);
-}
-
 SweepResult run_sweep(const MachineModel& machine, const SweepOptions& options, const RunControl& control,
                       const std::filesystem::path& checkpoint) {
     check(machine, options);

@@ -1,7 +1,6 @@
 #pragma once
 #include "analysis/frequency_response.hpp"
 #include "analysis/modal_model.hpp"
-#include "base/field_reader.hpp"
 #include "base/run_control.hpp"
 #include "experiment/friction_model.hpp"
 #include "experiment/servo_recorder.hpp"
@@ -63,10 +62,24 @@ struct SweepOptions {
     SolverOptions solver{.relative_tolerance = 1e-6, .absolute_tolerance = 1e-10};
     std::uint64_t seed = 0; // of the noise; every frequency has noise of its own
 
-    // Fields frequency_hz (list), amplitude_N, settle_periods, settle_time_s, settle_tolerance, settle_time_limit_s,
-    // measure_periods, measure_time_s, harmonics, delay_s, delay_order, improved, friction_feedback, friction_model,
-    // seed and those of SolverOptions; absent ones stay as they are.
-    void read(FieldReader& fields);
+    static void describe(auto& o, auto& fields) {
+        fields.numbers("frequency_hz", o.frequency_hz, "Hz", Allowed::positive, 1'000'000);
+        fields.number("amplitude_N", o.amplitude, "N", Allowed::positive);
+        fields.number("settle_periods", o.settle_periods, "", Allowed::non_negative);
+        fields.number("settle_time_s", o.settle_time, "s", Allowed::non_negative);
+        fields.number("settle_tolerance", o.settle_tolerance, "", Allowed::positive);
+        fields.number("settle_time_limit_s", o.settle_time_limit, "s", Allowed::positive);
+        fields.integer("measure_periods", o.measure_periods, 2, 1'000'000);
+        fields.number("measure_time_s", o.measure_time, "s", Allowed::non_negative);
+        fields.integer("harmonics", o.harmonics, 1, 50);
+        fields.number("delay_s", o.delay, "s", Allowed::non_negative);
+        fields.integer("delay_order", o.delay_order, 1, 10);
+        fields.flag("improved", o.improved);
+        fields.number("friction_feedback", o.friction_feedback, "", Allowed::non_negative);
+        fields.table("friction_model", o.friction_model);
+        fields.integer("seed", o.seed, 0, 1L << 53);
+        SolverOptions::describe(o.solver, fields);
+    }
 };
 
 // One frequency of a sweep, measured over a whole number of periods.

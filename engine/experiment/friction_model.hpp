@@ -1,8 +1,6 @@
 #pragma once
-#include "base/field_reader.hpp"
 #include "machine/machine_model.hpp"
 
-#include <optional>
 #include <vector>
 
 namespace tribode {
@@ -14,8 +12,11 @@ struct FrictionModel {
 
     static FrictionModel of(const MachineModel& machine) { return {machine.elements, machine.viscous}; }
 
-    // Field `friction_model`: {elements=, viscous=} as in a machine description; absent: nothing.
-    static std::optional<FrictionModel> read(FieldReader& fields);
+    // As in a machine description.
+    static void describe(auto& model, auto& fields) {
+        fields.list("elements", model.elements);
+        fields.number("viscous", model.viscous, "N s/m", Allowed::non_negative);
+    }
 };
 
 } // namespace tribode

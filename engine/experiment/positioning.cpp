@@ -89,20 +89,6 @@ std::optional<double> settled_from(const std::vector<double>& t, const std::vect
 
 } // namespace
 
-void PositioningOptions::read(FieldReader& fields) {
-    duration = fields.number("duration_s", "s", Allowed::positive, duration);
-    delay = fields.number("delay_s", "s", Allowed::non_negative, delay);
-    delay_order = static_cast<int>(fields.integer("delay_order", 1, 10, delay_order));
-    friction_compensation = fields.boolean("friction_compensation", friction_compensation);
-    friction_model = FrictionModel::read(fields);
-    band = fields.number("band_m", "m", Allowed::positive, band);
-    rated_thrust = fields.number("rated_thrust_N", "N", Allowed::positive, rated_thrust);
-    stroke = fields.number("stroke_m", "m", Allowed::positive, stroke);
-    spectrum_max_hz = fields.number("spectrum_max_hz", "Hz", Allowed::positive, spectrum_max_hz);
-    seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, static_cast<long>(seed)));
-    solver.read(fields);
-}
-
 Table PositioningResult::table() const {
     Table table = {};
     table.add("t_s", "s", trace.t);

@@ -29,9 +29,19 @@ struct PositioningOptions {
     SolverOptions solver;
     std::uint64_t seed = 0; // of the noise
 
-    // Fields duration_s, delay_s, delay_order, friction_compensation, friction_model, band_m, rated_thrust_N, stroke_m,
-    // spectrum_max_hz, seed and those of SolverOptions; absent ones stay as they are.
-    void read(FieldReader& fields);
+    static void describe(auto& o, auto& fields) {
+        fields.number("duration_s", o.duration, "s", Allowed::positive);
+        fields.number("delay_s", o.delay, "s", Allowed::non_negative);
+        fields.integer("delay_order", o.delay_order, 1, 10);
+        fields.flag("friction_compensation", o.friction_compensation);
+        fields.table("friction_model", o.friction_model);
+        fields.number("band_m", o.band, "m", Allowed::positive);
+        fields.number("rated_thrust_N", o.rated_thrust, "N", Allowed::positive);
+        fields.number("stroke_m", o.stroke, "m", Allowed::positive);
+        fields.number("spectrum_max_hz", o.spectrum_max_hz, "Hz", Allowed::positive);
+        fields.integer("seed", o.seed, 0, 1L << 53);
+        SolverOptions::describe(o.solver, fields);
+    }
 };
 
 struct PositioningResult {

@@ -50,10 +50,7 @@ Json to_json(const SweepPoint& p) {
     json["settling_time"] = p.settling_time;
     json["settled"] = p.settled;
     json["outcome"] = {static_cast<int>(p.outcome.end), p.outcome.t, p.outcome.message};
-    const RunStatistics& s = p.statistics;
-    json["counts"] = {
-        s.steps,   s.rejected_steps, s.derivative_evaluations, s.jacobian_evaluations, s.guard_evaluations, s.events,
-        s.samples, s.restarts};
+    for (const auto& [name, count] : RunStatistics::counts) json["counts"][name] = p.statistics.*count;
     return json;
 }
 
@@ -77,50 +74,16 @@ SweepPoint point_of(const Json& json) {
     if (end > static_cast<long>(RunEnd::diverged)) throw Error("is not an outcome");
     p.outcome = {static_cast<RunEnd>(end), json.at("outcome").at(1).get<double>(),
                  json.at("outcome").at(2).get<std::string>()};
-    long* const counts[] = {&p.statistics.steps,
-                            &p.statistics.rejected_steps,
-                            &p.statistics.derivative_evaluations,
-                            &p.statistics.jacobian_evaluations,
-                            &p.statistics.guard_evaluations,
-                            &p.statistics.events,
-                            &p.statistics.samples,
-                            &p.statistics.restarts};
-    for (std::size_t i = 0; i < std::size(counts); ++i) *counts[i] = count_of(json.at("counts").at(i));
+    for (const auto& [name, count] : RunStatistics::counts) p.statistics.*count = count_of(json.at("counts").at(name));
     return p;
 }
 
 } // namespace
 
-SweepCheckpoint::SweepCheckpoint(std::filesystem::path path, const MachineModel& machine, const SweepOptions& o)
+SweepCheckpoint::SweepCheckpoint(std::filesystem::path path, const MachineModel& machine, const SweepOptions& options)
     : path_(std::move(path)),
-      frequency_hz_(o.frequency_hz) {
-    Json friction_model; // null: the machine's own
-    if (o.friction_model) {
-        friction_model = Json::array({o.friction_model->viscous});
-        for (const auto& e : o.friction_model->elements) {
-            friction_model.push_back(Json::array({e.stiffness, e.level, e.damping}));
-        }
-    }
-    const Json options = {o.frequency_hz,
-                          o.amplitude,
-                          o.settle_periods,
-                          o.settle_time,
-                          o.settle_tolerance,
-                          o.settle_time_limit,
-                          o.measure_periods,
-                          o.measure_time,
-                          o.harmonics,
-                          o.delay,
-                          o.delay_order,
-                          o.improved,
-                          o.friction_feedback,
-                          friction_model,
-                          name_of(o.solver.method),
-                          o.solver.relative_tolerance,
-                          o.solver.absolute_tolerance,
-                          o.solver.fixed_step,
-                          o.seed};
-    key_ = sha256(version() + machine.hash() + options.dump());
+      frequency_hz_(options.frequency_hz) {
+    key_ = sha256(version() + machine.hash() + options_json(options).dump());
 }
 
 std::vector<std::optional<SweepPoint>> SweepCheckpoint::load() {

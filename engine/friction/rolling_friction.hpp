@@ -1,4 +1,5 @@
 #pragma once
+#include "base/field_reader.hpp"
 #include "friction/slip_state.hpp"
 
 #include <cstddef>
@@ -12,6 +13,12 @@ struct MaxwellSlipElement {
     double stiffness; // K_i [N/m], > 0
     double level;     // F_i [N], > 0: half the swing of a full loop, |K_i z_i| <= F_i
     double damping;   // D_i [N s/m], >= 0: acts in stick only, and is not bounded by F_i
+
+    static void describe(auto& e, auto& fields) {
+        fields.required("K", e.stiffness, "N/m", Allowed::positive);
+        fields.required("F", e.level, "N", Allowed::positive);
+        fields.number("D", e.damping, "N s/m", Allowed::non_negative);
+    }
 
     double limit() const { return level / stiffness; } // X_i [m]
 };

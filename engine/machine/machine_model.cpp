@@ -1,6 +1,7 @@
 #include "machine/machine_model.hpp"
 #include "base/error.hpp"
 #include "base/field_reader.hpp"
+#include "base/options.hpp"
 #include "base/text.hpp"
 
 #include <fmt/format.h>
@@ -85,11 +86,7 @@ MachineModel MachineModel::from_description(const Json& description, const std::
     FieldReader friction = fields.table("friction");
     m.dry = read_dry_friction(friction);
     m.viscous = friction.number("viscous", "N s/m", Allowed::non_negative, 0);
-    friction.each("elements", [&](FieldReader& element) {
-        m.elements.push_back({element.number("K", "N/m", Allowed::positive),
-                              element.number("F", "N", Allowed::positive),
-                              element.number("D", "N s/m", Allowed::non_negative, 0)});
-    });
+    OptionReader(friction).list("elements", m.elements);
     friction.finish();
 
     m.input_delay = fields.number("input_delay_s", "s", Allowed::non_negative, 0);

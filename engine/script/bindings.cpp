@@ -78,16 +78,11 @@ Json to_json(const FrequencyResponse& response) {
 }
 
 Json to_json(const RunStatistics& s) {
-    return {{"steps", s.steps},
-            {"rejected_steps", s.rejected_steps},
-            {"derivative_evaluations", s.derivative_evaluations},
-            {"jacobian_evaluations", s.jacobian_evaluations},
-            {"guard_evaluations", s.guard_evaluations},
-            {"events", s.events},
-            {"samples", s.samples},
-            {"restarts", s.restarts},
-            {"seconds_integrating", s.seconds_integrating},
-            {"seconds_events", s.seconds_events}};
+    Json json;
+    for (const auto& [name, count] : RunStatistics::counts) json[name] = s.*count;
+    json["seconds_integrating"] = s.seconds_integrating;
+    json["seconds_events"] = s.seconds_events;
+    return json;
 }
 
 Json to_json(const ServoTrace& trace) {
@@ -234,7 +229,7 @@ Json simulate_machine(ScriptRun& run, const ScriptAccess& access, const Json& ar
     const MachineModel machine = machine_of(fields);
     const DriveRecord record = drive_of(run, access, fields, machine, "tb.simulate");
     SolverOptions solver;
-    solver.read(fields);
+    read_options(solver, fields);
     const auto seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, 0));
     const double feedback = fields.number("friction_feedback", "", Allowed::non_negative, 0);
     fields.finish();
@@ -304,7 +299,7 @@ Json sweep(ScriptRun& run, const Json& arguments) {
     FieldReader fields(arguments, "tb.sweep");
     const MachineModel machine = machine_of(fields);
     SweepOptions options;
-    options.read(fields);
+    read_options(options, fields);
     const std::string checkpoint = fields.text("checkpoint", "sweep.resume.json");
     fields.finish();
     const SweepResult result = run_sweep(machine, options, run.control(),
@@ -342,7 +337,7 @@ Json single_frequency(ScriptRun& run, const Json& arguments) {
     const double frequency = fields.number("excitation_hz", "Hz", Allowed::positive);
     const long periods = fields.integer("periods", 1, 1'000'000, 3);
     SweepOptions options;
-    options.read(fields);
+    read_options(options, fields);
     fields.finish();
     const SweepSignals signals = run_single_frequency(machine, options, frequency, periods, run.control());
     Json json = to_json(signals.trace);
@@ -451,10 +446,7 @@ Json loop_delay(const Json& arguments) {
 
 std::vector<MaxwellSlipElement> elements_of(FieldReader& fields) {
     std::vector<MaxwellSlipElement> elements;
-    fields.each("elements", [&](FieldReader& element) {
-        elements.push_back({element.number("K", "N/m", Allowed::positive), element.number("F", "N", Allowed::positive),
-                            element.number("D", "N s/m", Allowed::non_negative, 0)});
-    });
+    OptionReader(fields).list("elements", elements);
     return elements;
 }
 
@@ -549,7 +541,7 @@ Json positioning(ScriptRun& run, const Json& arguments) {
     const MachineModel machine = machine_of(fields);
     const Feedforward designed = feedforward_from_json(fields.value("feedforward"), "tb.positioning");
     PositioningOptions options;
-    options.read(fields);
+    read_options(options, fields);
     fields.finish();
     const PositioningResult result = run_positioning(machine, designed, options, run.control());
     run.note_work({{"function", "positioning"},

@@ -319,24 +319,15 @@ SystemRunOptions run_options(FieldReader& fields) {
         }
     }
     options.output_jumps = fields.boolean("output_events", false);
-    auto& solver = options.solver;
-    solver.method = method_named(fields.choice("solver", SolverOptions::method_names(), name_of(solver.method)));
-    solver.relative_tolerance = fields.number("relative_tolerance", "", Allowed::positive, solver.relative_tolerance);
-    solver.absolute_tolerance = fields.number("absolute_tolerance", "", Allowed::positive, solver.absolute_tolerance);
-    solver.fixed_step = fields.number("fixed_step_s", "s", Allowed::positive, solver.fixed_step);
-    solver.max_step = fields.number("max_step_s", "s", Allowed::positive, solver.max_step);
+    OptionReader reader(fields);
+    SolverOptions::describe(options.solver, reader, false);
     return options;
 }
 
 Json statistics_of(const RunStatistics& s) {
-    return {{"steps", s.steps},
-            {"rejected_steps", s.rejected_steps},
-            {"derivative_evaluations", s.derivative_evaluations},
-            {"jacobian_evaluations", s.jacobian_evaluations},
-            {"guard_evaluations", s.guard_evaluations},
-            {"events", s.events},
-            {"samples", s.samples},
-            {"restarts", s.restarts}};
+    Json json;
+    for (const auto& [name, count] : RunStatistics::counts) json[name] = s.*count;
+    return json;
 }
 
 Json to_json(const SystemRun& run, const Equations& equations) {

@@ -18,14 +18,6 @@ const std::vector<std::string>& SolverOptions::method_names() {
     return names;
 }
 
-void SolverOptions::read(FieldReader& fields) {
-    method = method_named(fields.choice("solver", method_names(), name_of(method)));
-    relative_tolerance = fields.number("relative_tolerance", "", Allowed::positive, relative_tolerance);
-    absolute_tolerance = fields.number("absolute_tolerance_m", "m", Allowed::positive, absolute_tolerance);
-    fixed_step = fields.number("fixed_step_s", "s", Allowed::positive, fixed_step);
-    max_step = fields.number("max_step_s", "s", Allowed::positive, max_step);
-}
-
 std::string name_of(Method method) { return SolverOptions::method_names()[static_cast<std::size_t>(method)]; }
 
 Method method_named(const std::string& name) {

@@ -1,5 +1,5 @@
 #pragma once
-#include "base/field_reader.hpp"
+#include "base/options.hpp"
 #include "hybrid/hybrid_system.hpp"
 #include "solver/run_outcome.hpp"
 
@@ -79,8 +79,15 @@ struct SolverOptions {
 
     static const std::vector<std::string>& method_names(); // as the user writes them, in the order of Method
 
-    // Fields solver, relative_tolerance, absolute_tolerance_m, fixed_step_s, max_step_s; absent ones stay as they are.
-    void read(FieldReader& fields);
+    // The absolute tolerance of a servo axis is that of its positions; of equations, that times the nominal value of a state.
+    static void describe(auto& o, auto& fields, bool of_axis = true) {
+        fields.choice("solver", o.method, method_names());
+        fields.number("relative_tolerance", o.relative_tolerance, "", Allowed::positive);
+        fields.number(of_axis ? "absolute_tolerance_m" : "absolute_tolerance", o.absolute_tolerance, of_axis ? "m" : "",
+                      Allowed::positive);
+        fields.number("fixed_step_s", o.fixed_step, "s", Allowed::positive);
+        fields.number("max_step_s", o.max_step, "s", Allowed::positive);
+    }
 };
 
 std::string name_of(Method method);

@@ -12,14 +12,7 @@ std::optional<NotFinite> not_finite_in(std::span<const double> derivatives, doub
 }
 
 RunStatistics& RunStatistics::operator+=(const RunStatistics& other) {
-    steps += other.steps;
-    rejected_steps += other.rejected_steps;
-    derivative_evaluations += other.derivative_evaluations;
-    jacobian_evaluations += other.jacobian_evaluations;
-    guard_evaluations += other.guard_evaluations;
-    events += other.events;
-    samples += other.samples;
-    restarts += other.restarts;
+    for (const auto& [name, count] : counts) this->*count += other.*count;
     seconds_integrating += other.seconds_integrating;
     seconds_events += other.seconds_events;
     return *this;

@@ -3,6 +3,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 
 namespace tribode {
 
@@ -40,6 +41,17 @@ struct RunStatistics {
     long restarts = 0;              // of the integrator, by events and samples
     double seconds_integrating = 0; // wall time inside the integrator, from every 64th step
     double seconds_events = 0;      // the same in guards that fell, sampled blocks, observers
+
+    // Those that are the same in every run of the same thing, which times are not.
+    static constexpr std::pair<const char*, long RunStatistics::*> counts[] = {
+        {"steps", &RunStatistics::steps},
+        {"rejected_steps", &RunStatistics::rejected_steps},
+        {"derivative_evaluations", &RunStatistics::derivative_evaluations},
+        {"jacobian_evaluations", &RunStatistics::jacobian_evaluations},
+        {"guard_evaluations", &RunStatistics::guard_evaluations},
+        {"events", &RunStatistics::events},
+        {"samples", &RunStatistics::samples},
+        {"restarts", &RunStatistics::restarts}};
 
     RunStatistics& operator+=(const RunStatistics& other);
 };

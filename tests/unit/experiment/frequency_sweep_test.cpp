@@ -1,5 +1,6 @@
 #include "base/error.hpp"
 #include "experiment/frequency_sweep.hpp"
+#include "experiment/sweep_checkpoint.hpp"
 #include "physics/reference_machine.hpp"
 #include "record/csv.hpp"
 
@@ -316,6 +317,30 @@ TEST(SweepCheckpoint, a_damaged_file_is_refused_and_kept) {
         EXPECT_THROW(resumed_sweep(reference(), options, file.path()), InputError) << damaged;
         std::ifstream after(file.path());
         EXPECT_EQ(std::string((std::istreambuf_iterator<char>(after)), {}), damaged);
+    }
+}
+
+TEST(SweepCheckpoint, belongs_to_every_option) {
+    const SweepOptions options = sweep({30, 50});
+    const std::string key = SweepCheckpoint("", reference(), options).key();
+    Json all = options_json(options);
+    for (const auto& [name, value] : all.items()) {
+        Json changed = all;
+        changed.erase("max_step_s"); // zero is none, and is not written
+        if (name == "max_step_s")
+            changed[name] = 0.1;
+        else if (value.is_boolean())
+            changed[name] = !value.get<bool>();
+        if (value.is_number_integer()) changed[name] = value.get<long>() + 1;
+        if (value.is_number_float()) changed[name] = 2 * value.get<double>() + 1e-3;
+        if (value.is_array()) changed[name].push_back(90.0);
+        if (name == "solver") changed[name] = "adams";
+        if (name == "friction_model") changed[name] = {{"viscous", 1.5}};
+        SweepOptions other;
+        FieldReader fields(changed, name);
+        read_options(other, fields);
+        fields.finish();
+        EXPECT_NE(SweepCheckpoint("", reference(), other).key(), key) << name;
     }
 }
 

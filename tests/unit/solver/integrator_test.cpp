@@ -205,7 +205,7 @@ TEST(SolverOptions, are_read_from_fields_and_refuse_nonsense) {
     const Json given = {{"solver", "adams"}, {"relative_tolerance", 1e-5}, {"fixed_step_s", 1e-4}};
     FieldReader fields(given, "run");
     SolverOptions options;
-    options.read(fields);
+    read_options(options, fields);
     fields.finish();
     EXPECT_EQ(options.method, Method::adams);
     EXPECT_EQ(options.relative_tolerance, 1e-5);
@@ -213,7 +213,8 @@ TEST(SolverOptions, are_read_from_fields_and_refuse_nonsense) {
     EXPECT_EQ(options.fixed_step, 1e-4);
     for (const Json& wrong : {Json{{"solver", "ode45"}}, Json{{"relative_tolerance", 0}}, Json{{"fixed_step_s", -1}}}) {
         FieldReader reader(wrong, "run");
-        EXPECT_THROW(SolverOptions{}.read(reader), InputError) << wrong;
+        SolverOptions read;
+        EXPECT_THROW(read_options(read, reader), InputError) << wrong;
     }
 }
 
