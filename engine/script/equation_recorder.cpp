@@ -183,6 +183,17 @@ std::vector<Recorded> EquationRecorder::record(const std::string& what, bool sin
     return recorded;
 }
 
+Recorded EquationRecorder::named(const std::string& name, const std::string& what) {
+    const auto found = std::find(scope_.names.begin(), scope_.names.end(), name);
+    if (found == scope_.names.end()) {
+        throw InputError(
+            fmt::format("{}: {} is not a variable of the system{}", what, name, suggestion(name, scope_.names)));
+    }
+    Recorded made{"", "", scope_.terms[static_cast<std::size_t>(found - scope_.names.begin())]};
+    check_units(made, what);
+    return made;
+}
+
 void EquationRecorder::check_units(Recorded& entry, const std::string& what) {
     entry.what = entry.name.empty() ? what : fmt::format("{}: {}", what, entry.name);
     try {

@@ -67,6 +67,9 @@ class EquationRecorder {
     // Throws InputError, which begins with the line of the function and `what`.
     std::vector<Recorded> record(const std::string& what, bool single);
 
+    // The variable of this name. Throws InputError where there is none.
+    Recorded named(const std::string& name, const std::string& what);
+
   private:
     void push_symbols();
     void add_returned(int index, const std::string& name, const std::string& place, std::vector<Recorded>& list);

@@ -71,9 +71,11 @@ void LuaState::Closer::operator()(lua_State* lua) const { lua_close(lua); }
 void LuaState::add_stack_function(const std::string& name, StackFunction function) {
     protected_call(lua_.get(), [&](lua_State* lua) {
         push_module(lua);
+        const auto dot = name.find('.');
+        if (dot != std::string::npos) luaL_getsubtable(lua, -1, name.substr(0, dot).c_str());
         lua_pushnil(lua);
         push_function(lua, std::move(function));
-        lua_setfield(lua, -2, name.c_str());
+        lua_setfield(lua, -2, name.c_str() + (dot == std::string::npos ? 0 : dot + 1));
         return 0;
     });
 }

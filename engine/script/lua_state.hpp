@@ -56,7 +56,7 @@ class LuaState {
     LuaState(const LuaState&) = delete;
     LuaState& operator=(const LuaState&) = delete;
 
-    // Put a field into the table that `require "tribode"` returns. An exception of a function becomes a Lua
+    // Put a field into the table that `require "tribode"` returns, or into a table in it: "parts.play". An exception of a function becomes a Lua
     // error with the script's name and line in front; uncaught by the script it leaves `run` as the same kind
     // of Error.
     void add_function(const std::string& name, Function function);

@@ -8,6 +8,7 @@
 #include "experiment/simulation.hpp"
 #include "experiment/system_run.hpp"
 #include "script/lookup_bindings.hpp"
+#include "script/ready_parts.hpp"
 #include "script/system_reader.hpp"
 #include "script/value.hpp"
 #include "script/vector_names.hpp"
@@ -659,6 +660,7 @@ void add_system_bindings(LuaState& lua, ScriptRun& run) {
     const auto symbols = std::make_shared<Symbols>();
     add_symbols(lua, symbols);
     add_lookups(lua, symbols);
+    add_ready_parts(lua);
     lua.add_stack_function("system", [symbols](lua_State* state) {
         push_system(state, read_system(state, 1, symbols));
         return 1;

@@ -2,6 +2,7 @@
 #include "base/error.hpp"
 #include "base/text.hpp"
 #include "script/equation_recorder.hpp"
+#include "script/ready_parts.hpp"
 #include "script/table_fields.hpp"
 #include "script/vector_names.hpp"
 #include "system/input_delays.hpp"
@@ -38,7 +39,8 @@ class Reader {
           index_(lua_absindex(lua, index)),
           symbols_(symbols),
           graph_(*symbols->graph),
-          recorder_(lua, *symbols) {
+          recorder_(lua, *symbols),
+          ready_(lua, graph_) {
         made_.graph = symbols->graph;
         made_.time = symbols->time;
     }
@@ -58,6 +60,7 @@ class Reader {
         read_rates();
         read_when_list(index_, "tb.system: when", std::nullopt);
         read_mode_equations();
+        ready_.record(recorder_);
         for (std::size_t i = 0; i < own; ++i) {
             auto& state = made_.states[part_states_ + i];
             if (!rates_[i]) {
@@ -536,10 +539,11 @@ class Reader {
             if (!is_name(name) || name == "t")
                 throw InputError(fmt::format("tb.system: parts: \"{}\" cannot be a name", name));
             lua_getfield(lua_, parts, name.c_str());
-            add_part(name, lua_gettop(lua_));
+            if (!ready_.declare(name, lua_gettop(lua_), made_)) add_part(name, lua_gettop(lua_));
             lua_pop(lua_, 1);
         }
         lua_pop(lua_, 1);
+        for (const auto& output : ready_.outputs()) part_outputs_.push_back(output);
         part_states_ = made_.states.size();
         part_clocks_ = static_cast<std::ptrdiff_t>(made_.clocks.size());
     }
@@ -548,8 +552,9 @@ class Reader {
     void add_part(const std::string& name, int place) {
         const Equations* system = system_at(lua_, place);
         if (!system) {
-            throw InputError(fmt::format("tb.system: parts.{} is a {}, must be a system (see tb.system)", name,
-                                         luaL_typename(lua_, place)));
+            throw InputError(fmt::format("tb.system: parts.{} is a {}, must be a system (see tb.system) or one of "
+                                         "tb.parts",
+                                         name, luaL_typename(lua_, place)));
         }
         Equations part = *system;
         Expressions::Replacement own;
@@ -602,6 +607,7 @@ class Reader {
             lua_getfield(lua_, index_, "connect");
             for (const auto& entry : recorder_.record("tb.system: connect", false)) connect(entry);
         }
+        ready_.define(made_, definition_);
         Expressions::Replacement known;
         std::vector<Term> chain;
         for (const auto& [variable, term] : std::map<Term, Term>(definition_.begin(), definition_.end())) {
@@ -609,6 +615,7 @@ class Reader {
         }
         made_.replace(known);
         std::erase_if(made_.inputs, [&](const auto& input) { return known.contains(input.symbol); });
+        ready_.close(made_, known);
         order_clocks();
     }
 
@@ -704,6 +711,7 @@ class Reader {
     std::shared_ptr<Symbols> symbols_;
     Expressions& graph_;
     EquationRecorder recorder_;
+    ReadyParts ready_;
     Equations made_;
     std::vector<std::string> modes_;
     Term mode_ = 0;
