@@ -384,33 +384,28 @@ void ReadyParts::close_backlash(const Part& part, const Equations& made, std::ve
 
 void ReadyParts::close(Equations& made, const Expressions::Replacement& known) {
     if (parts_.empty()) return;
-    const auto put_in = [&](const Expressions::Replacement& replacement) {
-        for (auto& part : parts_) {
-            for (auto& [name, option] : part.options) {
-                option.term = graph_.substitute(std::span(&option.term, 1), replacement)[0];
-            }
+    for (auto& part : parts_) {
+        for (auto& [name, option] : part.options) {
+            option.term = graph_.substitute(std::span(&option.term, 1), known)[0];
         }
-    };
-    put_in(known);
-    std::vector<Contact> contacts;
+    }
     for (const auto& part : parts_) {
         check(part, made);
         const bool is_friction = part.kind->law == Kind::Law::friction;
         if (!is_friction && part.kind->law != Kind::Law::impact) continue;
-        Contact contact{.name = part.name, .force = part.output, .mode = part.mode};
+        Equations::Contact contact{.name = part.name, .force = part.output, .mode = part.mode};
         if (is_friction) {
             contact.quantity = part["velocity"];
             contact.level = level(part);
             contact.release = part[part.has("static") ? "static" : "level"];
         } else {
-            contact.law = Contact::Law::impact;
+            contact.law = Equations::Contact::Law::impact;
             contact.quantity = part["gap"];
             contact.restitution = part["restitution"];
             if (part.has("rest_speed")) contact.rest_speed = part["rest_speed"];
         }
-        contacts.push_back(std::move(contact));
+        made.contacts.push_back(std::move(contact));
     }
-    put_in(close_contacts(made, contacts));
     std::vector<Equations::When> whens;
     for (const auto& part : parts_) {
         using Law = Kind::Law;

@@ -12,6 +12,7 @@
 #include "script/system_reader.hpp"
 #include "script/value.hpp"
 #include "script/vector_names.hpp"
+#include "system/contacts.hpp"
 #include "system/input_delays.hpp"
 #include "system/linearization.hpp"
 #include "system/steady_state.hpp"
@@ -41,6 +42,7 @@ Equations system_of(lua_State* lua, const char* function) {
                                      lua_isnil(lua, -1) ? "missing" : fmt::format("a {}", luaL_typename(lua, -1))));
     }
     Equations copy = *system;
+    close_contacts(copy);
     lua_pop(lua, 1);
     return copy;
 }

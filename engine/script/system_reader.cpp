@@ -5,6 +5,7 @@
 #include "script/ready_parts.hpp"
 #include "script/table_fields.hpp"
 #include "script/vector_names.hpp"
+#include "system/contacts.hpp"
 #include "system/input_delays.hpp"
 
 #include <algorithm>
@@ -73,8 +74,9 @@ class Reader {
         read_outputs();
         read_samples();
         wire();
-        Equations tried = made_;
-        take_out_delays(tried); // refuses what it cannot
+        Equations tried = made_; // refuses what cannot be
+        close_contacts(tried);
+        take_out_delays(tried);
         return std::move(made_);
     }
 
@@ -570,6 +572,10 @@ class Reader {
         rename(part.discrete);
         rename(part.parameters);
         rename(part.inputs);
+        for (auto& contact : part.contacts) {
+            contact.name = name + "." + contact.name;
+            own[contact.force] = graph_.variable(name + "." + graph_.name(contact.force));
+        }
         part.replace(own);
         const auto renamed = [&](Term& term) { term = own.at(term); };
         const auto append = [](auto& to, auto& from) {
@@ -585,6 +591,10 @@ class Reader {
             if (!clock.function) continue;
             for (auto& write : clock.function->writes) renamed(write);
         }
+        for (auto& contact : part.contacts) {
+            renamed(contact.force);
+            renamed(contact.mode);
+        }
         for (auto& output : part.outputs) {
             output.name = name + "." + output.name;
             const Term stand_in = graph_.variable(output.name);
@@ -598,6 +608,7 @@ class Reader {
         append(made_.outputs, part.outputs);
         append(made_.whens, part.whens);
         append(made_.clocks, part.clocks);
+        append(made_.contacts, part.contacts);
     }
 
     // Puts what is connected to the inputs of the parts in their place, in an order in which each is known before it

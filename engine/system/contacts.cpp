@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <utility>
 
 namespace tribode {
 
@@ -20,25 +21,26 @@ Term rate_of(const Equations& equations, Term term) {
 
 namespace {
 
+using Contact = Equations::Contact;
+
 class Closing {
   public:
-    Closing(Equations& equations, const std::vector<Contact>& contacts)
+    explicit Closing(Equations& equations)
         : equations_(equations),
           graph_(*equations.graph),
-          contacts_(contacts) {
+          contacts_(std::exchange(equations.contacts, {})) {
         // Normal forces before the friction that they make.
         std::stable_partition(contacts_.begin(), contacts_.end(),
                               [](const auto& contact) { return contact.law == Contact::Law::impact; });
     }
 
-    Expressions::Replacement close() {
+    void close() {
         for (const auto& contact : contacts_) add_motion(contact);
         solve();
         choose_pivots();
         add_events();
         equations_.replace(forces_);
         hold();
-        return forces_;
     }
 
   private:
@@ -147,8 +149,8 @@ class Closing {
                 graph_.make(Op::select, motion.active, graph_.make(Op::negate, substituted(motion.acceleration, none)),
                             substituted(law, none));
         }
-        refuse_redundant();
         for (std::size_t k = 0; k < n; ++k) {
+            if (k > 0) take_none_where_held(k, matrix[k], right[k]);
             for (std::size_t i = k + 1; i < n; ++i) {
                 if (graph_.is_constant(matrix[i][k], 0)) continue;
                 const Term factor = graph_.make(Op::divide, matrix[i][k], matrix[k][k]);
@@ -169,26 +171,22 @@ class Closing {
         }
     }
 
-    // Where all hold at once, each must have a motion of its own.
-    void refuse_redundant() const {
-        const std::size_t n = contacts_.size();
-        std::vector<std::vector<double>> w(n, std::vector<double>(n));
-        for (std::size_t i = 0; i < n; ++i) {
-            for (std::size_t j = 0; j < n; ++j) w[i][j] = value_at_start(motions_[i].by_force[j]);
+    // What others hold already takes no force of this one. However they share it, the motion is the same.
+    void take_none_where_held(std::size_t k, std::vector<Term>& row, Term& right) {
+        const Term own = motions_[k].by_force[k];
+        if (graph_.make(Op::select, motions_[k].active, own, number(1)) == row[k]) return; // no other acts there
+        constexpr double rounding = 1e-10;
+        const auto size = [&](Term term) {
+            return graph_.make(Op::select, graph_.make(Op::less, term, number(0)), graph_.make(Op::negate, term), term);
+        };
+        const Term is_held =
+            graph_.make(Op::all, motions_[k].active,
+                        graph_.make(Op::less_equal, graph_.make(Op::no_event, size(row[k])),
+                                    graph_.make(Op::no_event, graph_.make(Op::multiply, number(rounding), size(own)))));
+        for (std::size_t j = k; j < row.size(); ++j) {
+            row[j] = graph_.make(Op::select, is_held, number(j == k), row[j]);
         }
-        for (std::size_t k = 0; k < n; ++k) {
-            const double own = value_at_start(motions_[k].by_force[k]);
-            if (!(std::abs(w[k][k]) > 1e-10 * std::abs(own))) {
-                throw InputError(
-                    fmt::format("tb.system: parts.{} holds a motion that other parts hold already, so that "
-                                "their forces have no single value; make them one part",
-                                contacts_[k].name));
-            }
-            for (std::size_t i = k + 1; i < n; ++i) {
-                const double factor = w[i][k] / w[k][k];
-                for (std::size_t j = k; j < n; ++j) w[i][j] -= factor * w[k][j];
-            }
-        }
+        right = graph_.make(Op::select, is_held, number(0), right);
     }
 
     // For each contact a state of its own that can be put, and kept, where the velocity is zero to the last bit. Those that
@@ -252,7 +250,8 @@ class Closing {
         }
         if (motion.gap_pivot) {
             const Term symbol = equations_.states[*motion.gap_pivot].symbol;
-            if (!after.contains(symbol)) after[symbol] = solved(contacts_[i].quantity, *motion.gap_pivot, number(0), {});
+            if (!after.contains(symbol))
+                after[symbol] = solved(contacts_[i].quantity, *motion.gap_pivot, number(0), {});
         }
         for (const std::size_t k : held_) {
             if (k == i) continue;
@@ -260,12 +259,11 @@ class Closing {
             const Term symbol = equations_.states[*other.pivot].symbol;
             const Term value = substituted(symbol, after), left = substituted(other.velocity, after);
             const Term bound = number(resolved * other.scale);
-            const Term is_small =
-                graph_.make(Op::all, graph_.make(Op::less_equal, left, bound),
-                            graph_.make(Op::less_equal, graph_.make(Op::negate, bound), left));
-            after[symbol] = graph_.make(
-                Op::select, takes_along ? other.active : graph_.make(Op::all, other.active, is_small),
-                solved(other.velocity, *other.pivot, number(0), after), value);
+            const Term is_small = graph_.make(Op::all, graph_.make(Op::less_equal, left, bound),
+                                              graph_.make(Op::less_equal, graph_.make(Op::negate, bound), left));
+            after[symbol] =
+                graph_.make(Op::select, takes_along ? other.active : graph_.make(Op::all, other.active, is_small),
+                            solved(other.velocity, *other.pivot, number(0), after), value);
         }
         Equations::Assignments set(after.begin(), after.end());
         std::ranges::sort(set);
@@ -286,7 +284,7 @@ class Closing {
         const auto jumped = [&](Term a, Term b) {
             return less(graph_.make(Op::no_event, a), graph_.make(Op::no_event, b));
         };
-        constexpr double slow = 1e-3;     // of a velocity, where no rest_speed is given
+        constexpr double slow = 1e-3; // of a velocity, where no rest_speed is given
         for (std::size_t i = 0; i < contacts_.size(); ++i) {
             const Contact& contact = contacts_[i];
             const Motion& motion = motions_[i];
@@ -345,8 +343,8 @@ class Closing {
 
 } // namespace
 
-Expressions::Replacement close_contacts(Equations& equations, const std::vector<Contact>& contacts) {
-    return Closing(equations, contacts).close();
+void close_contacts(Equations& equations) {
+    if (!equations.contacts.empty()) Closing(equations).close();
 }
 
 } // namespace tribode

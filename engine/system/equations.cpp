@@ -22,6 +22,12 @@ void Equations::replace(const Expressions::Replacement& replacement) {
         if (!clock.function) continue;
         for (auto& term : clock.function->reads) places.push_back(&term);
     }
+    for (auto& contact : contacts) {
+        for (Term* term : {&contact.quantity, &contact.level, &contact.release, &contact.restitution}) {
+            places.push_back(term);
+        }
+        if (contact.rest_speed) places.push_back(&*contact.rest_speed);
+    }
     // All at once: what they share is replaced once.
     std::vector<Term> terms;
     for (const Term* place : places) terms.push_back(*place);
@@ -43,6 +49,10 @@ std::vector<Term> Equations::terms() const {
     for (const auto& clock : clocks) {
         add_set(clock.set);
         if (clock.function) list.insert(list.end(), clock.function->reads.begin(), clock.function->reads.end());
+    }
+    for (const auto& contact : contacts) {
+        list.insert(list.end(), {contact.quantity, contact.level, contact.release, contact.restitution});
+        if (contact.rest_speed) list.push_back(*contact.rest_speed);
     }
     return list;
 }

@@ -72,6 +72,29 @@ struct Equations {
         std::optional<Function> function; // after `set`
     };
 
+    // A force that nature chooses: dry friction, which holds a velocity at zero as long as that takes no more than a level,
+    // or a contact that lets a gap not close. The rates of change depend on the force, which is a variable that stands in
+    // them until close_contacts() puts in what it is.
+    //
+    // In stick, and at rest, the force is what keeps the velocity at zero: the solution of a linear equation, of as many as
+    // there are such forces. So they may act on one another, in any number. The laws:
+    //
+    //     friction   mode 0 stick, 1 forward, 2 backward: force = +-level in slip; beyond +-release stick ends
+    //     impact     mode 0 free, 1 rest: force = 0 in the air; where the gap closes, its rate of change v becomes -e v by
+    //                an impulse. Where e |v| is below rest_speed, and the gap would close again, it rests, until the force
+    //                would have to pull
+    struct Contact {
+        enum class Law { friction, impact };
+        Law law = Law::friction;
+        std::string name;         // of the part
+        Term force = 0, mode = 0; // variables
+        Term quantity = 0;        // the velocity of friction, the gap of an impact
+        Term level = 0;           // of friction, in slip; may depend on the forces of others
+        Term release = 0;         // of friction
+        Term restitution = 0;     // of an impact
+        std::optional<Term> rest_speed;
+    };
+
     std::string name;
     std::shared_ptr<Expressions> graph;
     Term time = 0;
@@ -82,6 +105,7 @@ struct Equations {
     std::vector<Output> outputs;
     std::vector<When> whens;
     std::vector<Clock> clocks;
+    std::vector<Contact> contacts;
 
     // All that is evaluated: rates, outputs, conditions, new values and what outside functions read.
     std::vector<Term> terms() const;
