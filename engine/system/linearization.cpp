@@ -200,7 +200,14 @@ Linearization linearize(const Equations& equations, const OperatingPoint& point)
     const Local local(equations, point);
     Linearization made;
     std::vector<Term> conditions;
-    for (const auto& when : equations.whens) conditions.push_back(when.condition);
+    for (const auto& when : equations.whens) {
+        conditions.push_back(when.condition);
+        if (!when.at_start || local.values({when.condition})[0] == 0) continue;
+        throw InputError(
+            fmt::format("{}: there is no linear system at this point, as the event {} happens there at once; "
+                        "begin `at` with what it leads to, such as its mode",
+                        equations.name, when.name));
+    }
     std::vector<Term> states, discrete, inputs, rates, outputs;
     for (const auto& state : equations.states) {
         states.push_back(state.symbol);

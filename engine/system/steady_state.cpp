@@ -214,6 +214,11 @@ SteadyState find_steady_state(const Equations& equations, const OperatingPoint& 
                 "start; begin with the values and the mode that are right behind it",
                 name));
         }
+        if (equations.whens[i].at_start) {
+            fail(fmt::format("the steady state is none, as the event {} happens there at once; begin with what it leads "
+                             "to, such as its mode",
+                             name));
+        }
         found.conditions.push_back(name);
     }
     found.values = problem.values_at(z);

@@ -474,3 +474,16 @@ refused("parts.f: gap is -1 at the start", tb.system, with { f = tb.parts.backla
 -- A friction force that is never used acts on nothing.
 refused("must lower the rate of change", tb.system,
   with({ f = tb.parts.coulomb { velocity = "v", level = 1 } }, function(s) return { x = s.v, v = 0 } end))
+
+-- Linearized in a mode; where the part leaves it at once, there is no linear system.
+local sliding = { v = 0.5, ["friction.mode"] = "forward" }
+local viscous = tb.system {
+  states = { x = 0, v = 0 }, inputs = { F = 0 },
+  parts = { friction = tb.parts.coulomb { velocity = "v", level = 1 } },
+  der = function(s) return { x = s.v, v = (s.F - s.friction.force - 3 * s.v) / 2 } end,
+}
+local linear = tb.linearize { system = viscous, at = sliding }
+assert(linear.A[1][1] == -1.5 and linear.B[1][1] == 0.5)
+linear = tb.linearize { system = viscous }
+assert(linear.A[1][1] == 0 and linear.B[1][1] == 0)
+refused("friction.slips happens there at once", tb.linearize, { system = viscous, at = { v = 0.5 } })
