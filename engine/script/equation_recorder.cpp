@@ -238,15 +238,18 @@ void EquationRecorder::add_returned(int index, const std::string& name, const st
         list.push_back({name, "", result_at(index, place)});
         return;
     }
-    const std::string unit = has_field(lua_, index, "unit") ? text_field(lua_, index, "unit", place) : "";
-    const auto count = static_cast<std::size_t>(lua_rawlen(lua_, index));
+    // A vector of the scope as it is knows no other fields.
+    const bool is_own = luaL_getmetafield(lua_, index, "__len") != LUA_TNIL;
+    if (is_own) lua_pop(lua_, 1);
+    const std::string unit = !is_own && has_field(lua_, index, "unit") ? text_field(lua_, index, "unit", place) : "";
+    const auto count = static_cast<std::size_t>(luaL_len(lua_, index));
     const auto vector = vectors_.find(name);
     if (vector != vectors_.end() && vector->second != count) {
         throw InputError(fmt::format("{} has {} values, must have {}", place, count, vector->second));
     }
     const bool is_vector = vector != vectors_.end() || count > 1;
     for (std::size_t i = 1; i <= std::max<std::size_t>(count, 1); ++i) {
-        lua_rawgeti(lua_, index, static_cast<lua_Integer>(i));
+        lua_geti(lua_, index, static_cast<lua_Integer>(i));
         const std::string own = is_vector ? element_name(name, i) : name;
         list.push_back({own, unit, result_at(lua_gettop(lua_), is_vector ? fmt::format("{}[{}]", place, i) : place)});
         lua_pop(lua_, 1);

@@ -127,6 +127,7 @@ SteadyState find_steady_state(const Equations& equations, const OperatingPoint& 
         fail(fmt::format("{} variables are free, must be at most as many as there are states, {}", free.size(),
                          equations.states.size()));
     }
+    if (free.empty() && !equations.states.empty()) fail("no variable is free, must be one at least");
     const Problem problem(equations, point, free);
     VectorXd z = problem.start(), rates = problem.rates(z);
     const auto unit_of = [](const Equations::State& state) { return state.unit.empty() ? "1/s" : state.unit + "/s"; };
