@@ -35,31 +35,6 @@ struct Scratch {
 
 } // namespace
 
-const std::vector<Target>& targets() {
-    static const std::vector<Target> all = {
-        {"csv", run_csv},
-        {"mat", run_mat},
-        {"gzip", run_gzip},
-        {"hdf5", run_hdf5},
-        {"json_machine", run_json_machine},
-        {"lua_machine", run_lua_machine},
-        {"system", run_system},
-        {"shard", run_shard},
-        {"manifest", run_manifest},
-        {"checkpoint", run_checkpoint},
-    };
-    return all;
-}
-
-const Target& target_named(std::string_view name) {
-    std::string known;
-    for (const auto& target : targets()) {
-        if (target.name == name) return target;
-        known += " " + std::string(target.name);
-    }
-    throw std::runtime_error("there is no target \"" + std::string(name) + "\"; known:" + known);
-}
-
 void require(bool condition, std::string_view text) {
     if (condition) return;
     std::fprintf(stderr, "broken promise: %.*s\n", static_cast<int>(text.size()), text.data());

@@ -3,21 +3,11 @@
 #include <filesystem>
 #include <string>
 #include <string_view>
-#include <vector>
 
 namespace tribode::fuzz {
 
-// One reader of files. `run` hands it an input as if it were the file. A refusal (InputError) is an answer; a crash, what
-// a sanitizer says, any other exception and a broken promise (`require`) are findings.
-struct Target {
-    std::string_view name; // of its folders in seeds/ and corpus/ and of its dictionary
-    void (*run)(std::string_view bytes);
-};
-
-const std::vector<Target>& targets();
-// Throws where there is none of this name; the text lists those there are.
-const Target& target_named(std::string_view name);
-
+// Each is for one reader of files, and hands it an input as if it were the file. A refusal (InputError) is an answer; a
+// crash, what a sanitizer says, any other exception and a broken promise (`require`) are findings.
 void run_csv(std::string_view bytes);
 void run_mat(std::string_view bytes);
 void run_gzip(std::string_view bytes);
