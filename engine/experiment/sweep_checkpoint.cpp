@@ -71,7 +71,7 @@ SweepPoint point_of(const Json& json) {
     p.settling_time = json.at("settling_time").get<double>();
     p.settled = json.at("settled").get<bool>();
     const long end = count_of(json.at("outcome").at(0));
-    if (end > static_cast<long>(RunEnd::diverged)) throw Error("is not an outcome");
+    if (end > static_cast<long>(last_run_end)) throw Error("is not an outcome");
     p.outcome = {static_cast<RunEnd>(end), json.at("outcome").at(1).get<double>(),
                  json.at("outcome").at(2).get<std::string>()};
     for (const auto& [name, count] : RunStatistics::counts) p.statistics.*count = count_of(json.at("counts").at(name));

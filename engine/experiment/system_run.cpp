@@ -4,6 +4,7 @@
 #include "solver/simulator.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <fmt/format.h>
 
@@ -15,9 +16,13 @@ constexpr double most_rows = 1e7;
 
 class SystemRecorder final : public Observer {
   public:
-    SystemRecorder(const EquationSystem& system, Table& table, bool with_jumps)
+    SystemRecorder(const EquationSystem& system, Table& table, const RunControl& control, double from, double to,
+                   bool with_jumps)
         : system_(system),
           table_(table),
+          control_(control),
+          from_(from),
+          to_(to),
           outputs_(system.equations().outputs.size()),
           with_jumps_(with_jumps) {
         const auto& whens = system.equations().whens;
@@ -59,6 +64,7 @@ class SystemRecorder final : public Observer {
         for (const double value : system_.discrete(state)) (column++)->values.push_back(value);
         system_.outputs(state, outputs_);
         for (const double value : outputs_) (column++)->values.push_back(value);
+        if (control_.progress) show_progress(state.t);
     }
 
     void sampled(ClockId, long, const SystemState& state) override {
@@ -81,8 +87,20 @@ class SystemRecorder final : public Observer {
     }
 
   private:
+    // Once a run takes long.
+    void show_progress(double t) const {
+        constexpr std::chrono::seconds long_time{1};
+        if (std::chrono::steady_clock::now() - began_ < long_time) return;
+        constexpr std::size_t parts = 1000;
+        const auto done = static_cast<std::size_t>(parts * std::clamp((t - from_) / (to_ - from_), 0.0, 1.0));
+        control_.progress(system_.equations().name, done, parts);
+    }
+
     const EquationSystem& system_;
     Table& table_;
+    const RunControl& control_;
+    const double from_, to_; // of the run [s]
+    const std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
     std::vector<double> outputs_;
     const bool with_jumps_;
     bool keeps_before_ = false;
@@ -158,7 +176,7 @@ SystemRun run_system(const EquationSystem& system, const SystemRunOptions& optio
     if (solver.max_step == 0) solver.max_step = max_step_part * (options.end - begin);
     Simulator run(system, solver, std::move(start), control);
     if (options.resume && options.resume->method == name_of(result.method)) run.propose_step(options.resume->step);
-    SystemRecorder recorder(system, result.table, options.output_jumps);
+    SystemRecorder recorder(system, result.table, control, begin, options.end, options.output_jumps);
     recorder.follow(run.events());
     run.observe(&recorder);
     for (const double t : options.output_times) {

@@ -33,8 +33,8 @@ struct SystemRun {
     RunStatistics statistics;
 };
 
-// Runs the system from its start values, or on from the state of another run of it. A run whose rates were not finite says which one, and when. Throws
-// InputError where the options are wrong or the solver cannot run the system.
+// Runs the system from its start values, or on from the state of another run of it. A run whose rates were not finite says
+// which one, and when. Throws InputError where the options are wrong or the solver cannot run the system.
 SystemRun run_system(const EquationSystem& system, const SystemRunOptions& options, const RunControl& control = {});
 
 } // namespace tribode

@@ -75,6 +75,7 @@ struct SolverOptions {
     double relative_tolerance = 1e-8;
     double absolute_tolerance = 1e-12; // [m] for positions; other states: times their scale
     double fixed_step = 5e-5;          // [s] of fixed, euler, semi_implicit_euler, zoh
+    long max_steps = 100'000'000;      // from one output or sample to the next; more: the run ends
     double max_step = 0;               // [s] of erk, adams, cvode; 0: as long as the tolerances allow
 
     static const std::vector<std::string>& method_names(); // as the user writes them, in the order of Method
@@ -87,6 +88,7 @@ struct SolverOptions {
                       Allowed::positive);
         fields.number("fixed_step_s", o.fixed_step, "s", Allowed::positive);
         fields.number("max_step_s", o.max_step, "s", Allowed::positive);
+        fields.integer("max_steps", o.max_steps, 1, 1'000'000'000'000);
     }
 };
 

@@ -7,7 +7,8 @@
 
 namespace tribode {
 
-enum class RunEnd { reached, interrupted, chattering, step_too_small, non_finite, diverged, stopped };
+enum class RunEnd { reached, interrupted, chattering, step_too_small, non_finite, diverged, stopped, too_many_steps };
+constexpr RunEnd last_run_end = RunEnd::too_many_steps;
 
 // A state whose derivative was not finite, and when.
 struct NotFinite {

@@ -54,6 +54,8 @@ Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, S
       x_nearby_(state_.x.size()),
       output_state_(state_),
       fixed_step_(has_fixed_step(options.method) ? options.fixed_step : 0),
+      max_steps_(options.max_steps),
+      row_begin_(state_.t),
       relative_tolerance_(options.relative_tolerance),
       absolute_tolerance_(options.absolute_tolerance),
       last_fall_(system.guard_count(), -std::numeric_limits<double>::infinity()),
@@ -102,6 +104,13 @@ RunOutcome Simulator::advance_to(double t_end) {
         if (steps_to_look-- == 0) {
             if (!check_divergence()) break;
             steps_to_look = 100;
+        }
+        if (++steps_in_a_row_ > max_steps_) {
+            fail(RunEnd::too_many_steps,
+                 fmt::format("{} steps from t = {:.9g} s have come to t = {:.9g} s only; the problem may be stiff for "
+                             "this solver, or the tolerances too tight; max_steps allows more",
+                             max_steps_, row_begin_, state_.t));
+            break;
         }
         const double t_stop = std::min(next_instant_, t_end);
 
@@ -255,11 +264,17 @@ bool Simulator::handle_guards(std::span<const GuardId> guards) {
     return true;
 }
 
+void Simulator::begin_row() {
+    steps_in_a_row_ = 0;
+    row_begin_ = state_.t;
+}
+
 // Those due at this instant take their next one.
 void Simulator::collect_due_clocks() {
     const auto is_due = [&](double instant) { return instant <= state_.t || same_instant(instant, state_.t); };
     due_.clear();
     if (!is_due(next_instant_)) return;
+    begin_row();
     next_instant_ = std::numeric_limits<double>::infinity();
     for (ClockId id = 0; id < state_.next_sample.size(); ++id) {
         long& k = state_.next_sample[id];
@@ -269,6 +284,7 @@ void Simulator::collect_due_clocks() {
 }
 
 void Simulator::emit_outputs(double up_to) {
+    if (next_output_ < output_grid_.size() && output_grid_[next_output_] <= up_to) begin_row();
     while (next_output_ < output_grid_.size() && output_grid_[next_output_] <= up_to) {
         const double t = output_grid_[next_output_++];
         if (!observer_) continue;

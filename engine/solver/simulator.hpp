@@ -73,6 +73,7 @@ class Simulator {
     bool handle_guards(std::span<const GuardId> guards);
     bool went_anywhere(GuardId guard);
     bool check_divergence();
+    void begin_row();
     void collect_due_clocks();
     void emit_outputs(double up_to);
     void fail(RunEnd end, std::string message);
@@ -96,6 +97,9 @@ class Simulator {
     bool started_ = false;
     bool restart_needed_ = true, guards_changed_ = false;
     const double fixed_step_; // [s]; 0: none
+    const long max_steps_;
+    long steps_in_a_row_ = 0; // since the last output or sample, at
+    double row_begin_;        // [s]
     double relative_tolerance_, absolute_tolerance_;
     double step_start_ = 0;         // of the last step [s]
     std::vector<double> last_fall_; // of each guard [s]

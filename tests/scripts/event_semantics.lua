@@ -157,6 +157,12 @@ ends({ states = { x = 1 }, der = function(s) return { x = -1 / s.x } end }, "x =
 ends({ states = { x = 1 }, der = function(s) return { x = s.x ^ 2 } end }, "x = .* changes by")
 ends({ states = { x = 1 }, der = function(s) return { x = 100 * s.x } end }, "the solution diverges: x = ",
   { duration_s = 5 })
+-- Steps without end, of a method that does not suit: the work between two results is bounded.
+for _, solver in ipairs { "erk", "adams" } do
+  ends({ states = { x = 1 }, der = function(s) return { x = -1e7 * (s.x - math.cos(s.t)) } end },
+    "^1000 steps from t = .* s have come to t = .* s only; the problem may be stiff",
+    { solver = solver, max_steps = 1000 })
+end
 ends({ states = { x = 0 }, discrete = { a = 0 }, der = function() return { x = 1 } end, when = {
   { name = "up", condition = function(s) return tb.all(tb.greater_equal(s.x, 1), tb.less(s.a, 0.5)) end,
     set = function() return { a = 1 } end },

@@ -33,6 +33,18 @@ local function rod(n)
     end,
   }
 end
+-- A vector of the system may be handed back as it is.
+local cart = tb.system {
+  states = { x = { size = 3, start = { 1, 2, 3 } }, v = { size = 3, start = { 0.5, -1, 2 } } },
+  der = function(s) return { x = s.v, v = { 0, 0, 0 } } end,
+  outputs = function(s) return { copy = s.x } end,
+}
+local moved = tb.run_system { system = cart, duration_s = 2 }
+for i, wanted in ipairs { 2, 0, 7 } do
+  near(moved.final.x[i], wanted, 1e-14)
+  near(moved.values.copy[i][#moved.t], wanted, 1e-14)
+end
+
 local n = 12
 local wave = rod(n)
 for _, solver in ipairs { "exact", "cvode" } do
