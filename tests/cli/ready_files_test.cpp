@@ -148,6 +148,7 @@ const std::map<std::string, std::vector<std::string>> results = {
       "van_der_pol.svg"}},
     {"bouncing_ball", {"ball.csv", "manifest.json"}},
     {"half_friction", {"manifest.json"}},
+    {"my_axis", {"manifest.json"}},
     {"own_part", {"manifest.json"}},
     {"first_script", {"hysteresis.csv", "hysteresis.png", "hysteresis.svg", "manifest.json"}},
 };

@@ -1,5 +1,6 @@
 #include "house/tree.hpp"
 
+#include <algorithm>
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <regex>
@@ -39,6 +40,24 @@ std::vector<std::string> relative_links(const std::string& page) {
         }
     }
     return targets;
+}
+
+// The blocks of a page between ```lua and ```.
+std::vector<std::string> lua_blocks(const std::string& page) {
+    std::vector<std::string> blocks;
+    std::istringstream lines(page);
+    bool inside = false;
+    for (std::string line; std::getline(lines, line);) {
+        if (inside && line == "```") {
+            inside = false;
+        } else if (inside) {
+            blocks.back() += line + "\n";
+        } else if (line == "```lua") {
+            inside = true;
+            blocks.emplace_back();
+        }
+    }
+    return blocks;
 }
 
 // Lines that speak of work to come. The words are put together here, so that this file has none.
@@ -103,6 +122,25 @@ TEST(Files, EveryRelativeLinkOfAPageLeadsToAFile) {
             EXPECT_TRUE(fs::exists(page.parent_path() / target)) << page << " links to " << target;
         }
     }
+}
+
+// Every file in docs/samples is run by other tests. So the blocks of the tutorial and of the how-to guides, and those of other
+// pages that begin like a script, must be text of one of these files.
+TEST(Files, ScriptsOnPagesAreTextOfSamples) {
+    EXPECT_EQ(lua_blocks("a\n```lua\nb\nc\n```\n```\nd\n```\n"), std::vector<std::string>{"b\nc\n"});
+    std::vector<std::string> samples;
+    for (const auto& file : files_below("docs/samples", {".lua"})) samples.push_back(read(file));
+    int found = 0;
+    for (const auto& page : pages()) {
+        const bool is_guide = page.filename() == "tutorial.md" || page.parent_path().filename() == "how-to";
+        for (const auto& block : lua_blocks(read(page))) {
+            if (!is_guide && block.find("require \"tribode\"") == std::string::npos) continue;
+            const auto has_block = [&](const std::string& sample) { return sample.find(block) != std::string::npos; };
+            EXPECT_TRUE(std::any_of(samples.begin(), samples.end(), has_block)) << page << ":\n" << block;
+            ++found;
+        }
+    }
+    EXPECT_GT(found, 10);
 }
 
 TEST(Files, EveryCitedSourceIsInTheReferences) {
