@@ -154,8 +154,20 @@ def children(process):
 
 # ---- kills -----------------------------------------------------------------------------------------------------------
 
+def when_nobody_works(lab, batch):
+    """The status of the batch. Workers end with the one that started them, as soon as the processor lets them."""
+    begin = time.monotonic()
+    while True:
+        status = json.loads(lab.run(["batch", "status", batch, "--json"]).check([0], "status").out)
+        if status["shards"]["active"] == 0:
+            return status
+        require(time.monotonic() - begin < PATIENCE, f"workers go on without the one that started them: {status}")
+        time.sleep(0.01)
+
+
 def points_kept(lab, batch):
     """The points that are done, from what merge says is missing."""
+    status = when_nobody_works(lab, batch)
     lab.fresh("kept.csv")
     ending = lab.run(["batch", "merge", batch, "-o", "kept.csv"])
     if ending.code == 0:
@@ -167,9 +179,7 @@ def points_kept(lab, batch):
     for first, last in re.findall(r"(\d+)-(\d+)", found[2]):
         missing |= set(range(int(first), int(last) + 1))
     require(len(missing) == int(found[1]), f"merge counts what it lists: {ending.err}")
-    status = json.loads(lab.run(["batch", "status", batch, "--json"]).out)
     require(status["missing"] == len(missing), f"status and merge agree: {status}, {ending.err}")
-    require(status["shards"]["active"] == 0, f"nobody is at work: {status}")
     return set(range(1, POINTS + 1)) - missing
 
 
