@@ -17,6 +17,12 @@ class InputError : public Error {
     using Error::Error;
 };
 
+// Algebraic equations have no solution that is found: at the start of a run wrong input, later an outcome of the run.
+class NoSolution : public InputError {
+  public:
+    using InputError::InputError;
+};
+
 // A result could not be written (disk full, no permission). The program ends with exit code 1.
 class OutputError : public Error {
   public:

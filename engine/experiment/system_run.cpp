@@ -206,10 +206,9 @@ SystemRun run_system(const EquationSystem& system, const SystemRunOptions& optio
 
     if (const auto& culprit = result.outcome.not_finite) {
         const auto& state = system.equations().states[culprit->state];
-        const std::string line = state.where.empty() ? "" : fmt::format(" ({})", state.where);
         result.outcome.message = fmt::format(
-            "der({}){} is not a finite number at t = {:.9g} s; the last good state is that of t = {:.9g} s{}",
-            state.name, line, culprit->t, result.outcome.t, limits_of_tables(system.equations(), state.rate));
+            "{} is not a finite number at t = {:.9g} s; the last good state is that of t = {:.9g} s{}",
+            state.equation_text(), culprit->t, result.outcome.t, limits_of_tables(system.equations(), state.rate));
     }
     return result;
 }

@@ -9,6 +9,11 @@ bool HybridSystem::jacobian(double, std::span<const double>, const DiscreteState
     return false;
 }
 
+bool HybridSystem::rates(double t, std::span<const double> x, const DiscreteState& d, std::span<double> dxdt) const {
+    derivative(t, x, d, dxdt);
+    return true;
+}
+
 void HybridSystem::enclose_guards(const Enclosure&, std::span<const Enclosure>, const DiscreteState&,
                                   std::span<Enclosure> g) const {
     std::fill(g.begin(), g.end(), Enclosure::unknown());

@@ -20,6 +20,11 @@ struct StateVariable {
     std::optional<std::size_t> rate; // the state that is its derivative: a position's velocity
     double scale = 1; // its absolute tolerance is scale times the run's: 1 for a position, for which atol is in metres
     double limit = 1e100; // a size beyond which the solution counts as diverged
+    // Of an algebraic variable its equation, for messages: it has no derivative, derivative() gives the value of the equation
+    // that must be zero. Empty: a state.
+    std::string equation;
+
+    bool is_algebraic() const { return !equation.empty(); }
 };
 
 // Sample instants are offset + k period with an integer k >= 0, never a running sum.
@@ -64,6 +69,9 @@ struct SparsityPattern {
 //                                falls through zero, on_crossing changes d (and, where need be, x)
 //     (x, d) := h(k, x, d)       at the instants of the sample clocks, on_sample
 //
+// Some of x may be algebraic variables: in place of their dx/dt stand equations f = 0 of index 1, which hold in the initial
+// state and after each handler.
+//
 // The system is constant and may be shared by threads; everything that changes is in SystemState. The order of things
 // at one instant is that of Simulator. A guard which does not matter in the present discrete state returns 1, and a
 // handler leaves no guard of its own below zero: then nothing fires twice, and no dead time is needed.
@@ -80,7 +88,11 @@ class HybridSystem {
     virtual void derivative(double t, std::span<const double> x, const DiscreteState& d,
                             std::span<double> dxdt) const = 0;
 
-    // df/dx into a column-major square matrix preset to zero; false: not available, differences will do.
+    // dx/dt of all variables where the algebraic equations hold; false: those of algebraic variables have no value there.
+    virtual bool rates(double t, std::span<const double> x, const DiscreteState& d, std::span<double> dxdt) const;
+
+    // df/dx into a column-major square matrix preset to zero; false: not available, differences will do. A system with
+    // algebraic variables has it, and its pattern.
     virtual bool jacobian(double t, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const;
 
     // Where the entries of df/dx are that are not always zero, whatever d is; null: not known. Then sparse_jacobian() gives
@@ -101,7 +113,7 @@ class HybridSystem {
     // Of a system that encloses its guards: whether this one does not depend on x, whatever d is.
     virtual bool depends_on_time_alone(GuardId) const { return false; }
 
-    // The guard fell. Discrete states change here and in on_sample, nowhere else. What changed goes to the log.
+    // The guard fell. Throws NoSolution where the algebraic equations have none then; so does on_sample. Discrete states change here and in on_sample, nowhere else. What changed goes to the log.
     virtual EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const = 0;
 
     // Guards that fell at one instant, in declared order. Unless overridden they are handled one after the other, and then

@@ -422,7 +422,12 @@ int variables_in_script(lua_State* lua) {
     };
     const auto start_of = [](const auto& variable) { return std::optional(variable.start); };
     const auto value_of = [](const auto& variable) { return std::optional(variable.value); };
-    list("states", equations.states, start_of);
+    auto states = equations.states;
+    std::erase_if(states, [](const auto& state) { return state.is_algebraic(); });
+    list("states", states, start_of);
+    auto algebraic = equations.states;
+    std::erase_if(algebraic, [](const auto& state) { return !state.is_algebraic(); });
+    list("algebraic", algebraic, start_of);
     list("discrete", equations.discrete, start_of);
     list("parameters", equations.parameters, value_of);
     list("inputs", equations.inputs, value_of);
@@ -615,6 +620,12 @@ int steady_state_in_script(lua_State* lua, const Graph& symbols) {
         }
         free.push_back(all[place].first);
         targets.push_back(all[place].second);
+    }
+    // Algebraic variables follow from what is free.
+    for (auto& state : equations.states) {
+        if (!state.is_algebraic() || std::find(free.begin(), free.end(), state.symbol) != free.end()) continue;
+        free.push_back(state.symbol);
+        targets.push_back(&state.start);
     }
     const RunningOn here(*symbols, lua);
     const SteadyState found = find_steady_state(equations, point, free);

@@ -5,6 +5,7 @@
 #include "script/ready_parts.hpp"
 #include "script/table_fields.hpp"
 #include "script/vector_names.hpp"
+#include "system/algebraic_equations.hpp"
 #include "system/contacts.hpp"
 #include "system/input_delays.hpp"
 
@@ -13,6 +14,7 @@
 #include <fmt/format.h>
 #include <lua.hpp>
 #include <map>
+#include <set>
 
 namespace tribode {
 
@@ -47,16 +49,16 @@ class Reader {
     }
 
     Equations read() {
-        const std::vector<std::string> known = {"name",    "parameters", "inputs", "states",  "discrete",
-                                                "modes",   "start_mode", "parts",  "connect", "der",
-                                                "outputs", "when",       "sample"};
+        const std::vector<std::string> known = {"name",      "parameters", "inputs",  "states",  "discrete",
+                                                "modes",     "start_mode", "parts",   "connect", "der",
+                                                "algebraic", "equations",  "outputs", "when",    "sample"};
         check_keys(lua_, index_, known, "tb.system");
         made_.name = has_field(lua_, index_, "name") ? text_field(lua_, index_, "name", "tb.system") : "system";
         read_parts();
         read_variables();
         read_modes();
         make_scope();
-        const std::size_t own = made_.states.size() - part_states_;
+        const std::size_t own = own_states_;
         rates_.assign(own, std::nullopt);
         read_rates();
         read_when_list(index_, "tb.system: when", std::nullopt);
@@ -71,9 +73,11 @@ class Reader {
             }
             state.rate = *rates_[i];
         }
+        read_algebraic_equations();
         read_outputs();
         read_samples();
         wire();
+        assign_equations(made_);
         Equations tried = made_; // refuses what cannot be
         close_contacts(tried);
         take_out_delays(tried);
@@ -187,6 +191,10 @@ class Reader {
         for (const auto& q : quantities("states", "start", true)) {
             made_.states.push_back({q.name, q.unit, q.value, q.nominal, graph_.variable(q.name), 0});
         }
+        own_states_ = made_.states.size() - part_states_;
+        for (const auto& q : quantities("algebraic", "start", true)) {
+            made_.states.push_back({q.name, q.unit, q.value, q.nominal, graph_.variable(q.name), 0});
+        }
         for (const auto& q : quantities("discrete", "start", false)) {
             made_.discrete.push_back({q.name, q.unit, q.value, graph_.variable(q.name), {}});
         }
@@ -218,8 +226,14 @@ class Reader {
 
     void make_scope() {
         recorder_.add("t", made_.time, "");
+        std::set<std::string> names;
         const auto add = [&](const auto& list) {
-            for (const auto& variable : list) recorder_.add(variable.name, variable.symbol, variable.unit);
+            for (const auto& variable : list) {
+                recorder_.add(variable.name, variable.symbol, variable.unit);
+                if (names.insert(variable.name).second) continue;
+                throw InputError(
+                    fmt::format("{}: the name {} stands twice, each must stand once", made_.name, variable.name));
+            }
         };
         add(made_.parameters);
         add(made_.inputs);
@@ -237,8 +251,7 @@ class Reader {
         std::string line = lua_isfunction(lua_, -1) ? line_of(lua_, lua_gettop(lua_)) : "";
         if (line.ends_with(": ")) line.resize(line.size() - 2);
         std::map<std::string, std::size_t> places;
-        for (std::size_t i = part_states_; i < made_.states.size(); ++i)
-            places[made_.states[i].name] = i - part_states_;
+        for (std::size_t i = 0; i < own_states_; ++i) places[made_.states[part_states_ + i].name] = i;
         for (const auto& entry : recorder_.record(what, false)) {
             const auto place = places.find(entry.name);
             if (place == places.end()) {
@@ -269,7 +282,7 @@ class Reader {
             const std::string where = fmt::format("tb.system: modes.{}", modes_[m]);
             lua_getfield(lua_, modes, modes_[m].c_str());
             const int table = lua_gettop(lua_);
-            check_keys(lua_, table, {"der", "outputs", "when"}, where);
+            check_keys(lua_, table, {"der", "equations", "outputs", "when"}, where);
             by_mode.push_back(rates_);
             if (has_field(lua_, table, "der")) {
                 for (const auto& [state, rate] : rates_at(table, where + ".der")) by_mode.back()[state] = rate;
@@ -310,16 +323,90 @@ class Reader {
         return set;
     }
 
+    // ---- algebraic equations -----------------------------------------------------------------------------------
+
+    struct Residual {
+        Term term = 0;
+        std::string where;
+    };
+
+    // Of the function on top of the stack, by name. [-1, +0]
+    void add_residuals(const std::string& what, std::map<std::string, Residual, ElementOrder>& residuals) {
+        std::string line = lua_isfunction(lua_, -1) ? line_of(lua_, lua_gettop(lua_)) : "";
+        if (line.ends_with(": ")) line.resize(line.size() - 2);
+        for (const auto& entry : recorder_.record(what, false)) residuals[entry.name] = {entry.term, line};
+    }
+
+    // `equations`, and in their place those of the same names of a mode: as many as there are algebraic variables.
+    void read_algebraic_equations() {
+        std::map<std::string, Residual, ElementOrder> always;
+        if (has_field(lua_, index_, "equations")) {
+            lua_getfield(lua_, index_, "equations");
+            add_residuals("tb.system: equations", always);
+        }
+        auto all = always;
+        std::vector<std::map<std::string, Residual, ElementOrder>> by_mode;
+        for (const auto& mode : modes_) {
+            auto& own = by_mode.emplace_back(always);
+            lua_getfield(lua_, index_, "modes");
+            lua_getfield(lua_, -1, mode.c_str());
+            if (has_field(lua_, lua_gettop(lua_), "equations")) {
+                lua_getfield(lua_, -1, "equations");
+                add_residuals(fmt::format("tb.system: modes.{}.equations", mode), own);
+            }
+            lua_pop(lua_, 2);
+            all.insert(own.begin(), own.end());
+        }
+        const std::size_t first = part_states_ + own_states_, count = made_.states.size() - first;
+        if (all.size() != count) {
+            std::vector<std::string> names, variables;
+            for (const auto& [name, residual] : all) names.push_back(name);
+            for (std::size_t i = first; i < made_.states.size(); ++i) variables.push_back(made_.states[i].name);
+            const auto listed = [](const std::vector<std::string>& list) {
+                return list.empty() ? std::string() : fmt::format(" ({})", fmt::join(list, ", "));
+            };
+            throw InputError(
+                fmt::format("tb.system: there are {} equations{} for {} algebraic variables{}, must be as many",
+                            all.size(), listed(names), count, listed(variables)));
+        }
+        std::size_t place = first;
+        for (auto& [name, residual] : all) {
+            for (std::size_t m = by_mode.size(); m-- > 0;) {
+                const auto own = by_mode[m].find(name);
+                if (own == by_mode[m].end()) {
+                    throw InputError(fmt::format("tb.system: modes.{}: there is no equation {}, neither here nor in "
+                                                 "equations",
+                                                 modes_[m], name));
+                }
+                const Term value = own->second.term;
+                residual.term =
+                    m + 1 == by_mode.size() ? value : graph_.make(Op::select, in_mode(m), value, residual.term);
+            }
+            auto& variable = made_.states[place++];
+            variable.rate = residual.term;
+            variable.equation = name;
+            variable.where = residual.where;
+        }
+    }
+
     // A state or discrete variable, of this system or a part.
     Term target(const std::string& name, const std::string& what) const {
-        for (const auto& state : made_.states) {
-            if (state.name == name) return state.symbol;
+        std::vector<std::string> known;
+        for (std::size_t i = 0; i < made_.states.size(); ++i) {
+            const auto& state = made_.states[i];
+            // Those of this system have no equation as yet.
+            const bool algebraic = state.is_algebraic() || i >= part_states_ + own_states_;
+            if (!algebraic) known.push_back(state.name);
+            if (state.name != name) continue;
+            if (!algebraic) return state.symbol;
+            throw InputError(
+                fmt::format("{}: {} is an algebraic variable, whose value follows from the equations; set a "
+                            "state or a discrete variable that they depend on",
+                            what, name));
         }
         for (const auto& discrete : made_.discrete) {
             if (discrete.name == name) return discrete.symbol;
         }
-        std::vector<std::string> known;
-        for (const auto& state : made_.states) known.push_back(state.name);
         for (const auto& discrete : made_.discrete) known.push_back(discrete.name);
         throw InputError(
             fmt::format("{}: {} is neither a state nor a discrete variable{}", what, name, suggestion(name, known)));
@@ -569,6 +656,9 @@ class Reader {
             }
         };
         rename(part.states);
+        for (auto& state : part.states) {
+            if (state.is_algebraic()) state.equation = name + "." + state.equation;
+        }
         rename(part.discrete);
         rename(part.parameters);
         rename(part.inputs);
@@ -726,7 +816,8 @@ class Reader {
     Equations made_;
     std::vector<std::string> modes_;
     Term mode_ = 0;
-    std::size_t part_states_ = 0;    // the states of parts come first
+    std::size_t part_states_ = 0;    // the states of parts come first, with their algebraic variables
+    std::size_t own_states_ = 0;     // then those of this system, and then its algebraic variables
     std::ptrdiff_t part_clocks_ = 0; // and their clocks
     std::vector<std::pair<std::string, Term>> part_outputs_;
     std::unordered_map<Term, Term> definition_; // of inputs and outputs of parts

@@ -3,8 +3,7 @@
 
 namespace tribode {
 
-// CVODE's multistep methods. Every restart begins again at order one with a short step, of which the size is kept. The linear
-// systems of BDF are solved by KLU where the system knows that its Jacobian is large and sparse.
+// CVODE's multistep methods. Every restart begins again at order one with a short step, of which the size is kept.
 class CvodeIntegrator final : public SundialsIntegrator {
   public:
     // options.method: adams or bdf.
@@ -20,21 +19,11 @@ class CvodeIntegrator final : public SundialsIntegrator {
     double kept_step(bool first, bool cut) const override;
     bool keeps_step_at_events() const override { return false; }
 
-    void use_dense_jacobian();
-    void use_sparse_jacobian(const SparsityPattern& pattern);
-    static int dense_jacobian(double t, N_Vector x, N_Vector fx, SUNMatrix matrix, void* self, N_Vector, N_Vector,
-                              N_Vector);
-    static int sparse_jacobian(double t, N_Vector x, N_Vector fx, SUNMatrix matrix, void* self, N_Vector, N_Vector,
-                               N_Vector);
+    static int jacobian_callback(double t, N_Vector x, N_Vector fx, SUNMatrix matrix, void* self, N_Vector, N_Vector,
+                                 N_Vector);
 
     void* memory_ = nullptr;
-    // Of the sparse Jacobian, which has its diagonal whole: the starts of the columns, the rows, and where the entries of
-    // the system go.
-    std::vector<sunindextype> starts_, rows_, places_;
-    std::vector<double> entries_;
     Owned<N_Vector> derivative_;
-    Owned<SUNMatrix> matrix_;
-    Owned<SUNLinearSolver> linear_solver_;
     Owned<SUNNonlinearSolver> nonlinear_solver_;
 };
 

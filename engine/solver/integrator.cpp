@@ -6,6 +6,7 @@
 #include "solver/erk_integrator.hpp"
 #include "solver/exact_integrator.hpp"
 #include "solver/fixed_step_integrator.hpp"
+#include "solver/ida_integrator.hpp"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -13,8 +14,8 @@
 namespace tribode {
 
 const std::vector<std::string>& SolverOptions::method_names() {
-    static const std::vector<std::string> names = {"auto",  "exact", "collocation",         "erk", "adams", "cvode",
-                                                   "fixed", "euler", "semi_implicit_euler", "zoh"};
+    static const std::vector<std::string> names = {
+        "auto", "exact", "collocation", "erk", "adams", "cvode", "ida", "fixed", "euler", "semi_implicit_euler", "zoh"};
     return names;
 }
 
@@ -30,6 +31,16 @@ Method method_named(const std::string& name) {
 bool has_fixed_step(Method method) { return method >= Method::fixed; }
 
 Method resolved(Method method, const HybridSystem& system) {
+    const auto& states = system.states();
+    const auto algebraic = std::find_if(states.begin(), states.end(),
+                                        [](const StateVariable& variable) { return variable.is_algebraic(); });
+    if (algebraic != states.end()) {
+        if (method == Method::automatic || method == Method::ida) return Method::ida;
+        throw InputError(
+            fmt::format("solver \"{}\" cannot solve for algebraic variables, of which the system has {}; must "
+                        "be ida or auto",
+                        name_of(method), algebraic->name));
+    }
     if (method != Method::automatic) return method;
     return system.why_not_affine() ? Method::erk : Method::exact;
 }
@@ -46,6 +57,7 @@ std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const So
     case Method::erk: return std::make_unique<ErkIntegrator>(system, options);
     case Method::adams:
     case Method::bdf: return std::make_unique<CvodeIntegrator>(system, options);
+    case Method::ida: return std::make_unique<IdaIntegrator>(system, options);
     case Method::fixed:
     case Method::euler:
     case Method::semi_implicit_euler:

@@ -54,15 +54,17 @@ class Integrator {
     RunOutcome failure_;
 };
 
-// The ways to integrate. The first seven locate events and serve for results; the fixed-step ones are there to be compared
+// The ways to integrate. The first eight locate events and serve for results; the fixed-step ones are there to be compared
 // with them: they look at the guards after each step only, as one would write it on a signal processor.
 enum class Method {
-    automatic, // exact where the system is piecewise affine, else erk, and bdf from where that is stiff: the default; the user writes auto
+    automatic, // exact where the system is piecewise affine, ida where it has algebraic variables, else erk, and bdf from
+               // where that is stiff: the default; the user writes auto
     exact,     // Taylor series to rounding error, for systems that are piecewise affine
     collocation,         // exponential collocation, for systems that are nearly affine
     erk,                 // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE
     adams,               // Adams-Moulton with functional iteration, CVODE
     bdf,                 // backward differentiation formulas with Newton iteration, CVODE; the user writes cvode
+    ida,                 // the same with algebraic variables, IDA
     fixed,               // classical Runge-Kutta of order 4 with a fixed step
     euler,               // explicit Euler with a fixed step
     semi_implicit_euler, // velocities first, then positions with the new velocities
@@ -76,7 +78,7 @@ struct SolverOptions {
     double absolute_tolerance = 1e-12; // [m] for positions; other states: times their scale
     double fixed_step = 5e-5;          // [s] of fixed, euler, semi_implicit_euler, zoh
     long max_steps = 100'000'000;      // from one output or sample to the next; more: the run ends
-    double max_step = 0;               // [s] of erk, adams, cvode; 0: as long as the tolerances allow
+    double max_step = 0;               // [s] of erk, adams, cvode, ida; 0: as long as the tolerances allow
 
     static const std::vector<std::string>& method_names(); // as the user writes them, in the order of Method
 

@@ -7,8 +7,18 @@
 
 namespace tribode {
 
-enum class RunEnd { reached, interrupted, chattering, step_too_small, non_finite, diverged, stopped, too_many_steps };
-constexpr RunEnd last_run_end = RunEnd::too_many_steps;
+enum class RunEnd {
+    reached,
+    interrupted,
+    chattering,
+    step_too_small,
+    non_finite,
+    diverged,
+    stopped,
+    too_many_steps,
+    no_solution // of algebraic equations
+};
+constexpr RunEnd last_run_end = RunEnd::no_solution;
 
 // A state whose derivative was not finite, and when.
 struct NotFinite {

@@ -1,4 +1,5 @@
 #include "solver/simulator.hpp"
+#include "base/error.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -93,7 +94,7 @@ RunOutcome Simulator::advance_to(double t_end) {
     if (!started_) {
         started_ = true;
         if (!output_grid_.empty()) emit_outputs(state_.t);
-        handle_instant(true);
+        try_instant(true);
     }
     long steps_to_look = 0;
     while (outcome_.end == RunEnd::reached && state_.t < t_end) {
@@ -141,7 +142,7 @@ RunOutcome Simulator::advance_to(double t_end) {
         }
         if (next_output_ < output_grid_.size()) emit_outputs(state_.t);
         if (progress != Integrator::Progress::stepped) {
-            handle_instant(progress == Integrator::Progress::guard_fell);
+            try_instant(progress == Integrator::Progress::guard_fell);
         }
     }
     if (outcome_.end == RunEnd::reached && check_divergence()) outcome_.t = state_.t;
@@ -160,6 +161,14 @@ bool Simulator::check_divergence() {
         return false;
     }
     return true;
+}
+
+void Simulator::try_instant(bool guards_fell) {
+    try {
+        handle_instant(guards_fell);
+    } catch (const NoSolution& problem) {
+        fail(RunEnd::no_solution, problem.what());
+    }
 }
 
 // Steps 1 to 4 of the class comment.

@@ -68,6 +68,7 @@ class Simulator {
         long k;
     };
 
+    void try_instant(bool guards_fell);
     void handle_instant(bool guards_fell);
     bool settle_guards(std::span<const GuardId> fallen);
     bool handle_guards(std::span<const GuardId> guards);

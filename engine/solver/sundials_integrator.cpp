@@ -6,12 +6,19 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <limits>
+#include <sunlinsol/sunlinsol_dense.h>
+#include <sunlinsol/sunlinsol_klu.h>
+#include <sunmatrix/sunmatrix_dense.h>
+#include <sunmatrix/sunmatrix_sparse.h>
 
 namespace tribode {
 
 namespace {
 
 constexpr long max_creeping_steps = 100'000;
+// Where KLU is faster than dense factors, measured on the grids of tests/problems.
+constexpr std::size_t sparse_from = 20; // states
+constexpr double sparse_below = 0.2;    // of the entries
 
 // z = sum c_k x_k, in the order of the library's own function, but in registers: half the work of a method with few
 // states are such sums.
@@ -60,9 +67,66 @@ SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverO
 }
 
 SundialsIntegrator::~SundialsIntegrator() {
+    linear_solver_.reset();
+    matrix_.reset();
     vector_.reset();
     tolerance_.reset();
     SUNContext_Free(&context_);
+}
+
+bool SundialsIntegrator::make_jacobian() {
+    const SparsityPattern* pattern = system_.jacobian_pattern();
+    if (pattern && size_ >= sparse_from &&
+        static_cast<double>(pattern->rows.size()) < sparse_below * static_cast<double>(size_ * size_)) {
+        make_sparse_jacobian(*pattern);
+        return true;
+    }
+    const sunindextype n = N_VGetLength(vector_.get());
+    matrix_.reset(SUNDenseMatrix(n, n, context_));
+    linear_solver_.reset(SUNLinSol_Dense(vector_.get(), matrix_.get(), context_));
+    if (pattern) return true;
+    // Whether there is an analytic Jacobian does not depend on the state.
+    const SystemState start = system_.initial_state();
+    return system_.jacobian(0.0, start.x, *start.discrete, {SM_DATA_D(matrix_.get()), size_ * size_});
+}
+
+void SundialsIntegrator::make_sparse_jacobian(const SparsityPattern& pattern) {
+    for (std::size_t j = 0; j < size_; ++j) {
+        starts_.push_back(static_cast<sunindextype>(rows_.size()));
+        bool diagonal = false; // whether it is in
+        const auto add_diagonal = [&] {
+            if (!diagonal) rows_.push_back(static_cast<sunindextype>(j));
+            if (!diagonal) diagonal_.push_back(static_cast<sunindextype>(rows_.size()) - 1);
+            diagonal = true;
+        };
+        for (std::size_t i = pattern.starts[j]; i < pattern.starts[j + 1]; ++i) {
+            const std::size_t row = pattern.rows[i];
+            if (row >= j) add_diagonal();
+            if (row != j) rows_.push_back(static_cast<sunindextype>(row));
+            places_.push_back(static_cast<sunindextype>(rows_.size()) - 1);
+        }
+        add_diagonal();
+    }
+    starts_.push_back(static_cast<sunindextype>(rows_.size()));
+    entries_.resize(places_.size());
+    const auto n = static_cast<sunindextype>(size_);
+    matrix_.reset(SUNSparseMatrix(n, n, starts_.back(), CSC_MAT, context_));
+    linear_solver_.reset(SUNLinSol_KLU(vector_.get(), matrix_.get(), context_));
+}
+
+void SundialsIntegrator::put_jacobian(double t, N_Vector x, SUNMatrix matrix) {
+    ++counts_.jacobian_evaluations;
+    if (!has_sparse_jacobian()) {
+        SUNMatZero(matrix);
+        system_.jacobian(t, values(x), *state_->discrete, {SM_DATA_D(matrix), size_ * size_});
+        return;
+    }
+    system_.sparse_jacobian(t, values(x), *state_->discrete, entries_);
+    std::copy(starts_.begin(), starts_.end(), SM_INDEXPTRS_S(matrix));
+    std::copy(rows_.begin(), rows_.end(), SM_INDEXVALS_S(matrix));
+    double* data = SM_DATA_S(matrix);
+    std::fill_n(data, rows_.size(), 0.0);
+    for (std::size_t i = 0; i < places_.size(); ++i) data[places_[i]] = entries_[i];
 }
 
 int SundialsIntegrator::derivative_callback(double t, N_Vector x, N_Vector dxdt, void* self) {
@@ -192,6 +256,27 @@ void SundialsIntegrator::interpolate(double t, std::span<double> x) {
     polynomial().evaluate((t - polynomial_.t0) / polynomial_.h, x);
 }
 
+// The ends are taken as they are: a state may move by more than its rounding within the rounding of the time.
+void SundialsIntegrator::polynomial_of_derivatives(int order,
+                                                   const std::function<std::span<const double>(int)>& derivative,
+                                                   std::span<const double> x0, std::span<const double> x1,
+                                                   StepPolynomial& polynomial) {
+    polynomial.resize(x0.size(), order);
+    double factor = 1;
+    for (int k = 0; k <= order; ++k) {
+        if (k > 0) factor *= polynomial.h / k;
+        const auto values = derivative(k);
+        for (std::size_t i = 0; i < x0.size(); ++i) polynomial.term(k)[i] = factor * values[i];
+    }
+    for (std::size_t i = 0; i < x0.size(); ++i) {
+        double end = 0;
+        for (int k = order; k >= 0; --k) end += polynomial.term(k)[i];
+        const double shift = x0[i] - polynomial.term(0)[i];
+        polynomial.term(0)[i] = x0[i];
+        polynomial.term(1)[i] += x1[i] - end - shift;
+    }
+}
+
 void SundialsIntegrator::record_failure(double t) {
     if (met_non_finite_) {
         failure_ = {RunEnd::non_finite, t,
@@ -199,7 +284,7 @@ void SundialsIntegrator::record_failure(double t) {
     } else {
         // The state that moves most, for its size.
         std::vector<double> rates(size_);
-        system_.derivative(state_->t, state_->x, *state_->discrete, rates);
+        const bool determined = system_.rates(state_->t, state_->x, *state_->discrete, rates);
         ++counts_.derivative_evaluations;
         const auto pace = [&](std::size_t i) {
             return std::abs(rates[i]) / (std::abs(state_->x[i]) + system_.states()[i].scale);
@@ -208,11 +293,16 @@ void SundialsIntegrator::record_failure(double t) {
         for (std::size_t i = 1; i < size_; ++i) {
             if (pace(i) > pace(fastest)) fastest = i;
         }
-        const std::string culprit =
-            size_ == 0 ? std::string()
-                       : fmt::format(": {0} = {1:.3g} changes by {2:.3g} in a second; it may "
-                                     "have no solution beyond, or be stiff for this solver",
-                                     system_.states()[fastest].name, state_->x[fastest], rates[fastest]);
+        std::string culprit;
+        if (!determined) {
+            culprit = ": the algebraic equations do not determine their variables there any longer";
+        } else if (size_ > 0) {
+            const auto& variable = system_.states()[fastest];
+            culprit = fmt::format(": {} = {:.3g} changes by {:.3g} in a second; {} may have no solution beyond{}",
+                                  variable.name, state_->x[fastest], rates[fastest],
+                                  variable.is_algebraic() ? variable.equation : "it",
+                                  variable.is_algebraic() ? "" : ", or be stiff for this solver");
+        }
         failure_ = {RunEnd::step_too_small, t,
                     fmt::format("no step is short enough at t = {:.9g} s{}{}", t, culprit,
                                 last_message_.empty() ? "" : fmt::format(" ({})", last_message_))};

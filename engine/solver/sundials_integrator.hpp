@@ -2,6 +2,7 @@
 #include "solver/event_search.hpp"
 #include "solver/integrator.hpp"
 
+#include <functional>
 #include <memory>
 #include <nvector/nvector_serial.h>
 #include <sundials/sundials_context.h>
@@ -11,7 +12,7 @@
 
 namespace tribode {
 
-// What CVODE and ARKODE have in common: context, vectors, callbacks, their messages turned into outcomes. Guards are not
+// What CVODE, IDA and ARKODE have in common: context, vectors, callbacks, their messages turned into outcomes. Guards are not
 // the libraries' root functions, which see no more of them than their signs at the ends of a step: EventSearch follows them
 // along the polynomial that the method itself takes for its step. Guards of the time alone are solved beforehand, so that a
 // step ends where they fall.
@@ -45,6 +46,10 @@ class SundialsIntegrator : public Integrator {
     virtual Native native_step(double t_stop, double& t) = 0;
     // The polynomial that the method takes for its last step, which began at polynomial.t0 with x0 and lasted polynomial.h.
     virtual void native_polynomial(std::span<const double> x0, StepPolynomial& polynomial) = 0;
+    // Of a method of several steps, whose polynomial is its history, from its derivatives at the step's beginning.
+    static void polynomial_of_derivatives(int order, const std::function<std::span<const double>(int)>& derivative,
+                                          std::span<const double> x0, std::span<const double> x1,
+                                          StepPolynomial& polynomial);
     // The library has asked for a derivative.
     virtual void derivative_seen(std::span<const double>) {}
     virtual long native_rejected_steps() const = 0; // since the counters of the library were last zeroed
@@ -59,6 +64,12 @@ class SundialsIntegrator : public Integrator {
     // Throws on any flag of a set-up call that is not success: our own bug or no memory.
     static void check(int flag, const char* function);
 
+    // Of the implicit methods: matrix_ and linear_solver_, KLU where the system knows that its Jacobian is large and sparse.
+    // Whether the system has an analytic Jacobian; then put_jacobian() puts df/dx into such a matrix.
+    bool make_jacobian();
+    void put_jacobian(double t, N_Vector x, SUNMatrix matrix);
+    bool has_sparse_jacobian() const { return !starts_.empty(); }
+
     static int derivative_callback(double t, N_Vector x, N_Vector dxdt, void* self);
     static void message_callback(int code, const char* module, const char* function, char* text, void* self);
 
@@ -72,8 +83,14 @@ class SundialsIntegrator : public Integrator {
 
     SystemState* state_ = nullptr;
     RunStatistics counts_;
+    Owned<SUNMatrix> matrix_;
+    Owned<SUNLinearSolver> linear_solver_;
+    // Of the sparse Jacobian, which has its diagonal whole: the starts of the columns, the rows, where the entries of the
+    // system go, and the diagonal.
+    std::vector<sunindextype> starts_, rows_, places_, diagonal_;
 
   private:
+    void make_sparse_jacobian(const SparsityPattern& pattern);
     const StepPolynomial& polynomial();
     double next_stop(double t_stop);
     Progress look_for_falls(double t_stop);
@@ -94,6 +111,7 @@ class SundialsIntegrator : public Integrator {
     bool met_non_finite_ = false;         // in this step
     bool first_step_ = true;
     long rejected_before_ = 0;
+    std::vector<double> entries_; // of the sparse Jacobian
 };
 
 } // namespace tribode

@@ -14,6 +14,10 @@ Term rate_of(const Equations& equations, Term term) {
     Term sum = graph.derivatives(std::span(&term, 1), equations.time)[0];
     for (const auto& state : equations.states) {
         const Term slope = graph.derivatives(std::span(&term, 1), state.symbol)[0];
+        if (state.is_algebraic() && !graph.is_constant(slope, 0)) {
+            throw InputError(fmt::format("{}: a ready part acts on the algebraic variable {}, must act on states alone",
+                                         equations.name, state.name));
+        }
         sum = graph.make(Op::add, sum, graph.make(Op::multiply, slope, state.rate));
     }
     return sum;
@@ -344,7 +348,22 @@ class Closing {
 } // namespace
 
 void close_contacts(Equations& equations) {
-    if (!equations.contacts.empty()) Closing(equations).close();
+    if (equations.contacts.empty()) return;
+    // How an algebraic variable goes with a force is not known here.
+    const auto depends = [&](Term term, Term variable) {
+        const auto all = equations.graph->variables_of(std::span(&term, 1));
+        return std::binary_search(all.begin(), all.end(), variable);
+    };
+    for (const auto& contact : equations.contacts) {
+        for (const auto& state : equations.states) {
+            if (!state.is_algebraic()) continue;
+            if (!depends(contact.quantity, state.symbol) && !depends(state.rate, contact.force)) continue;
+            throw InputError(
+                fmt::format("{}: the ready part {} acts on the algebraic variable {}, must act on states alone",
+                            equations.name, contact.name, state.name));
+        }
+    }
+    Closing(equations).close();
 }
 
 } // namespace tribode

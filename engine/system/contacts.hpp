@@ -3,7 +3,7 @@
 
 namespace tribode {
 
-// How a term changes by time, along the equations.
+// How a term changes by time, along the equations. Throws InputError where it depends on an algebraic variable.
 Term rate_of(const Equations& equations, Term term);
 
 // Puts the forces of all contacts into the equations, and adds their events; then the equations have no contacts any more.

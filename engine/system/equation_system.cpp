@@ -1,5 +1,6 @@
 #include "system/equation_system.hpp"
 #include "base/error.hpp"
+#include "system/algebraic_equations.hpp"
 
 #include <algorithm>
 #include <array>
@@ -43,11 +44,13 @@ EquationSystem::EquationSystem(Equations equations) : equations_(std::move(equat
         throw InputError(fmt::format("{}: {} is still to be taken out", equations_.name, equations_.graph->text(term)));
     }
     put_in_parameters();
+    assign_equations(equations_);
     hold_relations();
     mark_active();
     join_clocks();
     make_tapes();
     recognize_affine();
+    make_blocks();
 }
 
 // From here on the equations hold no parameters and no inputs.
@@ -229,13 +232,11 @@ Tape EquationSystem::tape_of(const std::vector<Term>& terms) const {
             {1, equations_.states.size(), inputs_.size() - 1 - equations_.states.size()}};
 }
 
-EquationSystem::Sparse EquationSystem::sparse_jacobian(const std::vector<Term>& rows, std::vector<Term>& terms) {
-    auto& graph = *equations_.graph;
+EquationSystem::Sparse EquationSystem::sparse_jacobian(const std::vector<Term>& rows, const std::vector<Term>& columns,
+                                                       std::vector<Term>& terms) {
     Sparse sparse;
     terms.clear();
-    std::vector<Term> symbols;
-    for (const auto& state : equations_.states) symbols.push_back(state.symbol);
-    auto derivatives = graph.jacobian(rows, symbols);
+    auto derivatives = equations_.graph->jacobian(rows, columns);
     std::stable_sort(derivatives.begin(), derivatives.end(),
                      [](const auto& a, const auto& b) { return a.column < b.column; });
     for (const auto& derivative : derivatives) {
@@ -287,6 +288,11 @@ void EquationSystem::join_clocks() {
         for (const auto& [target, value] : clock.set) add(target);
         if (clock.function) std::for_each(clock.function->writes.begin(), clock.function->writes.end(), add);
 
+        // Algebraic variables are to agree with what has been set.
+        const bool has_algebraic = std::any_of(equations_.states.begin(), equations_.states.end(),
+                                               [](const auto& state) { return state.is_algebraic(); });
+        reach.events = reach.events || (has_algebraic && reach.motion);
+
         const bool meet = !joined.empty() && joined.back().period == clock.period &&
                           joined.back().offset == clock.offset && !joined.back().function && !clock.function;
         if (!meet || reach.events || reach_.back().events) {
@@ -315,8 +321,10 @@ void EquationSystem::make_tapes() {
     for (const auto& state : equations_.states) {
         inputs_.push_back(state.symbol);
         StateVariable variable{state.name, state.unit, std::nullopt, state.nominal};
+        if (state.is_algebraic()) variable.equation = state.equation_text();
+        if (variable.is_algebraic()) algebraic_.push_back(variables_.size());
         // Where a rate is a state itself, as a velocity is.
-        for (std::size_t i = 0; i < equations_.states.size(); ++i) {
+        for (std::size_t i = 0; i < equations_.states.size() && !variable.is_algebraic(); ++i) {
             if (equations_.states[i].symbol == state.rate) variable.rate = i;
         }
         variables_.push_back(std::move(variable));
@@ -363,13 +371,29 @@ void EquationSystem::find_dependences() {
     std::unordered_map<Term, std::size_t> place, state_of;
     for (std::size_t i = 0; i < inputs_.size(); ++i) place[inputs_[i]] = i;
     for (std::size_t i = 0; i < equations_.states.size(); ++i) state_of[equations_.states[i].symbol] = i;
+    std::vector<Term> residuals;
+    for (const std::size_t i : algebraic_) residuals.push_back(rates_[i]);
+    const auto of_algebraic = graph.variables_of(residuals);
     relations_of_.resize(inputs_.size());
     moved_relations_of_.resize(inputs_.size());
     for (std::size_t i = 0; i < relations_.size(); ++i) {
         auto& relation = relations_[i];
         relation.of_time_alone = true;
         std::set<Term> moving;
+        std::set<Term> operands;
         for (const Term variable : graph.variables_of(std::span(&relation.margin, 1))) {
+            operands.insert(variable);
+            const auto state = state_of.find(variable);
+            if (state != state_of.end() && variables_[state->second].is_algebraic()) relation.of_algebraic = true;
+        }
+        // Through algebraic variables on all that their equations depend on, but for relations, which
+        // make_consistent() compares.
+        if (relation.of_algebraic) {
+            for (const Term variable : of_algebraic) {
+                if (place.at(variable) < held_place(0)) operands.insert(variable);
+            }
+        }
+        for (const Term variable : operands) {
             relations_of_[place.at(variable)].push_back(i);
             const auto state = state_of.find(variable);
             if (state == state_of.end()) continue;
@@ -377,6 +401,11 @@ void EquationSystem::find_dependences() {
             const auto of_rate = graph.variables_of(std::span(&rates_[state->second], 1));
             moving.insert(of_rate.begin(), of_rate.end());
         }
+        const bool with_algebraic = std::any_of(moving.begin(), moving.end(), [&](Term variable) {
+            const auto state = state_of.find(variable);
+            return state != state_of.end() && variables_[state->second].is_algebraic();
+        });
+        if (with_algebraic) moving.insert(of_algebraic.begin(), of_algebraic.end());
         for (const Term variable : moving) moved_relations_of_[place.at(variable)].push_back(i);
     }
     moves_.resize(inputs_.size());
@@ -404,8 +433,9 @@ void EquationSystem::find_dependences() {
 
 void EquationSystem::recognize_affine() {
     auto& graph = *equations_.graph;
-    std::vector<Term> matrix, guard_matrix;
-    jacobian_ = sparse_jacobian(rates_, matrix);
+    std::vector<Term> matrix, guard_matrix, symbols;
+    for (const auto& state : equations_.states) symbols.push_back(state.symbol);
+    jacobian_ = sparse_jacobian(rates_, symbols, matrix);
     jacobian_pattern_.starts.assign(equations_.states.size() + 1, 0);
     for (const auto& [row, column] : jacobian_.entries) {
         jacobian_pattern_.rows.push_back(row);
@@ -413,7 +443,11 @@ void EquationSystem::recognize_affine() {
     }
     std::partial_sum(jacobian_pattern_.starts.begin(), jacobian_pattern_.starts.end(),
                      jacobian_pattern_.starts.begin());
-    guard_jacobian_ = sparse_jacobian(guard_terms_, guard_matrix);
+    guard_jacobian_ = sparse_jacobian(guard_terms_, symbols, guard_matrix);
+    if (!algebraic_.empty()) {
+        why_not_affine_ = fmt::format("{} is an algebraic variable", equations_.states[algebraic_.front()].name);
+        return;
+    }
 
     std::set<Term> moving{equations_.time};
     for (const auto& state : equations_.states) moving.insert(state.symbol);
@@ -497,6 +531,24 @@ void EquationSystem::recognize_affine() {
     has_pattern_ = !varies_ && numbers <= AffinePattern{}.size();
 }
 
+void EquationSystem::make_blocks() {
+    auto& graph = *equations_.graph;
+    std::vector<Term> residuals;
+    for (const std::size_t i : algebraic_) residuals.push_back(rates_[i]);
+    algebraic_by_time_ = tape_of(graph.derivatives(residuals, equations_.time));
+    for (const auto& places : algebraic_blocks(equations_)) {
+        Block& block = blocks_.emplace_back();
+        block.places = places;
+        std::vector<Term> rows, columns, terms;
+        for (const std::size_t i : places) {
+            rows.push_back(rates_[i]);
+            columns.push_back(equations_.states[i].symbol);
+        }
+        block.residuals = tape_of(rows);
+        block.jacobian = sparse_jacobian(rows, columns, terms);
+    }
+}
+
 void EquationSystem::compile(const CCompiler& compiler) {
     const std::array tapes = {&rate_, &jacobian_.tape, &guard_, &guard_jacobian_.tape, &output_, &condition_, &active_};
     std::size_t instructions = 0;
@@ -516,7 +568,7 @@ void EquationSystem::compile(const CCompiler& compiler) {
     }
 }
 
-SystemState EquationSystem::initial_state(double t) const {
+SystemState EquationSystem::start_values(double t) const {
     auto values = std::make_unique<Memory>();
     std::vector<double> x;
     for (const auto& state : equations_.states) x.push_back(state.start);
@@ -524,7 +576,12 @@ SystemState EquationSystem::initial_state(double t) const {
     values->values.resize(counter_value_place(counters_.size()));
     values->conditions.resize(conditions_.size());
     values->slack.resize(relations_.size());
-    SystemState state(t, std::move(x), std::move(values));
+    values->active.resize(relations_.size());
+    return {t, std::move(x), std::move(values)};
+}
+
+SystemState EquationSystem::initial_state(double t) const {
+    SystemState state = start_values(t);
     auto& memory = static_cast<Memory&>(*state.discrete);
     // A relation may stand in the operand of another; each pass sets one more of such a chain.
     std::vector<double> margins(relations_.size()), operands(counters_.size());
@@ -546,14 +603,19 @@ SystemState EquationSystem::initial_state(double t) const {
         }
         if (!changed) break;
     }
+    find_active(state);
+    if (!algebraic_.empty()) {
+        // So far of guesses.
+        Instant& now = instant_of(state);
+        take_anew(now, {});
+        find_active(state);
+    }
     condition_.evaluate({std::span(&state.t, 1), state.x, memory.values}, memory.conditions);
     for (std::size_t i = 0; i < conditions_.size(); ++i) {
         if (!equations_.whens[i].at_start || memory.conditions[i] == 0) continue;
         memory.conditions[i] = 0;
         memory.unsettled = true;
     }
-    memory.active.resize(relations_.size());
-    find_active(state);
     return state;
 }
 
@@ -562,11 +624,17 @@ void EquationSystem::derivative(double t, std::span<const double> x, const Discr
     rate_.evaluate({std::span(&t, 1), x, memory(d).values}, dxdt);
 }
 
+bool EquationSystem::rates(double t, std::span<const double> x, const DiscreteState& d, std::span<double> dxdt) const {
+    derivative(t, x, d, dxdt);
+    thread_local Rounding rounding;
+    return algebraic_.empty() || algebraic_rates(t, x, memory(d), dxdt, rounding);
+}
+
 bool EquationSystem::jacobian(double t, std::span<const double> x, const DiscreteState& d,
                               std::span<double> matrix) const {
     thread_local std::vector<double> values;
     values.resize(jacobian_.entries.size());
-    jacobian_.tape.evaluate({std::span(&t, 1), x, memory(d).values}, values);
+    sparse_jacobian(t, x, d, values);
     for (std::size_t i = 0; i < values.size(); ++i) {
         matrix[jacobian_.entries[i].column * variables_.size() + jacobian_.entries[i].row] = values[i];
     }
@@ -576,6 +644,127 @@ bool EquationSystem::jacobian(double t, std::span<const double> x, const Discret
 void EquationSystem::sparse_jacobian(double t, std::span<const double> x, const DiscreteState& d,
                                      std::span<double> entries) const {
     jacobian_.tape.evaluate({std::span(&t, 1), x, memory(d).values}, entries);
+}
+
+// Newton's method for the algebraic variables among x, block after block; why not, in a sentence: then x is as before.
+std::optional<std::string> EquationSystem::solve_algebraic(double t, std::span<double> x, const Memory& held,
+                                                           std::vector<double>& uncertain) const {
+    using Eigen::Index;
+    const std::vector<double> before(x.begin(), x.end());
+    uncertain.resize(x.size());
+    for (const Block& block : blocks_) {
+        const std::size_t count = block.places.size();
+        Eigen::VectorXd start(static_cast<Index>(count)), nominal(static_cast<Index>(count));
+        for (std::size_t k = 0; k < count; ++k) {
+            start(static_cast<Index>(k)) = x[block.places[k]];
+            nominal(static_cast<Index>(k)) = variables_[block.places[k]].scale;
+        }
+        const auto put = [&](const Eigen::VectorXd& z) {
+            for (std::size_t k = 0; k < count; ++k) x[block.places[k]] = z(static_cast<Index>(k));
+        };
+        const auto functions = [&](const Eigen::VectorXd& z, Eigen::VectorXd& f) {
+            put(z);
+            block.residuals.evaluate({std::span(&t, 1), x, held.values}, {f.data(), count});
+        };
+        const auto jacobian = [&](const Eigen::VectorXd& z, std::vector<double>& values) {
+            put(z);
+            block.jacobian.tape.evaluate({std::span(&t, 1), x, held.values}, values);
+        };
+        const Root root = find_root({functions, block.jacobian.entries, jacobian, nominal}, start);
+        if (root.end == Root::End::found) {
+            put(root.z);
+            for (std::size_t k = 0; k < count; ++k) {
+                double& off = uncertain[block.places[k]];
+                off = std::max(off, root.uncertain(static_cast<Index>(k)));
+            }
+            continue;
+        }
+        std::vector<std::string> names;
+        constexpr std::size_t most = 6;
+        for (std::size_t k = 0; k < std::min(count, most); ++k) {
+            const std::size_t i = block.places[k];
+            names.push_back(fmt::format("{} = {:.4g}", variables_[i].name, x[i]));
+        }
+        if (count > most) names.emplace_back("...");
+        std::copy(before.begin(), before.end(), x.begin());
+        const auto& worst = equations_.states[block.places[static_cast<std::size_t>(root.worst)]];
+        const std::string where = fmt::format("{}: at t = {:.9g} s", equations_.name, t);
+        const std::string at = fmt::format("{}", fmt::join(names, ", "));
+        switch (root.end) {
+        case Root::End::not_finite:
+            return fmt::format("{} {} is not a finite number at {}; other start values may help", where,
+                               worst.equation_text(), at);
+        case Root::End::singular:
+            return fmt::format(
+                "{} the algebraic equations do not determine their variables: their Jacobian is singular at {}, "
+                "where {} is off by {:.3g}; other start values may help, or the system is of higher index",
+                where, at, worst.equation_text(), root.residual);
+        default:
+            return fmt::format(
+                "{} no solution of the algebraic equations is found: {} is off by {:.3g}, most of all, at "
+                "{}; there may be none, or other start values may help",
+                where, worst.equation_text(), root.residual, at);
+        }
+    }
+    return std::nullopt;
+}
+
+// From dx/dt of the states those of algebraic variables, by the implicit function theorem; false: their Jacobian is singular.
+bool EquationSystem::algebraic_rates(double t, std::span<const double> x, const Memory& held, std::span<double> dxdt,
+                                     Rounding& rounding) const {
+    using Eigen::Index;
+    constexpr double relative = 1e-12; // of the terms of a rate
+    thread_local std::vector<double> values, by_time;
+    values.resize(jacobian_.entries.size());
+    jacobian_.tape.evaluate({std::span(&t, 1), x, held.values}, values);
+    by_time.resize(algebraic_.size());
+    algebraic_by_time_.evaluate({std::span(&t, 1), x, held.values}, by_time);
+    rounding.value.assign(x.size(), 0);
+    rounding.rate.assign(x.size(), 0);
+    const auto count = static_cast<Index>(algebraic_.size());
+    const auto number_of = [&](std::size_t i) {
+        return static_cast<std::size_t>(std::lower_bound(algebraic_.begin(), algebraic_.end(), i) - algebraic_.begin());
+    };
+    Eigen::VectorXd change(count), terms(count), rounded(count), sizes(count);
+    for (Index k = 0; k < count; ++k) {
+        const std::size_t i = algebraic_[static_cast<std::size_t>(k)];
+        change(k) = by_time[static_cast<std::size_t>(k)];
+        terms(k) = std::abs(change(k));
+        rounded(k) = std::abs(change(k) * t);
+        sizes(k) = std::max(std::abs(x[i]), variables_[i].scale);
+    }
+    std::vector<MatrixPlace> places;
+    std::vector<double> entries;
+    for (std::size_t e = 0; e < values.size(); ++e) {
+        const auto [row, column] = jacobian_.entries[e];
+        if (!variables_[row].is_algebraic()) continue;
+        const auto k = static_cast<Index>(number_of(row));
+        rounded(k) += std::abs(values[e] * x[column]);
+        if (variables_[column].is_algebraic()) {
+            places.push_back({number_of(row), number_of(column)});
+            entries.push_back(values[e]);
+        } else {
+            change(k) += values[e] * dxdt[column];
+            terms(k) += std::abs(values[e] * dxdt[column]);
+        }
+    }
+    const Factors factors(places, entries, sizes);
+    if (factors.singular()) {
+        for (const std::size_t i : algebraic_) {
+            dxdt[i] = 0;
+            rounding.value[i] = rounding.rate[i] = Interval::infinity;
+        }
+        return false;
+    }
+    const Eigen::VectorXd found = factors.solve(-change), off = factors.amplify(terms),
+                          value_off = factors.amplify(rounded);
+    for (Index k = 0; k < count; ++k) {
+        const std::size_t i = algebraic_[static_cast<std::size_t>(k)];
+        dxdt[i] = found(k);
+        rounding.rate[i] = relative * off(k);
+        rounding.value[i] = 2 * std::numeric_limits<double>::epsilon() * value_off(k);
+    }
+    return true;
 }
 
 void EquationSystem::guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const {
@@ -671,6 +860,7 @@ EquationSystem::Instant& EquationSystem::instant_of(SystemState& state) const {
     now.touched.assign(relations_.size(), false);
     now.turned.assign(relations_.size(), false);
     now.moved = false;
+    now.uncertain.assign(state.x.size(), 0);
     return now;
 }
 
@@ -680,23 +870,91 @@ void EquationSystem::look(Instant& now) const {
     active_.evaluate({time, now.state->x, now.memory->values}, now.active);
 }
 
+// Solves for the algebraic variables with relations as they are held; how far each was off.
+std::vector<double> EquationSystem::correct_algebraic(SystemState& state) const {
+    std::vector<double> off(state.x.size()), uncertain;
+    if (algebraic_.empty()) return off;
+    const std::vector<double> before = state.x;
+    // Where there is no solution, a relation that is about to change may bring one.
+    if (solve_algebraic(state.t, state.x, memory(*state.discrete), uncertain)) return off;
+    for (const std::size_t i : algebraic_) off[i] = std::abs(state.x[i] - before[i]);
+    return off;
+}
+
+// Solves for the algebraic variables. Relations that are then on the wrong side by more than is uncertain change, first all
+// of them, then one at a time, the first one, which comes to an end where the solution is unique [Murty 1974]. Looks at
+// margins.
+void EquationSystem::make_consistent(Instant& now) const {
+    if (algebraic_.empty()) return look(now);
+    constexpr std::size_t together = 10;
+    const std::size_t most = together + 50 + 20 * relations_.size();
+    auto& list = now.list;
+    const auto side_of = [&](std::size_t i) {
+        return now.memory->values[value_place(i)] != 0 ? now.margins[i] : -now.margins[i];
+    };
+    for (std::size_t round = 0; round < most; ++round) {
+        const auto problem = solve_algebraic(now.state->t, now.state->x, *now.memory, now.uncertain);
+        if (problem) throw NoSolution(*problem);
+        look(now);
+        list.clear();
+        for (std::size_t i = 0; i < relations_.size(); ++i) {
+            if (relations_[i].of_algebraic && now.active[i] != 0 && side_of(i) < 0) list.push_back(i);
+        }
+        if (list.empty()) return;
+        enclose_margins(now, now.state->t, now.state->x, false);
+        std::erase_if(list, [&](std::size_t i) {
+            if (!now.bounds[i].value.contains(0)) return false;
+            now.memory->slack[i] = std::max(now.memory->slack[i], -side_of(i));
+            return true;
+        });
+        if (list.empty()) return;
+        if (round >= together) list.resize(1);
+        for (const std::size_t i : list) {
+            if (relations_[i].counter) {
+                now.written.push_back(count(now, i));
+                continue;
+            }
+            hold(now, i, now.memory->values[value_place(i)] == 0);
+            now.written.push_back(held_place(i));
+        }
+    }
+    std::vector<std::string> names;
+    for (const std::size_t i : list) names.push_back(relations_[i].text);
+    throw NoSolution(
+        fmt::format("{}: at t = {:.9g} s the algebraic equations have no solution in any branch that was tried: "
+                    "{} on the one side gives the other",
+                    equations_.name, now.state->t, fmt::join(names, ", ")));
+}
+
+// dx/dt of all variables, and how far off they are by rounding.
+void EquationSystem::find_rates(Instant& now, double t, std::span<const double> x) const {
+    now.rates.resize(x.size());
+    rate_.evaluate({std::span(&t, 1), x, now.memory->values}, now.rates);
+    now.rounding.value.assign(x.size(), 0);
+    now.rounding.rate.assign(x.size(), 0);
+    if (!algebraic_.empty()) algebraic_rates(t, x, *now.memory, now.rates, now.rounding);
+}
+
 // The margins up to rounding of their terms, of the states and of the time: the states also move within it. With their
 // rates of change, rounding of dx/dt included.
 void EquationSystem::enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates) const {
     const double ulps = 2 * epsilon, t_rounding = ulps * std::abs(t);
-    now.rates.resize(x.size());
-    rate_.evaluate({std::span(&t, 1), x, now.memory->values}, now.rates);
+    find_rates(now, t, x);
     const auto about = [](double value, double rounding) { return Interval{value - rounding, value + rounding}; };
     const Enclosure time = {about(t, t_rounding), {1, 1}};
     now.inputs.clear();
     for (std::size_t j = 0; j < x.size(); ++j) {
-        now.inputs.push_back({about(x[j], ulps * std::abs(x[j]) + t_rounding * std::abs(now.rates[j])), {0, 0}});
+        const double off = ulps * std::abs(x[j]) + t_rounding * std::abs(now.rates[j]);
+        now.inputs.push_back({about(x[j], off + now.uncertain[j] + now.rounding.value[j]), {0, 0}});
     }
     for (const double value : now.memory->values) now.inputs.push_back(Enclosure::constant(value));
     const auto states = std::span(now.inputs).first(x.size()), values = std::span(now.inputs).subspan(x.size());
     if (with_rates) {
         now.rate_bounds.resize(x.size());
         rate_.enclose({std::span(&time, 1), states, values}, now.rate_bounds);
+        for (const std::size_t j : algebraic_) {
+            now.rate_bounds[j].value = about(now.rates[j], now.rounding.rate[j]);
+        }
         for (std::size_t j = 0; j < x.size(); ++j) states[j].rate = now.rate_bounds[j].value;
     }
     now.bounds.resize(relations_.size());
@@ -732,7 +990,7 @@ void EquationSystem::take_anew(Instant& now, std::span<const std::size_t> writte
     for (std::size_t pass = 0; pass <= relations_.size(); ++pass) {
         now.margins_before = now.margins;
         now.active_before = now.active;
-        look(now);
+        make_consistent(now);
         auto& list = now.list;
         list.clear();
         now.counted.clear();
@@ -805,7 +1063,7 @@ void EquationSystem::settle(Instant& now, std::vector<int>& fired) const {
 Interval EquationSystem::rate_ahead(Instant& now, std::size_t relation) const {
     constexpr double part = 1e-6; // of the states, or of what they are nominally
     const auto& x = now.state->x;
-    rate_.evaluate({std::span(&now.state->t, 1), x, now.memory->values}, now.rates);
+    find_rates(now, now.state->t, x);
     double time = Interval::infinity;
     for (std::size_t j = 0; j < x.size(); ++j) {
         if (now.rates[j] == 0) continue;
@@ -837,6 +1095,7 @@ bool EquationSystem::turn_back(Instant& now, std::span<const GuardId> guards) co
         hold(now, i, !holds);
         any = true;
     }
+    if (any && !algebraic_.empty()) take_anew(now, {});
     return any;
 }
 
@@ -854,6 +1113,8 @@ EventEffect EquationSystem::on_crossings(std::span<const GuardId> guards, System
     thread_local std::vector<std::size_t> places;
     fired.clear();
     places.clear();
+    now.uncertain = correct_algebraic(state);
+    now.moved = !algebraic_.empty(); // they were corrected
     const bool may_turn = std::any_of(guards.begin(), guards.end(), [&](GuardId i) { return may_turn_[i] != 0; });
     look(now);
     if (may_turn) enclose_margins(now, state.t, state.x, true);
@@ -887,6 +1148,8 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
     auto& memory = static_cast<Memory&>(*state.discrete);
     const bool to_events = reach_[clock].events;
     // A function that is called may run systems of its own, so what is kept meanwhile is this sample's.
+    const std::vector<double> before = state.x;
+    const std::vector<double> uncertain = to_events ? correct_algebraic(state) : std::vector<double>(before.size());
     std::vector<double> margins(to_events ? relations_.size() : 0);
     if (to_events) guard_.evaluate({std::span(&state.t, 1), state.x, memory.values}, margins);
     bool changed = carry_out(clock_updates_[clock], state);
@@ -902,12 +1165,16 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
     if (to_events) {
         Instant& now = instant_of(state);
         now.margins = margins;
+        now.uncertain = uncertain;
         take_anew(now, targets);
         settle(now, memory.fired);
         find_active(state);
         changed = changed || !memory.fired.empty() || memory.restless;
     }
-    if (!changed) return EventEffect::none;
+    if (!changed) {
+        state.x = before; // algebraic variables as the solver has them
+        return EventEffect::none;
+    }
     if (to_events) return EventEffect::restart;
     return reach_[clock].motion ? EventEffect::derivative : EventEffect::none;
 }
@@ -1005,8 +1272,7 @@ SystemState EquationSystem::restored(const Snapshot& snapshot) const {
         }
         if (count > 0) list = found->second;
     };
-    SystemState state = initial_state();
-    static_cast<Memory&>(*state.discrete).unsettled = false;
+    SystemState state = start_values(0);
     std::vector<double> time(1), samples(clocks_.size());
     read("t", time);
     read("x", state.x);

@@ -2,6 +2,7 @@
 #include "hybrid/hybrid_system.hpp"
 #include "system/compiled_c.hpp"
 #include "system/equations.hpp"
+#include "system/root_finder.hpp"
 #include "system/tape.hpp"
 
 #include <map>
@@ -41,13 +42,18 @@ namespace tribode {
 // floor is above it, however the floor's height rounds. What is true at the start is no event, unless the `when` says so.
 // A sample does the same after its clock's values are set. The subject of an entry of the event log is the place of its `when`, from 0.
 //
+// Algebraic variables follow from states, discrete variables and held relations, so after each change at an instant they
+// are solved for again. A relation of theirs that is then on its other side changes, and they are solved for again,
+// until all agree. How far off the solution may be counts as rounding, and at an event also how far it was off before.
+//
 // The system is affine where all rates and guards are affine in x, with coefficients that do not depend on t, plus a
 // polynomial in t of degree 3 at most, whatever d is. Then the exact integrator runs it.
 class EquationSystem final : public HybridSystem {
   public:
     static constexpr int max_rounds = 100;
 
-    // Throws InputError where a name stands twice, a clock has no period, a term depends on a foreign variable.
+    // Throws InputError where a name stands twice, a clock has no period, a term depends on a foreign variable, the algebraic
+    // equations are structurally singular.
     explicit EquationSystem(Equations equations);
 
     const std::vector<StateVariable>& states() const override { return variables_; }
@@ -55,8 +61,10 @@ class EquationSystem final : public HybridSystem {
     // The last one falls where events cause each other without end.
     std::size_t guard_count() const override { return relations_.size() + (has_endless_guard() ? 1 : 0); }
     SystemState initial_state() const override { return initial_state(0); }
-    SystemState initial_state(double t) const; // start values, at another time [s], not negative
+    // Start values, at another time [s], not negative. Throws NoSolution.
+    SystemState initial_state(double t) const;
     void derivative(double t, std::span<const double> x, const DiscreteState& d, std::span<double> dxdt) const override;
+    bool rates(double t, std::span<const double> x, const DiscreteState& d, std::span<double> dxdt) const override;
     bool jacobian(double t, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const override;
     const SparsityPattern* jacobian_pattern() const override { return &jacobian_pattern_; }
     void sparse_jacobian(double t, std::span<const double> x, const DiscreteState& d,
@@ -125,7 +133,7 @@ class EquationSystem final : public HybridSystem {
         Term margin = 0;     // positive where the relation holds
         bool strict = false; // whether it fails at a margin of zero
         Term active = 0;     // where it matters
-        bool of_time_alone = false;
+        bool of_time_alone = false, of_algebraic = false;
         std::vector<std::size_t> whens; // whose condition it is part of
         std::string text;
         // Of a floor: it is counted on by so much where the relation comes to hold, and so holds no longer.
@@ -140,11 +148,15 @@ class EquationSystem final : public HybridSystem {
 
     // A matrix of terms without its zeros, column by column.
     struct Sparse {
-        struct Entry {
-            std::size_t row, column;
-        };
-        std::vector<Entry> entries;
+        std::vector<MatrixPlace> entries;
         Tape tape;
+    };
+
+    // Algebraic variables that are solved for together.
+    struct Block {
+        std::vector<std::size_t> places; // among the states
+        Tape residuals;
+        Sparse jacobian;
     };
 
     // New values for places in (t, x, values of the memory).
@@ -173,7 +185,16 @@ class EquationSystem final : public HybridSystem {
     void make_tapes();
     void recognize_affine();
     Tape tape_of(const std::vector<Term>& terms) const;
-    Sparse sparse_jacobian(const std::vector<Term>& rows, std::vector<Term>& terms);
+    Sparse sparse_jacobian(const std::vector<Term>& rows, const std::vector<Term>& columns, std::vector<Term>& terms);
+    void make_blocks();
+    SystemState start_values(double t) const;
+    std::optional<std::string> solve_algebraic(double t, std::span<double> x, const Memory& values,
+                                               std::vector<double>& uncertain) const;
+    struct Rounding {
+        std::vector<double> value, rate; // of the states; zero where they are no algebraic variables
+    };
+    bool algebraic_rates(double t, std::span<const double> x, const Memory& values, std::span<double> dxdt,
+                         Rounding& rounding) const;
     Update update_of(const std::string& name, const Equations::Assignments& set) const;
     std::size_t place_of(Term target) const;
     static bool write(const std::vector<std::size_t>& places, std::span<const double> values, SystemState& state);
@@ -194,6 +215,8 @@ class EquationSystem final : public HybridSystem {
         std::vector<char> touched;    // whether their operands have been written since,
         std::vector<char> turned;     // or what the operands' rates of change depend on
         std::vector<double> rates, conditions, ahead;
+        std::vector<double> uncertain; // of the states: how far off algebraic variables may be
+        Rounding rounding;
         std::vector<Enclosure> inputs, rate_bounds, bounds; // of states and values; of dx/dt; of the margins
         std::vector<std::size_t> list, written;
         std::vector<char> counted; // of the list: whether nothing but its counter has changed
@@ -202,6 +225,9 @@ class EquationSystem final : public HybridSystem {
     };
     Instant& instant_of(SystemState& state) const;
     void look(Instant& now) const;
+    std::vector<double> correct_algebraic(SystemState& state) const;
+    void make_consistent(Instant& now) const;
+    void find_rates(Instant& now, double t, std::span<const double> x) const;
     void enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates) const;
     void hold(Instant& now, std::size_t relation, bool holds) const;
     std::size_t count(Instant& now, std::size_t relation) const;
@@ -231,6 +257,9 @@ class EquationSystem final : public HybridSystem {
     std::vector<char> moves_;    // of each place: whether it is a state or dx/dt depends on it
     Sparse jacobian_, guard_jacobian_;
     SparsityPattern jacobian_pattern_;
+    std::vector<std::size_t> algebraic_; // places among the states
+    std::vector<Block> blocks_;          // of the algebraic variables, in the order in which they are solved for
+    Tape algebraic_by_time_;             // derivatives of the algebraic equations by t
     std::vector<Update> when_updates_, clock_updates_;
     std::vector<std::optional<Call>> calls_; // of the clocks
     std::vector<Reach> reach_;               // of the clocks

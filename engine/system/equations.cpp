@@ -6,6 +6,11 @@
 
 namespace tribode {
 
+std::string Equations::State::equation_text() const {
+    const std::string line = where.empty() ? "" : fmt::format(" ({})", where);
+    return is_algebraic() ? fmt::format("the equation {}{}", equation, line) : fmt::format("der({}){}", name, line);
+}
+
 void Equations::replace(const Expressions::Replacement& replacement) {
     std::vector<Term*> places;
     const auto add_set = [&](Assignments& set) {
@@ -113,7 +118,9 @@ std::string Equations::fingerprint() const {
         hashes[term] = hash;
     }
     std::string all = name;
-    for (const auto& state : states) all += fmt::format("\nstate {} [{}]", state.name, state.unit);
+    for (const auto& state : states) {
+        all += fmt::format("\n{} {} [{}]", state.is_algebraic() ? "algebraic" : "state", state.name, state.unit);
+    }
     for (const auto& variable : discrete) {
         all += fmt::format("\ndiscrete {} [{}] {}", variable.name, variable.unit, fmt::join(variable.modes, ","));
     }

@@ -14,6 +14,7 @@ namespace tribode {
 // The equations of a system as data, in the terms of one graph:
 //
 //     dx/dt = f(t, x, d, u, p)     states x, discrete variables d, inputs u, parameters p
+//     0 = g(t, x, d, u, p)         as many as there are algebraic variables, which are among x
 //     y = h(t, x, d, u, p)         outputs
 //     when c(t, x, d, u, p)        the instant at which c becomes true: some of x and d get new values
 //     at offset + k period         sample clocks: some of x and d get new values
@@ -22,10 +23,14 @@ namespace tribode {
 struct Equations {
     struct State {
         std::string name, unit;
-        double start = 0;
-        double nominal = 1; // its absolute tolerance is this times the run's
-        Term symbol = 0, rate = 0;
-        std::string where; // of its equation, "script.lua:7"; empty: not known
+        double start = 0;          // of an algebraic variable a guess
+        double nominal = 1;        // its absolute tolerance is this times the run's
+        Term symbol = 0, rate = 0; // of an algebraic variable the value that must be zero
+        std::string where;         // of its equation, "script.lua:7"; empty: not known
+        std::string equation;      // of an algebraic variable the name of the equation; empty: a state
+
+        bool is_algebraic() const { return !equation.empty(); }
+        std::string equation_text() const; // for messages: "der(x) (script.lua:7)", "the equation ohm (script.lua:7)"
     };
     struct Discrete {
         std::string name, unit;

@@ -1,5 +1,7 @@
 #include "system/linearization.hpp"
 #include "base/error.hpp"
+#include "system/equation_system.hpp"
+#include "system/input_delays.hpp"
 #include "system/tape.hpp"
 
 #include <Eigen/Dense>
@@ -124,6 +126,19 @@ MatrixXd differences(const Equations::Function& function, std::vector<double> re
     return matrix;
 }
 
+// The states, with the algebraic variables that belong to them.
+std::vector<double> consistent_states(const Equations& equations, const OperatingPoint& point) {
+    const auto& states = equations.states;
+    if (std::none_of(states.begin(), states.end(), [](const auto& state) { return state.is_algebraic(); })) {
+        return point.states;
+    }
+    Equations copy = equations;
+    for (const auto& delayed : take_out_delays(copy)) copy.replace({{delayed.symbol, delayed.input}});
+    for (std::size_t i = 0; i < states.size(); ++i) copy.states[i].start = point.states[i];
+    for (std::size_t i = 0; i < copy.discrete.size(); ++i) copy.discrete[i].start = point.discrete[i];
+    return EquationSystem(std::move(copy)).initial_state(point.t).x;
+}
+
 // The least time that all periods divide.
 double common_period(const Equations& equations) {
     constexpr int most = 1000;
@@ -196,7 +211,9 @@ std::vector<std::string> left_out(const Equations& equations, const OperatingPoi
 
 } // namespace
 
-Linearization linearize(const Equations& equations, const OperatingPoint& point) {
+Linearization linearize(const Equations& equations, const OperatingPoint& given) {
+    OperatingPoint point = given;
+    point.states = consistent_states(equations, given);
     const Local local(equations, point);
     Linearization made;
     std::vector<Term> conditions;
@@ -209,11 +226,28 @@ Linearization linearize(const Equations& equations, const OperatingPoint& point)
                         equations.name, when.name));
     }
     std::vector<Term> states, discrete, inputs, rates, outputs;
-    for (const auto& state : equations.states) {
-        states.push_back(state.symbol);
-        rates.push_back(state.rate);
+    std::vector<Term> algebraic, residuals;
+    std::vector<std::size_t> places; // of the states
+    for (std::size_t i = 0; i < equations.states.size(); ++i) {
+        const auto& state = equations.states[i];
+        (state.is_algebraic() ? algebraic : states).push_back(state.symbol);
+        (state.is_algebraic() ? residuals : rates).push_back(state.rate);
+        if (state.is_algebraic()) continue;
+        places.push_back(i);
         made.states.push_back(state.name);
     }
+    // Algebraic variables go with what their equations depend on.
+    Eigen::FullPivLU<MatrixXd> of_algebraic;
+    if (!algebraic.empty()) of_algebraic.compute(local.jacobian(residuals, algebraic));
+    if (!algebraic.empty() && !of_algebraic.isInvertible()) {
+        throw InputError(
+            fmt::format("{}: the algebraic equations do not determine their variables at this point", equations.name));
+    }
+    const auto jacobian = [&](const std::vector<Term>& terms, const std::vector<Term>& variables) -> MatrixXd {
+        const MatrixXd direct = local.jacobian(terms, variables);
+        if (algebraic.empty()) return direct;
+        return direct - local.jacobian(terms, algebraic) * of_algebraic.solve(local.jacobian(residuals, variables));
+    };
     for (const auto& variable : equations.discrete) discrete.push_back(variable.symbol);
     for (const auto& input : equations.inputs) {
         inputs.push_back(input.symbol);
@@ -227,17 +261,17 @@ Linearization linearize(const Equations& equations, const OperatingPoint& point)
     for (std::size_t i = 0; i < rate.size(); ++i) {
         if (!std::isfinite(rate[i])) {
             throw InputError(fmt::format("{}: der({}) is not a finite number at this point", equations.name,
-                                         equations.states[i].name));
+                                         equations.states[places[i]].name));
         }
-        made.rate_left = std::max(made.rate_left, std::abs(rate[i]) / equations.states[i].nominal);
+        made.rate_left = std::max(made.rate_left, std::abs(rate[i]) / equations.states[places[i]].nominal);
     }
     made.left_out = left_out(equations, point, local);
-    const MatrixXd a = local.jacobian(rates, states), b = local.jacobian(rates, inputs);
-    made.d = local.jacobian(outputs, inputs);
+    const MatrixXd a = jacobian(rates, states), b = jacobian(rates, inputs);
+    made.d = jacobian(outputs, inputs);
     if (equations.clocks.empty()) {
         made.a = a;
         made.b = b;
-        made.c = local.jacobian(outputs, states);
+        made.c = jacobian(outputs, states);
         return made;
     }
 
@@ -247,13 +281,14 @@ Linearization linearize(const Equations& equations, const OperatingPoint& point)
                r = static_cast<Index>(inputs.size());
     MatrixXd flow = MatrixXd::Zero(n + m + r, n + m + r);
     flow.topLeftCorner(n, n) = a;
-    flow.block(0, n, n, m) = local.jacobian(rates, discrete);
+    flow.block(0, n, n, m) = jacobian(rates, discrete);
     flow.topRightCorner(n, r) = b;
 
     std::vector<Term> all = states;
     all.insert(all.end(), discrete.begin(), discrete.end());
     all.insert(all.end(), inputs.begin(), inputs.end());
-    std::vector<double> now = point.states;
+    std::vector<double> now;
+    for (const std::size_t i : places) now.push_back(point.states[i]);
     now.insert(now.end(), point.discrete.begin(), point.discrete.end());
     const auto place_of = [&](Term symbol) {
         return static_cast<Index>(std::find(all.begin(), all.end(), symbol) - all.begin());
@@ -265,8 +300,9 @@ Linearization linearize(const Equations& equations, const OperatingPoint& point)
     const auto look_for_events = [&](const std::vector<Term>& targets, const std::vector<double>& values) {
         for (std::size_t i = 0; i < targets.size(); ++i) {
             const auto place = static_cast<std::size_t>(place_of(targets[i]));
-            (place < states.size() ? after.states[place] : after.discrete[place - states.size()]) = values[i];
+            (place < states.size() ? after.states[places[place]] : after.discrete[place - states.size()]) = values[i];
         }
+        after.states = consistent_states(equations, after);
         const auto holds = Local(equations, after).values(conditions);
         for (std::size_t i = 0; i < holds.size(); ++i) {
             if (held[i] != 0 || holds[i] == 0) continue;
@@ -282,7 +318,7 @@ Linearization linearize(const Equations& equations, const OperatingPoint& point)
         for (std::size_t i = 0; i < targets.size(); ++i) {
             const Index place = place_of(targets[i]);
             map.row(place) = by_all.row(static_cast<Index>(i));
-            const double nominal = place < n ? equations.states[static_cast<std::size_t>(place)].nominal : 1;
+            const double nominal = place < n ? equations.states[places[static_cast<std::size_t>(place)]].nominal : 1;
             made.jump_left =
                 std::max(made.jump_left, std::abs(values[i] - now[static_cast<std::size_t>(place)]) / nominal);
         }
@@ -302,19 +338,19 @@ Linearization linearize(const Equations& equations, const OperatingPoint& point)
             targets.push_back(target);
             values.push_back(value);
         }
-        jump(targets, local.jacobian(values, all), local.values(values));
+        jump(targets, jacobian(values, all), local.values(values));
         if (!clock.function) continue;
         const auto read = local.values(clock.function->reads);
         std::vector<double> written(clock.function->writes.size());
         clock.function->call(0, read, written);
-        jump(clock.function->writes, differences(*clock.function, read) * local.jacobian(clock.function->reads, all),
+        jump(clock.function->writes, differences(*clock.function, read) * jacobian(clock.function->reads, all),
              written);
     }
     advance(made.sample_time);
     made.a = whole.topLeftCorner(n + m, n + m);
     made.b = whole.topRightCorner(n + m, r);
     all.resize(static_cast<std::size_t>(n + m));
-    made.c = local.jacobian(outputs, all);
+    made.c = jacobian(outputs, all);
     return made;
 }
 

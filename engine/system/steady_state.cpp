@@ -114,10 +114,6 @@ class Problem {
     Tape rates_, conditions_, jacobian_;
 };
 
-std::string rate_name(const Equations::State& state) {
-    return fmt::format("der({}){}", state.name, state.where.empty() ? "" : " (" + state.where + ")");
-}
-
 } // namespace
 
 SteadyState find_steady_state(const Equations& equations, const OperatingPoint& point, const std::vector<Term>& free) {
@@ -130,11 +126,14 @@ SteadyState find_steady_state(const Equations& equations, const OperatingPoint& 
     if (free.empty() && !equations.states.empty()) fail("no variable is free, must be one at least");
     const Problem problem(equations, point, free);
     VectorXd z = problem.start(), rates = problem.rates(z);
-    const auto unit_of = [](const Equations::State& state) { return state.unit.empty() ? "1/s" : state.unit + "/s"; };
+    const auto unit_of = [](const Equations::State& state) -> std::string {
+        if (state.is_algebraic()) return "";
+        return state.unit.empty() ? " 1/s" : " " + state.unit + "/s";
+    };
     for (Index i = 0; i < rates.size(); ++i) {
         if (std::isfinite(rates(i))) continue;
         fail(fmt::format("{} is not a finite number at the start of the search for a steady state; begin elsewhere",
-                         rate_name(equations.states[static_cast<std::size_t>(i)])));
+                         equations.states[static_cast<std::size_t>(i)].equation_text()));
     }
     SteadyState found;
     double damping = 0;
@@ -180,9 +179,9 @@ SteadyState find_steady_state(const Equations& equations, const OperatingPoint& 
     }
     if (rates.size() > 0 && rest_of(worst) > at_rest) {
         const auto& state = equations.states[static_cast<std::size_t>(worst)];
-        fail(fmt::format("no steady state is found from these values: {} = {:.4g} {} remains, most of all derivatives, "
+        fail(fmt::format("no steady state is found from these values: {} = {:.4g}{} remains, most of all equations, "
                          "after {} iterations",
-                         rate_name(state), rates(worst) * state.nominal, unit_of(state), found.iterations));
+                         state.equation_text(), rates(worst) * state.nominal, unit_of(state), found.iterations));
     }
     // Only where every free variable has its place is the point one of its own.
     if (jacobian.cols() > 0) {
@@ -216,9 +215,10 @@ SteadyState find_steady_state(const Equations& equations, const OperatingPoint& 
                 name));
         }
         if (equations.whens[i].at_start) {
-            fail(fmt::format("the steady state is none, as the event {} happens there at once; begin with what it leads "
-                             "to, such as its mode",
-                             name));
+            fail(
+                fmt::format("the steady state is none, as the event {} happens there at once; begin with what it leads "
+                            "to, such as its mode",
+                            name));
         }
         found.conditions.push_back(name);
     }

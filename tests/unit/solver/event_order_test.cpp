@@ -23,7 +23,8 @@ class LoggingObserver final : public Observer {
 };
 
 class Events : public testing::TestWithParam<Method> {};
-INSTANTIATE_TEST_SUITE_P(Methods, Events, testing::Values(Method::erk, Method::adams, Method::bdf), method_of);
+INSTANTIATE_TEST_SUITE_P(Methods, Events, testing::Values(Method::erk, Method::adams, Method::bdf, Method::ida),
+                         method_of);
 
 // x' = 1 from 0. At t = 1 guard 0 falls (its zero is exactly there), clocks 0 and 1 are due, and the sample
 // of clock 1 makes guard 1 fall.
@@ -172,7 +173,8 @@ TEST_P(Events, a_fall_at_a_sample_instant_or_within_rounding_of_it_is_one_event)
 
 class EventsOfEveryMethod : public testing::TestWithParam<Method> {};
 INSTANTIATE_TEST_SUITE_P(Methods, EventsOfEveryMethod,
-                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::fixed), method_of);
+                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::ida, Method::fixed),
+                         method_of);
 
 // A thermostat with hysteresis: T' = (heater ? 20 : 0) - T, on below 9, off above 11.
 TEST_P(EventsOfEveryMethod, a_thermostat_keeps_between_its_levels_with_the_period_of_the_closed_form) {

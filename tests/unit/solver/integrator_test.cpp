@@ -11,7 +11,8 @@ namespace {
 
 class EveryIntegrator : public testing::TestWithParam<Method> {};
 INSTANTIATE_TEST_SUITE_P(Methods, EveryIntegrator,
-                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::fixed), method_of);
+                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::ida, Method::fixed),
+                         method_of);
 
 class VariableStepIntegrator : public testing::TestWithParam<Method> {};
 INSTANTIATE_TEST_SUITE_P(Methods, VariableStepIntegrator, testing::Values(Method::erk, Method::adams, Method::bdf),

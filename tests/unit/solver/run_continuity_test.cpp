@@ -10,7 +10,8 @@ namespace {
 
 class RunContinuity : public testing::TestWithParam<Method> {};
 INSTANTIATE_TEST_SUITE_P(Methods, RunContinuity,
-                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::fixed), method_of);
+                         testing::Values(Method::erk, Method::adams, Method::bdf, Method::ida, Method::fixed),
+                         method_of);
 
 // A held force on an oscillator that bounces off walls at +-1: events, samples and smooth motion in one.
 FunctionSystem sampled_oscillator(double idle_offset = 0.01) {

@@ -108,7 +108,7 @@ TEST(SampleClocks, two_clocks_with_the_same_instants_stay_together_for_a_million
 }
 
 TEST(SampleClocks, a_system_without_continuous_states_counts) {
-    for (const Method method : {Method::erk, Method::adams, Method::bdf, Method::fixed}) {
+    for (const Method method : {Method::erk, Method::adams, Method::bdf, Method::ida, Method::fixed}) {
         FunctionSystem counter;
         counter.start_memory = {0};
         counter.sample_clocks = {{"count", 0.25, 0.0}};

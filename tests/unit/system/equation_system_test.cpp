@@ -12,7 +12,8 @@ namespace {
 SolverOptions by(Method method) { return {.method = method, .relative_tolerance = 1e-10, .absolute_tolerance = 1e-12}; }
 
 class EveryMethod : public testing::TestWithParam<Method> {};
-INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::Values(Method::exact, Method::erk, Method::adams, Method::bdf),
+INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod,
+                         testing::Values(Method::exact, Method::erk, Method::adams, Method::bdf, Method::ida),
                          [](const auto& test) { return name_of(test.param); });
 
 Writer bouncing_ball(double restitution) {
