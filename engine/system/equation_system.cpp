@@ -873,7 +873,6 @@ void EquationSystem::look(Instant& now) const {
 // Solves for the algebraic variables with relations as they are held; how far each was off.
 std::vector<double> EquationSystem::correct_algebraic(SystemState& state) const {
     std::vector<double> off(state.x.size()), uncertain;
-    if (algebraic_.empty()) return off;
     const std::vector<double> before = state.x;
     // Where there is no solution, a relation that is about to change may bring one.
     if (solve_algebraic(state.t, state.x, memory(*state.discrete), uncertain)) return off;
@@ -1113,8 +1112,10 @@ EventEffect EquationSystem::on_crossings(std::span<const GuardId> guards, System
     thread_local std::vector<std::size_t> places;
     fired.clear();
     places.clear();
-    now.uncertain = correct_algebraic(state);
-    now.moved = !algebraic_.empty(); // they were corrected
+    if (!algebraic_.empty()) {
+        now.uncertain = correct_algebraic(state);
+        now.moved = true;
+    }
     const bool may_turn = std::any_of(guards.begin(), guards.end(), [&](GuardId i) { return may_turn_[i] != 0; });
     look(now);
     if (may_turn) enclose_margins(now, state.t, state.x, true);
@@ -1148,8 +1149,11 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
     auto& memory = static_cast<Memory&>(*state.discrete);
     const bool to_events = reach_[clock].events;
     // A function that is called may run systems of its own, so what is kept meanwhile is this sample's.
-    const std::vector<double> before = state.x;
-    const std::vector<double> uncertain = to_events ? correct_algebraic(state) : std::vector<double>(before.size());
+    std::vector<double> before, uncertain; // of algebraic variables
+    if (to_events && !algebraic_.empty()) {
+        before = state.x;
+        uncertain = correct_algebraic(state);
+    }
     std::vector<double> margins(to_events ? relations_.size() : 0);
     if (to_events) guard_.evaluate({std::span(&state.t, 1), state.x, memory.values}, margins);
     bool changed = carry_out(clock_updates_[clock], state);
@@ -1165,14 +1169,14 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
     if (to_events) {
         Instant& now = instant_of(state);
         now.margins = margins;
-        now.uncertain = uncertain;
+        if (!uncertain.empty()) now.uncertain = uncertain;
         take_anew(now, targets);
         settle(now, memory.fired);
         find_active(state);
         changed = changed || !memory.fired.empty() || memory.restless;
     }
     if (!changed) {
-        state.x = before; // algebraic variables as the solver has them
+        if (!before.empty()) state.x = before; // algebraic variables as the solver has them
         return EventEffect::none;
     }
     if (to_events) return EventEffect::restart;
