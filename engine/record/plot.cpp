@@ -31,19 +31,25 @@ constexpr std::array palette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e6
 const std::vector<std::string> style_names = {"line", "dashed", "points", "line_points"};
 
 // A text in gnuplot's double quotes: letters, digits, blanks and what is not ASCII as they are, control characters as blanks,
-// everything else by its number. So nothing in a text ends its quotes or its line (gnuplot reads lines as C strings), and
-// nothing is left to be taken for a command in backquotes or a macro. Every text of a plot goes through here; all else in
-// a script is numbers and words of the engine's own.
+// everything else by its octal number. So nothing in a text ends its quotes or its line (gnuplot reads lines as C strings),
+// and nothing is left to be taken for a command in backquotes or a macro. gnuplot reads all octal digits behind a backslash,
+// so that a digit which follows such a number is written by its number, too. Every text of a plot goes through here; all
+// else in a script is numbers and words of the engine's own.
 std::string quoted(const std::string& text) {
     std::string result = "\"";
+    bool after_number = false;
     for (const char c : text) {
         const auto code = static_cast<unsigned char>(c);
+        const bool plain = code == ' ' || code >= 0x80 || std::isalnum(code);
         if (code < 0x20 || code == 0x7f) {
             result += ' ';
-        } else if (code == ' ' || code >= 0x80 || std::isalnum(code)) {
+            after_number = false;
+        } else if (plain && !(after_number && c >= '0' && c <= '7')) {
             result += c;
+            after_number = false;
         } else {
             result += fmt::format("\\{:03o}", code);
+            after_number = true;
         }
     }
     return result + "\"";

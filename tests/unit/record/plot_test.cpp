@@ -36,6 +36,17 @@ TEST(Plot, DataWithNothingToSeeStillGiveAxes) {
     EXPECT_TRUE(std::filesystem::exists(folder / "x.png"));
 }
 
+TEST(Plot, DigitsBehindPunctuationStay) {
+    const TemporaryFolder folder;
+    Plot plot{.title = "0.66 N, 10-17: FRA-1 (2)", .panels = {{.x_label = "x/100 [9.5]"}}};
+    plot.panels[0].series.push_back({.name = "FRA-2", .x = {1, 2}, .y = {0, 3}});
+    draw_plot(folder / "a", plot);
+    const auto svg = read_file(folder / "a.svg");
+    for (const auto* text : {"0.66 N, 10-17: FRA-1 (2)", "x/100 [9.5]", "FRA-2"}) {
+        EXPECT_NE(svg.find(text), std::string::npos) << text;
+    }
+}
+
 TEST(Plot, NamesStandAtTheYAxis) {
     const TemporaryFolder folder;
     const Json figure = {{"panels", {{{"y_names", {"friction_level", "it's"}}, {"y_range", {0.5, 2.5}}}}}};
