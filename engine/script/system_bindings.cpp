@@ -71,12 +71,22 @@ Json plain_options(lua_State* lua, std::initializer_list<std::string_view> speci
 template <class Variables, class Member>
 void read_values(const Json& options, const char* key, Variables& variables, Member member, const char* function) {
     if (!options.contains(key)) return;
-    const Json flat = flattened(options[key]);
-    FieldReader values(flat, fmt::format("{}: {}", function, key));
+    std::vector<std::string> names;
+    for (const auto& variable : variables) names.push_back(variable.name);
+    const std::string where = fmt::format("{}: {}", function, key);
+    const Json flat = flattened(options[key], names, where);
+    FieldReader values(flat, where);
     for (auto& variable : variables) {
         variable.*member = values.number(variable.name, variable.unit, Allowed::finite, variable.*member);
     }
     values.finish();
+}
+
+std::vector<std::string> names_of_values(const Equations& equations) {
+    std::vector<std::string> names;
+    for (const auto& state : equations.states) names.push_back(state.name);
+    for (const auto& discrete : equations.discrete) names.push_back(discrete.name);
+    return names;
 }
 
 // A mode is given by its name.
@@ -264,7 +274,7 @@ void read_start(const Json& options, Equations& equations, const std::vector<std
         for (std::size_t i = 0; i < free.size(); ++i) equations.states[i].start = found.values[i];
         return;
     }
-    const Json given = flattened(options["start"]);
+    const Json given = flattened(options["start"], names_of_values(equations), "tb.run_system: start");
     FieldReader values(given, "tb.run_system: start");
     const auto is_input = [&](const std::string& name) {
         return std::any_of(inputs.begin(), inputs.end(), [&](const std::string& input) {
@@ -497,8 +507,10 @@ std::size_t chosen(FieldReader& fields, const char* key, const std::vector<std::
 // at = { x = number, mode = "name" }: start values where nothing is given.
 OperatingPoint point_of(const Json& options, const Equations& equations, const char* function) {
     OperatingPoint point;
-    const Json given = options.contains("at") ? flattened(options["at"]) : Json::object();
-    FieldReader values(given, fmt::format("{}: at", function));
+    const std::string where = fmt::format("{}: at", function);
+    const Json given =
+        options.contains("at") ? flattened(options["at"], names_of_values(equations), where) : Json::object();
+    FieldReader values(given, where);
     point.t = values.number("t", "s", Allowed::finite, 0);
     for (const auto& state : equations.states) {
         point.states.push_back(values.number(state.name, state.unit, Allowed::finite, state.start));

@@ -68,7 +68,7 @@ class Reader {
             auto& state = made_.states[part_states_ + i];
             if (!rates_[i]) {
                 throw InputError(fmt::format("tb.system: der has no equation for the state {}; {} states need {} "
-                                             "equations",
+                                             "equations, and what is nil is none, such as a list at a symbolic value",
                                              state.name, own, own));
             }
             state.rate = *rates_[i];

@@ -1,5 +1,7 @@
 #include "script/vector_names.hpp"
+#include "base/error.hpp"
 
+#include <algorithm>
 #include <fmt/format.h>
 
 namespace tribode {
@@ -24,13 +26,20 @@ bool ElementOrder::operator()(const std::string& a, const std::string& b) const 
     return a < b;
 }
 
-Json flattened(const Json& values) {
+Json flattened(const Json& values, const std::vector<std::string>& names, const std::string& where) {
     if (!values.is_object()) return values;
     Json flat = Json::object();
     for (const auto& [name, value] : values.items()) {
         if (!value.is_array()) {
             flat[name] = value;
             continue;
+        }
+        const auto size = std::ranges::count_if(names, [&vector = name](const std::string& element) {
+            const auto of = element_of(element);
+            return of && of->first == vector;
+        });
+        if (size > 0 && value.size() != static_cast<std::size_t>(size)) {
+            throw InputError(fmt::format("{}: {} has {} values, must have {}", where, name, value.size(), size));
         }
         std::size_t index = 0;
         for (const auto& entry : value) flat[element_name(name, ++index)] = entry;

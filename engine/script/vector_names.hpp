@@ -18,8 +18,9 @@ struct ElementOrder {
     bool operator()(const std::string& a, const std::string& b) const;
 };
 
-// { x = { 1, 2 } } as { "x[1]" = 1, "x[2]" = 2 }.
-Json flattened(const Json& values);
+// { x = { 1, 2 } } as { "x[1]" = 1, "x[2]" = 2 }. Throws InputError where the list of a vector has not as many values as the
+// vector has elements among `names`.
+Json flattened(const Json& values, const std::vector<std::string>& names, const std::string& where);
 
 // The other way: one value of many, at its place in the list of its vector.
 void set_element(Json& values, const std::string& name, Json value);

@@ -636,7 +636,9 @@ bool EquationSystem::jacobian(double t, std::span<const double> x, const Discret
     values.resize(jacobian_.entries.size());
     sparse_jacobian(t, x, d, values);
     for (std::size_t i = 0; i < values.size(); ++i) {
-        matrix[jacobian_.entries[i].column * variables_.size() + jacobian_.entries[i].row] = values[i];
+        // An infinite slope, as that of a root at zero, would keep Newton's iteration where it is: without it, it goes on.
+        const double slope = std::isfinite(values[i]) ? values[i] : 0;
+        matrix[jacobian_.entries[i].column * variables_.size() + jacobian_.entries[i].row] = slope;
     }
     return true;
 }
