@@ -56,7 +56,7 @@ class Closing {
         std::vector<Term> by_force;       // the derivatives of the acceleration by each force
         Term active = 0;                  // a condition: stick, or rest
         std::vector<Term> state_by_force; // the derivatives of the rates of all states by this force
-        double scale = 1;                 // of the velocity, by nominal values
+        double scale = 1, gap_scale = 1;  // of the velocity and the gap, by nominal values
         std::optional<std::size_t> pivot; // a state that the velocity depends on with a constant factor
         std::optional<std::size_t> gap_pivot;
     };
@@ -109,11 +109,13 @@ class Closing {
                                          contact.name, what, other.name));
         }
         motion.active = in_mode(contact, is_impact ? 1 : 0);
-        double scale = 0;
+        double scale = 0, gap_scale = 0;
         for (const auto& state : equations_.states) {
             motion.state_by_force.push_back(derivative(state.rate, contact.force));
             scale += std::abs(value_at_start(derivative(motion.velocity, state.symbol))) * state.nominal;
+            gap_scale += std::abs(value_at_start(derivative(contact.quantity, state.symbol))) * state.nominal;
         }
+        if (gap_scale > 0 && std::isfinite(gap_scale)) motion.gap_scale = gap_scale;
         if (scale > 0 && std::isfinite(scale)) motion.scale = scale;
         const double own = value_at_start(motion.by_force[motions_.size()]);
         if (is_impact ? !(own > 0) : !(own < 0)) {
@@ -183,10 +185,9 @@ class Closing {
         const auto size = [&](Term term) {
             return graph_.make(Op::select, graph_.make(Op::less, term, number(0)), graph_.make(Op::negate, term), term);
         };
-        const Term is_held =
-            graph_.make(Op::all, motions_[k].active,
-                        graph_.make(Op::less_equal, graph_.make(Op::no_event, size(row[k])),
-                                    graph_.make(Op::no_event, graph_.make(Op::multiply, number(rounding), size(own)))));
+        const Term is_small =
+            graph_.make(Op::less_equal, size(row[k]), graph_.make(Op::multiply, number(rounding), size(own)));
+        const Term is_held = graph_.make(Op::all, motions_[k].active, graph_.make(Op::no_event, is_small));
         for (std::size_t j = k; j < row.size(); ++j) {
             row[j] = graph_.make(Op::select, is_held, number(j == k), row[j]);
         }
@@ -274,29 +275,47 @@ class Closing {
         return set;
     }
 
+    // What makes velocities jump says which way friction goes then: it must not take a jump through zero for a stop.
+    void slip_on(Equations::Assignments& set) {
+        const Expressions::Replacement after(set.begin(), set.end());
+        for (std::size_t i = 0; i < contacts_.size(); ++i) {
+            const Contact& contact = contacts_[i];
+            if (contact.law != Contact::Law::friction || after.contains(contact.mode)) continue;
+            const Term v = substituted(motions_[i].velocity, after);
+            if (v == motions_[i].velocity) continue;
+            const auto mode = [&](double value) { return number(value); };
+            const Term bound = number(resolved * motions_[i].scale);
+            const Term backward = graph_.make(Op::select, graph_.make(Op::less, v, graph_.make(Op::negate, bound)),
+                                              mode(2), contact.mode);
+            set.emplace_back(contact.mode, graph_.make(Op::select, graph_.make(Op::less, bound, v), mode(1), backward));
+        }
+    }
+
     void add_events() {
         std::vector<Equations::When> whens;
         const auto add = [&](const Contact& contact, const char* name, Term condition, Equations::Assignments set,
                              double mode) {
             set.emplace_back(contact.mode, number(mode));
+            if (contact.law == Contact::Law::impact) slip_on(set);
             whens.push_back({contact.name + "." + name, condition, std::move(set), true, false});
         };
         const auto all = [&](Term a, Term b) { return graph_.make(Op::all, a, b); };
         const auto less = [&](Term a, Term b) { return graph_.make(Op::less, a, b); };
         const auto negative = [&](Term a) { return graph_.make(Op::negate, a); };
         // Looked at where something jumps, and not on the way.
-        const auto jumped = [&](Term a, Term b) {
-            return less(graph_.make(Op::no_event, a), graph_.make(Op::no_event, b));
-        };
-        constexpr double slow = 1e-3; // of a velocity, where no rest_speed is given
+        const auto jumped = [&](Term a, Term b) { return graph_.make(Op::no_event, less(a, b)); };
+        constexpr double closed = 1e-12; // of a gap and a velocity: rounding
+        constexpr double slow = 1e-3;    // of a velocity, where no rest_speed is given
         for (std::size_t i = 0; i < contacts_.size(); ++i) {
             const Contact& contact = contacts_[i];
             const Motion& motion = motions_[i];
             const Term v = motion.velocity, zero = number(0), struck = number(resolved * motion.scale);
             if (contact.law == Contact::Law::friction) {
                 const Term stick = in_mode(contact, 0);
-                add(contact, "sticks", all(in_mode(contact, 1), less(v, zero)), impulse(i, zero, true), 0);
-                add(contact, "sticks", all(in_mode(contact, 2), less(zero, v)), impulse(i, zero, true), 0);
+                // Where more parts hold a motion than it has freedoms, one of them may slip while the others hold.
+                const Term still = number(held_.size() < contacts_.size() ? closed * motion.scale : 0);
+                add(contact, "sticks", all(in_mode(contact, 1), less(v, negative(still))), impulse(i, zero, true), 0);
+                add(contact, "sticks", all(in_mode(contact, 2), less(still, v)), impulse(i, zero, true), 0);
                 add(contact, "slips", all(stick, jumped(struck, v)), {}, 1);
                 add(contact, "slips", all(stick, jumped(v, negative(struck))), {}, 2);
                 // A little beyond, so that rounding does not make it stick again at once.
@@ -311,7 +330,13 @@ class Closing {
             const Term rest_speed = contact.rest_speed.value_or(number(slow * motion.scale));
             const Term stays =
                 all(jumped(back, rest_speed), jumped(substituted(motion.acceleration, {{contact.force, zero}}), zero));
-            const Term closes = all(free, less(contact.quantity, zero));
+            // By rounding alone, as just after it was left, a gap does not close.
+            const Term approach = number(-closed * motion.scale);
+            // Or it is closed already, and something of this instant drives it on.
+            const Term driven =
+                all(jumped(contact.quantity, number(closed * motion.gap_scale)), jumped(v, negative(struck)));
+            const Term closes =
+                all(free, graph_.make(Op::any, all(less(contact.quantity, zero), less(v, approach)), driven));
             const Term hit = all(rest, jumped(v, negative(struck)));
             add(contact, "rests", all(closes, stays), impulse(i, zero), 1);
             add(contact, "impact", closes, impulse(i, back), 0);
@@ -320,6 +345,8 @@ class Closing {
             add(contact, "leaves", all(rest, jumped(struck, v)), {}, 0);
             add(contact, "leaves", all(rest, less(contact.force, zero)), {}, 0);
         }
+        for (auto& when : equations_.whens) slip_on(when.set);
+        for (auto& clock : equations_.clocks) slip_on(clock.set);
         equations_.whens.insert(equations_.whens.begin(), std::make_move_iterator(whens.begin()),
                                 std::make_move_iterator(whens.end()));
     }
