@@ -48,7 +48,7 @@ class Closing {
     }
 
   private:
-    static constexpr double resolved = 1e-9; // of a velocity: above it something has struck what was held
+    static constexpr double resolved = 1e-11; // of a velocity: above it something has struck what was held
 
     // What the forces do to a contact's velocity.
     struct Motion {
