@@ -4,8 +4,11 @@
 #include "script/trampoline.hpp"
 
 #include <algorithm>
+#include <cerrno>
+#include <cstring>
 #include <fmt/format.h>
 #include <lua.hpp>
+#include <unistd.h>
 
 namespace tribode {
 
@@ -150,21 +153,41 @@ void replace_protected_calls(lua_State* lua) {
 
 // ---- files -------------------------------------------------------------------------------
 
+// Calls the replaced function with the name of an open file in place of its first argument, and closes the file.
+int call_with_open_file(lua_State* lua, int file) {
+    struct Closed {
+        int file;
+        ~Closed() { ::close(file); }
+    } const closed{file};
+    lua_pushfstring(lua, "/proc/self/fd/%d", file);
+    lua_replace(lua, 1);
+    return call_replaced(lua);
+}
+
+bool is_mode(std::string_view mode) {
+    if (mode.empty() || std::string_view("rwa").find(mode[0]) == std::string_view::npos) return false;
+    mode.remove_prefix(mode.substr(1).starts_with('+') ? 2 : 1);
+    return mode.find_first_not_of('b') == std::string_view::npos;
+}
+
 int safe_open(lua_State* lua) {
     const std::string name = text_argument(lua, 1, "io.open");
     const std::string mode = lua_isnoneornil(lua, 2) ? "r" : text_argument(lua, 2, "io.open");
     const ScriptAccess& access = host_of(lua).access;
-    if (mode == "r" || mode == "rb") {
-        access.check_read(name);
-    } else {
+    if (!is_mode(mode)) {
         access.check_write(name);
+        throw InputError("bad argument #2 to 'open' (invalid mode)"); // as Lua says it
     }
-    return call_replaced(lua);
+    const bool reads = mode.find_first_of("wa+") == std::string::npos;
+    const int file = reads ? access.open_to_read(name) : access.open_to_write(name, mode[0] != 'r');
+    return file >= 0 ? call_with_open_file(lua, file) : luaL_fileresult(lua, 0, name.c_str());
 }
 
 int safe_lines(lua_State* lua) {
-    host_of(lua).access.check_read(text_argument(lua, 1, "io.lines"));
-    return call_replaced(lua);
+    const std::string name = text_argument(lua, 1, "io.lines");
+    const int file = host_of(lua).access.open_to_read(name);
+    if (file < 0) throw InputError(fmt::format("{}: {}", name, std::strerror(errno)));
+    return call_with_open_file(lua, file);
 }
 
 // The file of a module; throws where none is found.

@@ -2,7 +2,13 @@
 #include "base/error.hpp"
 
 #include <algorithm>
+#include <cerrno>
+#include <cstdint>
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <linux/openat2.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
 namespace tribode {
 
@@ -42,11 +48,39 @@ void refuse_hard_link(const fs::path& path, const fs::path& name) {
         "\"{}\" is a hard link: the file has a second name, maybe outside the run folder; copy it", name.string()));
 }
 
+// Opens what the path names, following no link anywhere in it.
+int open_without_links(const fs::path& path, int flags) {
+    constexpr std::uint64_t read_and_write_as_umask_allows = 0666;
+    open_how how{};
+    how.flags = static_cast<std::uint64_t>(flags | O_CLOEXEC);
+    how.mode = flags & O_CREAT ? read_and_write_as_umask_allows : 0;
+    how.resolve = RESOLVE_NO_SYMLINKS;
+    long file = ::syscall(SYS_openat2, AT_FDCWD, path.c_str(), &how, sizeof how);
+    // Before Linux 5.6 only the last part of the path is looked at.
+    if (file < 0 && errno == ENOSYS) file = ::open(path.c_str(), flags | O_NOFOLLOW | O_CLOEXEC, how.mode);
+    return static_cast<int>(file);
+}
+
 } // namespace
 
-void ScriptAccess::check_read(const fs::path& name) const {
-    refuse_zero_byte(name);
+void ScriptAccess::check_read(const fs::path& name) const { check_read(resolved(name), name); }
+
+void ScriptAccess::check_write(const fs::path& name) const { check_write(resolved(name), name); }
+
+int ScriptAccess::open_to_read(const fs::path& name) const {
     const fs::path path = resolved(name);
+    check_read(path, name);
+    return open_without_links(path, O_PATH);
+}
+
+int ScriptAccess::open_to_write(const fs::path& name, bool make) const {
+    const fs::path path = resolved(name);
+    check_write(path, name);
+    return open_without_links(path, make ? O_WRONLY | O_CREAT : O_PATH);
+}
+
+void ScriptAccess::check_read(const fs::path& path, const fs::path& name) const {
+    refuse_zero_byte(name);
     const auto holds_it = [&](const fs::path& folder) { return lies_in(path, folder); };
     const auto note = [&] {
         std::error_code problem;
@@ -65,10 +99,10 @@ void ScriptAccess::check_read(const fs::path& name) const {
                                  name.string()));
 }
 
-void ScriptAccess::check_write(const fs::path& name) const {
+void ScriptAccess::check_write(const fs::path& path, const fs::path& name) const {
     refuse_zero_byte(name);
     if (allow_all) return;
-    if (const fs::path path = resolved(name); lies_in(path, run_folder)) return refuse_hard_link(path, name);
+    if (lies_in(path, run_folder)) return refuse_hard_link(path, name);
     throw InputError(fmt::format("\"{}\" is outside the run folder{}{}, and a script writes only there; choose the "
                                  "folder with -o, or use --allow-all",
                                  name.string(), run_folder.empty() ? "" : " ", run_folder.string()));

@@ -22,8 +22,18 @@ struct ScriptAccess {
     void check_read(const std::filesystem::path& name) const;
     void check_write(const std::filesystem::path& name) const;
 
+    // The same, and the number of the open file, for who opens it by the name /proc/self/fd/NUMBER: no other file can take
+    // its place behind the check. A file to be written is made where it is missing, if so wanted. -1 with errno: none.
+    int open_to_read(const std::filesystem::path& name) const;
+    int open_to_write(const std::filesystem::path& name, bool make) const;
+
     // For `require`: what lies beside the script that the user named is part of the program.
     void check_module(const std::filesystem::path& name, const std::filesystem::path& script_folder) const;
+
+  private:
+    // `path` is the name after links were resolved.
+    void check_read(const std::filesystem::path& path, const std::filesystem::path& name) const;
+    void check_write(const std::filesystem::path& path, const std::filesystem::path& name) const;
 };
 
 } // namespace tribode

@@ -1,8 +1,12 @@
 #include "messages.hpp"
+#include "record/output_file.hpp"
+#include "script/lua_state.hpp"
 #include "script/script_access.hpp"
 #include "temporary_folder.hpp"
 
+#include <fstream>
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 namespace tribode {
 namespace {
@@ -36,6 +40,44 @@ TEST_F(ScriptAccessTest, TheRunFolderMayBeReadAndWritten) {
     EXPECT_TRUE(may_read(root / "run/result.csv"));
     EXPECT_TRUE(may_write(root / "run/result.csv"));
     EXPECT_TRUE(may_write(root / "run/plots/../new/result.csv"));
+}
+
+// Another process may do so between the check and the opening.
+TEST_F(ScriptAccessTest, NoLinkTakesThePlaceOfAFileThatWasChecked) {
+    root.write("run/place", "own");
+    const fs::path place = root / "run/place";
+    const int to_read = access.open_to_read(place), to_write = access.open_to_write(place, false);
+    fs::remove(place);
+    fs::create_symlink(root / "secret.txt", place);
+    const auto name_of = [](int file) { return "/proc/self/fd/" + std::to_string(file); };
+    EXPECT_EQ(read_file(name_of(to_read)), "own");
+    std::ofstream(name_of(to_write)) << "new";
+    EXPECT_EQ(read_file(root / "secret.txt"), "secret");
+    EXPECT_EQ(read_file(name_of(to_read)), "new");
+    ::close(to_read);
+    ::close(to_write);
+}
+
+TEST_F(ScriptAccessTest, FilesAreOpenedAsLuaDoes) {
+    const std::string folder = (root / "run/").string();
+    EXPECT_EQ(LuaState({}, access, {})
+                  .run_text("local d = ...\n"
+                            "local f = assert(io.open(d .. 'a', 'w')) f:write 'one' f:close()\n"
+                            "f = assert(io.open(d .. 'a', 'a+b')) f:write '\\ntwo' f:seek 'set'\n"
+                            "assert(f:read 'a' == 'one\\ntwo') f:close()\n"
+                            "f = assert(io.open(d .. 'a', 'r+')) f:write 'O' f:close()\n"
+                            "local n = 0 for _ in io.lines(d .. 'a') do n = n + 1 end\n"
+                            "assert(n == 2 and io.open(d .. 'a'):read 'l' == 'One')\n"
+                            "f = assert(io.open(d .. 'a', 'w+')) assert(f:read 'a' == '') f:close()\n"
+                            "for _, mode in ipairs {'r', 'r+'} do\n"
+                            "  local none, why, number = io.open(d .. 'b', mode)\n"
+                            "  assert(none == nil and why == d .. 'b: No such file or directory' and number == 2)\n"
+                            "end\n"
+                            "local _, why = pcall(io.lines, d .. 'b') assert(why:find 'b: No such file', why)\n"
+                            "_, why = pcall(io.open, d .. 'b', 'wx') assert(why:find 'invalid mode', why)\n"
+                            "return io.open(d .. 'b') == nil",
+                            "t", folder),
+              Json(true));
 }
 
 TEST_F(ScriptAccessTest, WhatTheUserNamedMayBeReadOnly) {
