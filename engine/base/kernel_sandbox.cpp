@@ -258,6 +258,9 @@ void limit_process(std::size_t memory_bytes, std::size_t cpu_seconds) {
         const rlimit wanted{std::min(soft, now.rlim_cur), std::min(hard, now.rlim_max)};
         ::setrlimit(resource, &wanted);
     };
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+    memory_bytes = 0; // a sanitizer keeps terabytes of shadow memory
+#endif
     if (memory_bytes > 0) limit(RLIMIT_DATA, memory_bytes, memory_bytes);
     constexpr rlim_t grace = 5; // to write what is known so far
     if (cpu_seconds > 0) limit(RLIMIT_CPU, cpu_seconds, cpu_seconds + grace);
