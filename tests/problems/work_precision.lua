@@ -181,7 +181,8 @@ local function plot(file, title, names)
 end
 plot("stiff", "Stiff problems: processor time against error", { "HIRES", "ROBER", "OREGO", "VDPOL mu=1e5", "POLLU" })
 plot("smooth", "Problems that are not stiff: processor time against error", { "ARENSTORF", "PLEIADES" })
-plot("grid", "Problems on a grid: processor time against error", { "MEDAKZO n=400", "BRUSSELATOR n=400" })
+plot("grid", "Problems on a grid: processor time against error",
+  { "MEDAKZO n=400", "BRUSSELATOR n=400", "BRUSSELATOR n=2000" })
 
 local failed = 0
 for _, problem in ipairs(problems) do

@@ -77,4 +77,14 @@ brusselator_400.reference = {
   [282] = 3.6389713176, [321] = 0.5861136917, [322] = 3.5276208181, [361] = 0.7587900005, [362] = 3.3108393234,
 }
 
-return { akzo_400, brusselator_40, brusselator_400, brusselator = brusselator }
+-- From CVODE at 1e-12 and Radau at 1e-10, which agree to 3e-10.
+local brusselator_2000 = brusselator(1000)
+brusselator_2000.long, brusselator_2000.accepted = true, { cvode = 300 }
+brusselator_2000.reference = {
+  [1] = 0.9974099838, [2] = 3.0032657203, [201] = 0.7548340193, [202] = 3.3083969385, [401] = 0.5828121650,
+  [402] = 3.5197412547, [601] = 0.4867541654, [602] = 3.6293617914, [801] = 0.4423284293, [802] = 3.6744818962,
+  [1001] = 0.4298558807, [1002] = 3.6881563059, [1201] = 0.4428090462, [1202] = 3.6812269840, [1401] = 0.4879557876,
+  [1402] = 3.6397708982, [1601] = 0.5850694897, [1602] = 3.5288603071, [1801] = 0.7579504298, [1802] = 3.3118991126,
+}
+
+return { akzo_400, brusselator_40, brusselator_400, brusselator_2000, brusselator = brusselator }
