@@ -372,7 +372,8 @@ end
 
 refused_system("the ready part f acts on the algebraic variable a, must act on states alone", {
   states = { x = 1, v = 0 }, parts = { f = tb.parts.coulomb { velocity = "v", level = 1 } },
-  der = function(s) return { x = s.v, v = s.a } end, equations = function(s) return { newton = s.a - 3 + s.f.force } end })
+  der = function(s) return { x = s.v, v = s.a } end,
+  equations = function(s) return { newton = s.a - 3 + s.f.force } end })
 refused_system("a ready part acts on the algebraic variable a, must act on states alone", {
   parts = { b = tb.parts.backlash { distance = "a", gap = 0.1, stiffness = 10, damping = 1 } },
   der = function(s) return { x = -s.b.force } end })
