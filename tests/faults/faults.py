@@ -442,8 +442,9 @@ def removed_files(lab, case):
                 file.unlink(missing_ok=True)
         else:
             place.unlink(missing_ok=True)
-        # Without its manifest a folder is no batch: that is said at the end.
-        lab.finish(process).check([0, 1, 2], f"run while {kind} was removed")
+        # Without its manifest a folder is no batch: that is said at the end. An attempt that is gone is taken for one that
+        # another has taken over, and the run for one that was interrupted.
+        lab.finish(process).check([0, 1, 2, 3], f"run while {kind} was removed")
         if saved is not None and not place.exists():
             place.write_bytes(saved)
         case.kept = set()  # those of the removed files
