@@ -30,8 +30,7 @@ CvodeIntegrator::CvodeIntegrator(const HybridSystem& system, const SolverOptions
 
 int CvodeIntegrator::jacobian_callback(double t, N_Vector x, N_Vector, SUNMatrix matrix, void* self, N_Vector, N_Vector,
                                        N_Vector) {
-    static_cast<CvodeIntegrator*>(self)->put_jacobian(t, x, matrix);
-    return 0;
+    return static_cast<CvodeIntegrator*>(self)->put_jacobian(t, x, matrix);
 }
 
 CvodeIntegrator::~CvodeIntegrator() { CVodeFree(&memory_); }

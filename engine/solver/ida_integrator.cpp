@@ -46,7 +46,7 @@ int IdaIntegrator::residual_callback(double t, N_Vector x, N_Vector dxdt, N_Vect
 int IdaIntegrator::jacobian_callback(double t, double weight, N_Vector x, N_Vector, N_Vector, SUNMatrix matrix,
                                      void* self, N_Vector, N_Vector, N_Vector) {
     auto& me = *static_cast<IdaIntegrator*>(self);
-    me.put_jacobian(t, x, matrix);
+    if (const int flag = me.put_jacobian(t, x, matrix); flag != 0) return flag;
     const bool sparse = me.has_sparse_jacobian();
     double* data = sparse ? SM_DATA_S(matrix) : SM_DATA_D(matrix);
     const std::size_t count = sparse ? me.rows_.size() : me.size_ * me.size_;

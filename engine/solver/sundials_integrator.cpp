@@ -10,6 +10,7 @@
 #include <sunlinsol/sunlinsol_klu.h>
 #include <sunmatrix/sunmatrix_dense.h>
 #include <sunmatrix/sunmatrix_sparse.h>
+#include <utility>
 
 namespace tribode {
 
@@ -114,19 +115,25 @@ void SundialsIntegrator::make_sparse_jacobian(const SparsityPattern& pattern) {
     linear_solver_.reset(SUNLinSol_KLU(vector_.get(), matrix_.get(), context_));
 }
 
-void SundialsIntegrator::put_jacobian(double t, N_Vector x, SUNMatrix matrix) {
+int SundialsIntegrator::put_jacobian(double t, N_Vector x, SUNMatrix matrix) {
     ++counts_.jacobian_evaluations;
-    if (!has_sparse_jacobian()) {
-        SUNMatZero(matrix);
-        system_.jacobian(t, values(x), *state_->discrete, {SM_DATA_D(matrix), size_ * size_});
-        return;
+    try {
+        if (!has_sparse_jacobian()) {
+            SUNMatZero(matrix);
+            system_.jacobian(t, values(x), *state_->discrete, {SM_DATA_D(matrix), size_ * size_});
+            return 0;
+        }
+        system_.sparse_jacobian(t, values(x), *state_->discrete, entries_);
+    } catch (...) {
+        thrown_ = std::current_exception();
+        return -1;
     }
-    system_.sparse_jacobian(t, values(x), *state_->discrete, entries_);
     std::copy(starts_.begin(), starts_.end(), SM_INDEXPTRS_S(matrix));
     std::copy(rows_.begin(), rows_.end(), SM_INDEXVALS_S(matrix));
     double* data = SM_DATA_S(matrix);
     std::fill_n(data, rows_.size(), 0.0);
     for (std::size_t i = 0; i < places_.size(); ++i) data[places_[i]] = entries_[i];
+    return 0;
 }
 
 int SundialsIntegrator::derivative_callback(double t, N_Vector x, N_Vector dxdt, void* self) {
@@ -134,7 +141,12 @@ int SundialsIntegrator::derivative_callback(double t, N_Vector x, N_Vector dxdt,
     ++me.counts_.derivative_evaluations;
     const std::span<double> slope(N_VGetArrayPointer(dxdt), me.size_);
     if (me.size_ == 0) N_VConst(0.0, dxdt);
-    me.system_.derivative(t, me.values(x), *me.state_->discrete, slope);
+    try {
+        me.system_.derivative(t, me.values(x), *me.state_->discrete, slope);
+    } catch (...) {
+        me.thrown_ = std::current_exception();
+        return -1; // the library ends its step
+    }
     me.derivative_seen(slope);
     const auto not_finite = not_finite_in(slope, t);
     if (!not_finite) return 0;
@@ -187,19 +199,19 @@ Integrator::Progress SundialsIntegrator::step(double t_stop) {
     const double t_goal = next_stop(t_stop);
     double t = t_start;
     met_non_finite_ = false;
-    Native result = native_step(t_goal, t);
+    Native result = take_native_step(t_goal, t);
     // The size that was good before an event may be far too long after it: then the method's own estimate.
     if (result == Native::failed && first_step_ && kept_step_ > 0 && !met_non_finite_) {
         kept_step_ = 0;
         restart(*state_);
-        result = native_step(t_goal, t);
+        result = take_native_step(t_goal, t);
     }
     // ERKStep gives up at the first derivative that is not finite, where a shorter step may do.
     for (double h = (t_goal - t_start) / 10; result == Native::failed && met_non_finite_ && t_start + h > t_start;
          h /= 10) {
         kept_step_ = h;
         restart(*state_);
-        result = native_step(t_goal, t);
+        result = take_native_step(t_goal, t);
     }
     // Steps of a few roundings of the time may be what a solution needs; but not without end, and where the derivative
     // ceases to be finite a method would creep up to there.
@@ -219,6 +231,13 @@ Integrator::Progress SundialsIntegrator::step(double t_stop) {
     polynomial_made_ = false;
     std::copy(state_->x.begin(), state_->x.end(), x_before_.begin());
     return look_for_falls(t_stop);
+}
+
+// An exception does not pass through the library, which is C: it waits here.
+SundialsIntegrator::Native SundialsIntegrator::take_native_step(double t_stop, double& t) {
+    const Native result = native_step(t_stop, t);
+    if (thrown_) std::rethrow_exception(std::exchange(thrown_, nullptr));
+    return result;
 }
 
 // Takes the state to the first fall in what there is of the library's step, or to its end.

@@ -2,6 +2,7 @@
 #include "solver/event_search.hpp"
 #include "solver/integrator.hpp"
 
+#include <exception>
 #include <functional>
 #include <memory>
 #include <nvector/nvector_serial.h>
@@ -65,9 +66,9 @@ class SundialsIntegrator : public Integrator {
     static void check(int flag, const char* function);
 
     // Of the implicit methods: matrix_ and linear_solver_, KLU where the system knows that its Jacobian is large and sparse.
-    // Whether the system has an analytic Jacobian; then put_jacobian() puts df/dx into such a matrix.
+    // Whether the system has an analytic Jacobian; then put_jacobian() puts df/dx into such a matrix and returns 0.
     bool make_jacobian();
-    void put_jacobian(double t, N_Vector x, SUNMatrix matrix);
+    int put_jacobian(double t, N_Vector x, SUNMatrix matrix);
     bool has_sparse_jacobian() const { return !starts_.empty(); }
 
     static int derivative_callback(double t, N_Vector x, N_Vector dxdt, void* self);
@@ -83,6 +84,7 @@ class SundialsIntegrator : public Integrator {
 
     SystemState* state_ = nullptr;
     RunStatistics counts_;
+    std::exception_ptr thrown_; // by what the library has called
     Owned<SUNMatrix> matrix_;
     Owned<SUNLinearSolver> linear_solver_;
     // Of the sparse Jacobian, which has its diagonal whole: the starts of the columns, the rows, where the entries of the
@@ -93,6 +95,7 @@ class SundialsIntegrator : public Integrator {
     void make_sparse_jacobian(const SparsityPattern& pattern);
     const StepPolynomial& polynomial();
     double next_stop(double t_stop);
+    Native take_native_step(double t_stop, double& t);
     Progress look_for_falls(double t_stop);
     void record_failure(double t);
 

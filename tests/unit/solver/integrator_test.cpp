@@ -46,6 +46,23 @@ TEST(FixedStep, takes_steps_of_the_given_length_and_a_shorter_one_to_end) {
     EXPECT_EQ(even.statistics().steps, 10); // ten times 0.1 is not 1 in doubles, and makes no eleventh step
 }
 
+// A user's force may refuse in the middle of a step, below a library that knows no exceptions.
+TEST_P(EveryIntegrator, an_exception_of_the_system_arrives_as_it_is) {
+    FunctionSystem system = decay();
+    const auto slope = system.slope;
+    system.slope = [&](double t, FunctionSystem::Values x, FunctionSystem::Held d, std::span<double> dxdt) {
+        if (t > 0.5) throw InputError("no force beyond 0.5 s");
+        slope(t, x, d, dxdt);
+    };
+    Simulator run(system, {.method = GetParam()});
+    try {
+        run.advance_to(1);
+        ADD_FAILURE() << "no exception";
+    } catch (const InputError& error) {
+        EXPECT_STREQ(error.what(), "no force beyond 0.5 s");
+    }
+}
+
 TEST_P(VariableStepIntegrator, the_error_follows_the_tolerance) {
     double previous = 1;
     for (const double tolerance : {1e-4, 1e-6, 1e-8, 1e-10}) {
