@@ -278,20 +278,9 @@ void ReadyParts::define(const Equations& made, std::unordered_map<Term, Term>& d
 }
 
 double ReadyParts::value_at_start(Term term, const Equations& made) const {
-    std::vector<Term> symbols{made.time};
-    std::vector<double> values{0};
-    const auto add = [&](Term symbol, double value) {
-        symbols.push_back(symbol);
-        values.push_back(value);
-    };
-    for (const auto& v : made.states) add(v.symbol, v.start);
-    for (const auto& v : made.discrete) add(v.symbol, v.start);
-    for (const auto& v : made.parameters) add(v.symbol, v.value);
-    for (const auto& v : made.inputs) add(v.symbol, v.value);
-    for (const auto& part : parts_) add(part.output, 0); // forces that are still to be found
-    double value = 0;
-    Tape(graph_, symbols, {term}).evaluate({values}, {&value, 1});
-    return value;
+    std::vector<Term> outputs;
+    for (const auto& part : parts_) outputs.push_back(part.output); // forces that are still to be found
+    return made.value_at_start(term, outputs);
 }
 
 void ReadyParts::check(const Part& part, const Equations& made) const {

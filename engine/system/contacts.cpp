@@ -74,22 +74,10 @@ class Closing {
         });
     }
 
-    // At the start, forces and what has no value there being zero.
     double value_at_start(Term term) const {
-        std::vector<Term> symbols{equations_.time};
-        std::vector<double> values{0};
-        const auto add = [&](Term symbol, double value) {
-            symbols.push_back(symbol);
-            values.push_back(value);
-        };
-        for (const auto& v : equations_.states) add(v.symbol, v.start);
-        for (const auto& v : equations_.discrete) add(v.symbol, v.start);
-        for (const auto& v : equations_.parameters) add(v.symbol, v.value);
-        for (const auto& v : equations_.inputs) add(v.symbol, v.value);
-        for (const auto& contact : contacts_) add(contact.force, 0);
-        double value = 0;
-        Tape(graph_, symbols, {term}).evaluate({values}, {&value, 1});
-        return value;
+        std::vector<Term> forces;
+        for (const auto& contact : contacts_) forces.push_back(contact.force);
+        return equations_.value_at_start(term, forces);
     }
 
     void add_motion(const Contact& contact) {

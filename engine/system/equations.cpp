@@ -1,5 +1,6 @@
 #include "system/equations.hpp"
 #include "base/text.hpp"
+#include "system/tape.hpp"
 
 #include <bit>
 #include <fmt/format.h>
@@ -9,6 +10,23 @@ namespace tribode {
 std::string Equations::State::equation_text() const {
     const std::string line = where.empty() ? "" : fmt::format(" ({})", where);
     return is_algebraic() ? fmt::format("the equation {}{}", equation, line) : fmt::format("der({}){}", name, line);
+}
+
+double Equations::value_at_start(Term term, std::span<const Term> unknown) const {
+    std::vector<Term> symbols{time};
+    std::vector<double> values{0};
+    const auto add = [&](Term symbol, double value) {
+        symbols.push_back(symbol);
+        values.push_back(value);
+    };
+    for (const auto& v : states) add(v.symbol, v.start);
+    for (const auto& v : discrete) add(v.symbol, v.start);
+    for (const auto& v : parameters) add(v.symbol, v.value);
+    for (const auto& v : inputs) add(v.symbol, v.value);
+    for (const Term symbol : unknown) add(symbol, 0);
+    double value = 0;
+    Tape(*graph, symbols, {term}).evaluate({values}, {&value, 1});
+    return value;
 }
 
 void Equations::replace(const Expressions::Replacement& replacement) {

@@ -115,6 +115,9 @@ struct Equations {
     // All that is evaluated: rates, outputs, conditions, new values and what outside functions read.
     std::vector<Term> terms() const;
 
+    // What a term of the equations is at t = 0, with start values, values of parameters and inputs, and zero for `unknown`.
+    double value_at_start(Term term, std::span<const Term> unknown) const;
+
     // Puts terms in the place of variables, everywhere but in the lists of symbols themselves.
     void replace(const Expressions::Replacement& replacement);
 

@@ -1,15 +1,8 @@
 -- Runs that go on: from `final`, from a time, and from the state of a run, in a file too.
 local tb = require "tribode"
 
-local function near(found, wanted, tolerance, what)
-  assert(math.abs(found - wanted) <= tolerance * (1 + math.abs(wanted)),
-    string.format("%s: %.17g instead of %.17g", what or "value", found, wanted))
-end
-
-local function refused(message, make)
-  local ok, text = pcall(make)
-  assert(not ok and text:find(message, 1, true), tostring(text))
-end
+local check = require "lib.check"
+local near, refused = check.near, check.refused
 
 -- Each ready system, stopped twice on its way, by each solver that suits it: the same end and the same events.
 local cases = {

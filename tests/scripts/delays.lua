@@ -1,15 +1,8 @@
 -- tb.delay of inputs and functions of the time, and what an equation cannot contain.
 local tb = require "tribode"
 
-local function near(found, wanted, tolerance, what)
-  assert(math.abs(found - wanted) <= tolerance * (1 + math.abs(wanted)),
-    string.format("%s: %.17g instead of %.17g", what or "value", found, wanted))
-end
-
-local function refused(message, make)
-  local ok, text = pcall(make)
-  assert(not ok and text:find(message, 1, true), tostring(text))
-end
+local check = require "lib.check"
+local near, refused = check.near, check.refused
 
 -- x' = u(t - tau), so x is the integral of u up to then; before t = 0 the input has its own value, 7.
 local delayed = tb.system {

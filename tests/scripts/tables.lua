@@ -1,15 +1,8 @@
 -- tb.table1 and tb.table2: values and slopes against formulas of another kind, kinks as events, what is refused.
 local tb = require "tribode"
 
-local function near(found, wanted, tolerance, what)
-  assert(math.abs(found - wanted) <= tolerance * (1 + math.abs(wanted)),
-    string.format("%s: %.17g instead of %.17g", what or "value", found, wanted))
-end
-
-local function refused(message, make)
-  local ok, text = pcall(make)
-  assert(not ok and text:find(message, 1, true), tostring(text))
-end
+local check = require "lib.check"
+local near, refused = check.near, check.refused
 
 -- The points are met, and between them a line is one.
 local x, y = { -1, 0, 0.5, 2, 3 }, { 1, -2, 4, 4, 0 }

@@ -1,15 +1,8 @@
 -- Vectors of states, discrete variables, parameters, inputs and outputs.
 local tb = require "tribode"
 
-local function near(found, wanted, tolerance, what)
-  assert(math.abs(found - wanted) <= tolerance * (1 + math.abs(wanted)),
-    string.format("%s: %.17g instead of %.17g", what or "value", found, wanted))
-end
-
-local function refused(message, make)
-  local ok, text = pcall(make)
-  assert(not ok and text:find(message, 1, true), tostring(text))
-end
+local check = require "lib.check"
+local near, refused = check.near, check.refused
 
 -- A rod in n pieces with both ends at zero: the slowest wave decays by a known rate.
 local function rod(n)
