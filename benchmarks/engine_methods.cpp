@@ -1,9 +1,9 @@
 #include "contender.hpp"
 
-#include "base/error.hpp"
-#include "experiment/simulation.hpp"
 #include "machine_of.hpp"
-#include "solver/simulator.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/experiment/simulation.hpp"
+#include "tribode/solver/simulator.hpp"
 
 #include <fmt/format.h>
 

@@ -1,11 +1,11 @@
 // The machine of a scenario as a system of equations (models/servo), by the same simulator as the built-in one.
 #include "contender.hpp"
 
-#include "base/error.hpp"
-#include "script/script_run.hpp"
-#include "script/system_reader.hpp"
-#include "solver/simulator.hpp"
-#include "system/equation_system.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/script/script_run.hpp"
+#include "tribode/script/system_reader.hpp"
+#include "tribode/solver/simulator.hpp"
+#include "tribode/system/equation_system.hpp"
 
 #include <fmt/format.h>
 #include <map>

@@ -1,6 +1,6 @@
 #pragma once
-#include "machine/machine_model.hpp"
 #include "scenario.hpp"
+#include "tribode/machine/machine_model.hpp"
 
 namespace tribode::bench {
 

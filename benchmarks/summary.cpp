@@ -1,8 +1,8 @@
 #include "summary.hpp"
 
-#include "base/json.hpp"
-#include "base/text.hpp"
-#include "record/output_file.hpp"
+#include "tribode/base/json.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/record/output_file.hpp"
 
 #include <algorithm>
 #include <array>

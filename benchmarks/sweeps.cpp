@@ -1,9 +1,9 @@
 #include "sweeps.hpp"
 
-#include "analysis/modal_fit.hpp"
-#include "experiment/frequency_sweep.hpp"
 #include "machine_of.hpp"
-#include "script/machine_file.hpp"
+#include "tribode/analysis/modal_fit.hpp"
+#include "tribode/experiment/frequency_sweep.hpp"
+#include "tribode/script/machine_file.hpp"
 
 #include <limits>
 #include <stdexcept>

@@ -1,6 +1,6 @@
 #pragma once
 #include "contender.hpp"
-#include "solver/integrator.hpp"
+#include "tribode/solver/integrator.hpp"
 
 namespace tribode::bench {
 

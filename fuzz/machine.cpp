@@ -1,8 +1,8 @@
 #include "machine.hpp"
-#include "base/error.hpp"
-#include "experiment/simulation.hpp"
-#include "machine/machine_model.hpp"
 #include "target.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/experiment/simulation.hpp"
+#include "tribode/machine/machine_model.hpp"
 
 #include <cmath>
 

@@ -1,5 +1,5 @@
 #pragma once
-#include "base/json.hpp"
+#include "tribode/base/json.hpp"
 
 namespace tribode::fuzz {
 

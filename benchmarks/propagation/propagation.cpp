@@ -2,10 +2,10 @@
 // series of the exact solver, by its prepared step with the guards' bounds, and by matrix exponentials made anew at
 // each step, as one needs them where the step's length is not known beforehand. docs/decisions/0006.
 
-#include "machine/servo_system.hpp"
-#include "script/machine_file.hpp"
-#include "solver/exact_integrator.hpp"
-#include "solver/fixed_step_integrator.hpp"
+#include "tribode/machine/servo_system.hpp"
+#include "tribode/script/machine_file.hpp"
+#include "tribode/solver/exact_integrator.hpp"
+#include "tribode/solver/fixed_step_integrator.hpp"
 
 #include <Eigen/Dense>
 #include <benchmark/benchmark.h>

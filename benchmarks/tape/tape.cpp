@@ -1,10 +1,10 @@
 // A right side of 30 terms as a tape, recorded from a script, and compiled as C, beside the same written by hand in C++:
 // see by_hand.cpp. Before they are timed, they are compared.
 
-#include "script/symbols.hpp"
-#include "script/system_reader.hpp"
-#include "system/equation_system.hpp"
 #include "tape/by_hand.hpp"
+#include "tribode/script/symbols.hpp"
+#include "tribode/script/system_reader.hpp"
+#include "tribode/system/equation_system.hpp"
 
 #include <benchmark/benchmark.h>
 #include <cmath>

@@ -1,8 +1,8 @@
-#include "base/error.hpp"
-#include "base/text.hpp"
-#include "experiment/sweep_checkpoint.hpp"
-#include "record/json_file.hpp"
 #include "target.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/experiment/sweep_checkpoint.hpp"
+#include "tribode/record/json_file.hpp"
 
 #include <cmath>
 

@@ -1,7 +1,7 @@
-#include "record/csv.hpp"
-#include "base/error.hpp"
-#include "record/record_file.hpp"
+#include "tribode/record/csv.hpp"
 #include "target.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/record/record_file.hpp"
 
 #include <bit>
 #include <cmath>

@@ -1,6 +1,6 @@
-#include "base/error.hpp"
-#include "record/zip.hpp"
 #include "target.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/record/zip.hpp"
 
 namespace tribode::fuzz {
 

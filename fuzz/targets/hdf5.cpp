@@ -1,7 +1,7 @@
-#include "record/hdf5.hpp"
-#include "base/error.hpp"
-#include "record/record_file.hpp"
+#include "tribode/record/hdf5.hpp"
 #include "target.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/record/record_file.hpp"
 
 #include <pthread.h>
 

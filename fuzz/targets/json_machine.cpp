@@ -1,7 +1,7 @@
-#include "base/error.hpp"
 #include "machine.hpp"
-#include "record/json_file.hpp"
 #include "target.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/record/json_file.hpp"
 
 namespace tribode::fuzz {
 

@@ -1,7 +1,7 @@
-#include "base/error.hpp"
 #include "machine.hpp"
-#include "script/lua_state.hpp"
 #include "target.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/script/lua_state.hpp"
 
 namespace tribode::fuzz {
 

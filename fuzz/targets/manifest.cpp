@@ -1,11 +1,11 @@
-#include "base/error.hpp"
-#include "batch/merge.hpp"
-#include "batch/shard_file.hpp"
-#include "batch/slurm.hpp"
-#include "batch/status.hpp"
-#include "batch/workers.hpp"
-#include "record/json_file.hpp"
 #include "target.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/batch/merge.hpp"
+#include "tribode/batch/shard_file.hpp"
+#include "tribode/batch/slurm.hpp"
+#include "tribode/batch/status.hpp"
+#include "tribode/batch/workers.hpp"
+#include "tribode/record/json_file.hpp"
 
 namespace tribode::fuzz {
 

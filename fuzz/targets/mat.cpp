@@ -1,8 +1,8 @@
-#include "record/mat.hpp"
-#include "base/error.hpp"
-#include "record/record_file.hpp"
-#include "record/zip.hpp"
+#include "tribode/record/mat.hpp"
 #include "target.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/record/record_file.hpp"
+#include "tribode/record/zip.hpp"
 
 namespace tribode::fuzz {
 

@@ -1,9 +1,9 @@
-#include "base/error.hpp"
-#include "base/text.hpp"
-#include "batch/merge.hpp"
-#include "batch/shard_file.hpp"
-#include "script/batch_script.hpp"
 #include "target.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/batch/merge.hpp"
+#include "tribode/batch/shard_file.hpp"
+#include "tribode/script/batch_script.hpp"
 
 #include <cstring>
 #include <filesystem>

@@ -1,8 +1,8 @@
-#include "base/error.hpp"
-#include "script/lua_state.hpp"
-#include "script/script_run.hpp"
-#include "script/system_bindings.hpp"
 #include "target.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/script/lua_state.hpp"
+#include "tribode/script/script_run.hpp"
+#include "tribode/script/system_bindings.hpp"
 
 namespace tribode::fuzz {
 

@@ -1,5 +1,5 @@
-#include "base/json.hpp"
 #include "cli/program.hpp"
+#include "tribode/base/json.hpp"
 #include "unit/script/temporary_folder.hpp"
 
 #include <cmath>

@@ -1,6 +1,6 @@
-#include "base/json.hpp"
-#include "base/text.hpp"
 #include "cli/program.hpp"
+#include "tribode/base/json.hpp"
+#include "tribode/base/text.hpp"
 #include "unit/script/temporary_folder.hpp"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 // Scripts, batch folders and files of strangers: what they try, and the sentence that refuses it.
-#include "base/json.hpp"
-#include "base/text.hpp"
 #include "cli/program.hpp"
+#include "tribode/base/json.hpp"
+#include "tribode/base/text.hpp"
 #include "unit/script/temporary_folder.hpp"
 
 #include <cstdlib>

@@ -1,7 +1,7 @@
 // How fast the fixed-step methods come to the exact solution of the oracle on the reference machine, with friction and
 // without; and the propagator of the zero-order hold beside a matrix exponential made elsewhere.
 #include "physics/oracle.hpp"
-#include "solver/fixed_step_integrator.hpp"
+#include "tribode/solver/fixed_step_integrator.hpp"
 
 #include <Eigen/Dense>
 #include <random>

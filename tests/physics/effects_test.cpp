@@ -1,8 +1,8 @@
 // The effects a machine may have: each against a closed form or a small integrator written for it alone, and the exact
 // method against the variable-step one on random machines with random effects.
-#include "base/error.hpp"
 #include "physics/oracle.hpp"
-#include "solver/simulator.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/solver/simulator.hpp"
 
 #include <functional>
 #include <numbers>

@@ -1,6 +1,6 @@
 // Where the work of the thrust goes, and what a friction loop takes of it.
 #include "physics/oracle.hpp"
-#include "solver/simulator.hpp"
+#include "tribode/solver/simulator.hpp"
 
 namespace tribode {
 namespace {

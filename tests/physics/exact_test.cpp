@@ -1,8 +1,8 @@
 // The exact method: against references of another road, against the variable-step method on random machines, and
 // against the balance of energy.
-#include "experiment/frequency_sweep.hpp"
 #include "physics/oracle.hpp"
-#include "solver/simulator.hpp"
+#include "tribode/experiment/frequency_sweep.hpp"
+#include "tribode/solver/simulator.hpp"
 
 #include <fstream>
 #include <map>

@@ -1,9 +1,9 @@
-#include "analysis/delay_estimation.hpp"
-#include "analysis/modal_fit.hpp"
-#include "experiment/frequency_sweep.hpp"
-#include "experiment/friction_margins.hpp"
-#include "experiment/simulation.hpp"
 #include "physics/reference_machine.hpp"
+#include "tribode/analysis/delay_estimation.hpp"
+#include "tribode/analysis/modal_fit.hpp"
+#include "tribode/experiment/frequency_sweep.hpp"
+#include "tribode/experiment/friction_margins.hpp"
+#include "tribode/experiment/simulation.hpp"
 
 #include <algorithm>
 #include <cmath>

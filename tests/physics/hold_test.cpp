@@ -1,6 +1,6 @@
 // What the zero-order hold does to the phase of a sampled sine.
-#include "analysis/sine_fit.hpp"
 #include "physics/oracle.hpp"
+#include "tribode/analysis/sine_fit.hpp"
 
 #include <complex>
 

@@ -1,8 +1,8 @@
 #pragma once
-#include "experiment/simulation.hpp"
 #include "physics/reference_machine.hpp"
 #include "problems/exact_servo.hpp"
 #include "problems/golden_runs.hpp"
+#include "tribode/experiment/simulation.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 #pragma once
-#include "machine/machine_model.hpp"
+#include "tribode/machine/machine_model.hpp"
 
 #include <numbers>
 

@@ -1,7 +1,7 @@
-#include "analysis/delay_estimation.hpp"
+#include "tribode/analysis/delay_estimation.hpp"
 
-#include "analysis/modal_model.hpp"
-#include "base/error.hpp"
+#include "tribode/analysis/modal_model.hpp"
+#include "tribode/base/error.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
-#include "analysis/describing_function.hpp"
-#include "analysis/periodic_friction.hpp"
+#include "tribode/analysis/describing_function.hpp"
+#include "tribode/analysis/periodic_friction.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

@@ -1,7 +1,7 @@
-#include "analysis/frequency_response.hpp"
+#include "tribode/analysis/frequency_response.hpp"
 
-#include "analysis/modal_model.hpp"
-#include "base/error.hpp"
+#include "tribode/analysis/modal_model.hpp"
+#include "tribode/base/error.hpp"
 
 #include <gtest/gtest.h>
 

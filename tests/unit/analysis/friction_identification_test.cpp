@@ -1,7 +1,7 @@
-#include "analysis/friction_identification.hpp"
+#include "tribode/analysis/friction_identification.hpp"
 
-#include "base/error.hpp"
-#include "base/random.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/random.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "analysis/friction_loop.hpp"
+#include "tribode/analysis/friction_loop.hpp"
 
 #include <Eigen/Dense>
 #include <cmath>

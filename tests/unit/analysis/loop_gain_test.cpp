@@ -1,4 +1,4 @@
-#include "analysis/loop_gain.hpp"
+#include "tribode/analysis/loop_gain.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,8 +1,8 @@
-#include "analysis/modal_fit.hpp"
+#include "tribode/analysis/modal_fit.hpp"
 #include "unit/script/messages.hpp"
 
-#include "base/error.hpp"
-#include "base/random.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/random.hpp"
 
 #include <gtest/gtest.h>
 

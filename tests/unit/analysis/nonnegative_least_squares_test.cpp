@@ -1,6 +1,6 @@
-#include "analysis/nonnegative_least_squares.hpp"
+#include "tribode/analysis/nonnegative_least_squares.hpp"
 
-#include "base/random.hpp"
+#include "tribode/base/random.hpp"
 
 #include <Eigen/Dense>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
-#include "analysis/friction_identification.hpp"
-#include "analysis/periodic_friction.hpp"
+#include "tribode/analysis/friction_identification.hpp"
+#include "tribode/analysis/periodic_friction.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

@@ -1,6 +1,6 @@
-#include "analysis/signal.hpp"
-#include "base/error.hpp"
-#include "base/random.hpp"
+#include "tribode/analysis/signal.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/random.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
-#include "analysis/sine_fit.hpp"
+#include "tribode/analysis/sine_fit.hpp"
 
-#include "base/error.hpp"
-#include "base/random.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/random.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
-#include "analysis/spectrum.hpp"
-#include "base/error.hpp"
+#include "tribode/analysis/spectrum.hpp"
+#include "tribode/base/error.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
-#include "analysis/statistics.hpp"
-#include "base/random.hpp"
+#include "tribode/analysis/statistics.hpp"
+#include "tribode/base/random.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "base/field_reader.hpp"
+#include "tribode/base/field_reader.hpp"
 #include "unit/script/messages.hpp"
 
 #include <gtest/gtest.h>

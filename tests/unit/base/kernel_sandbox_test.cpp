@@ -1,4 +1,4 @@
-#include "base/kernel_sandbox.hpp"
+#include "tribode/base/kernel_sandbox.hpp"
 #include "unit/script/temporary_folder.hpp"
 
 #include <cerrno>

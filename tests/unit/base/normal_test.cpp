@@ -1,4 +1,4 @@
-#include "base/normal.hpp"
+#include "tribode/base/normal.hpp"
 
 #include <gtest/gtest.h>
 

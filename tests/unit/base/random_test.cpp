@@ -1,4 +1,4 @@
-#include "base/random.hpp"
+#include "tribode/base/random.hpp"
 
 #include <gtest/gtest.h>
 

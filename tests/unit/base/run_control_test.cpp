@@ -1,4 +1,4 @@
-#include "base/run_control.hpp"
+#include "tribode/base/run_control.hpp"
 #include "unit/script/messages.hpp"
 
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "base/text.hpp"
+#include "tribode/base/text.hpp"
 
 #include <gtest/gtest.h>
 

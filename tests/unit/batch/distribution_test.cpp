@@ -1,6 +1,6 @@
-#include "base/error.hpp"
-#include "base/random.hpp"
-#include "batch/distribution.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/random.hpp"
+#include "tribode/batch/distribution.hpp"
 
 #include <gtest/gtest.h>
 

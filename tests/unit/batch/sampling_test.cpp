@@ -1,5 +1,5 @@
-#include "base/error.hpp"
-#include "batch/sampling.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/batch/sampling.hpp"
 
 #include <gtest/gtest.h>
 

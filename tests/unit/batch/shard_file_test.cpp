@@ -1,6 +1,6 @@
-#include "base/error.hpp"
-#include "base/text.hpp"
-#include "batch/shard_file.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/batch/shard_file.hpp"
 #include "unit/script/messages.hpp"
 #include "unit/script/temporary_folder.hpp"
 

@@ -1,4 +1,4 @@
-#include "batch/slurm.hpp"
+#include "tribode/batch/slurm.hpp"
 #include "unit/script/messages.hpp"
 
 #include <gtest/gtest.h>

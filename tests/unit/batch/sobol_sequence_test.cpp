@@ -1,5 +1,5 @@
-#include "base/random.hpp"
-#include "batch/sobol_sequence.hpp"
+#include "tribode/base/random.hpp"
+#include "tribode/batch/sobol_sequence.hpp"
 
 #include <gtest/gtest.h>
 

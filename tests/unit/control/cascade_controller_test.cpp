@@ -1,4 +1,4 @@
-#include "control/cascade_controller.hpp"
+#include "tribode/control/cascade_controller.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "control/discrete_transfer_function.hpp"
+#include "tribode/control/discrete_transfer_function.hpp"
 
 #include <gtest/gtest.h>
 

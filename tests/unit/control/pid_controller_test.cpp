@@ -1,4 +1,4 @@
-#include "control/pid_controller.hpp"
+#include "tribode/control/pid_controller.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "control/quantizer.hpp"
+#include "tribode/control/quantizer.hpp"
 
 #include <gtest/gtest.h>
 

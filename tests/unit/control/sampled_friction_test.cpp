@@ -1,4 +1,4 @@
-#include "control/sampled_friction.hpp"
+#include "tribode/control/sampled_friction.hpp"
 
 #include <gtest/gtest.h>
 

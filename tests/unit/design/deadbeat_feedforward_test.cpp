@@ -1,5 +1,5 @@
-#include "base/error.hpp"
-#include "design/deadbeat_feedforward.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/design/deadbeat_feedforward.hpp"
 
 #include <gtest/gtest.h>
 

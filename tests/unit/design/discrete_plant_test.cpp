@@ -1,6 +1,6 @@
-#include "analysis/loop_gain.hpp"
-#include "base/error.hpp"
-#include "design/discrete_plant.hpp"
+#include "tribode/analysis/loop_gain.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/design/discrete_plant.hpp"
 
 #include <Eigen/Dense>
 #include <gtest/gtest.h>

@@ -1,8 +1,8 @@
-#include "base/error.hpp"
-#include "design/discrete_plant.hpp"
-#include "design/feedforward.hpp"
-#include "design/s_curve_feedforward.hpp"
-#include "design/zero_phase_feedforward.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/design/discrete_plant.hpp"
+#include "tribode/design/feedforward.hpp"
+#include "tribode/design/s_curve_feedforward.hpp"
+#include "tribode/design/zero_phase_feedforward.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
-#include "base/error.hpp"
-#include "diagnosis/diagnosis.hpp"
-#include "diagnosis/diagnosis_files.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/diagnosis/diagnosis.hpp"
+#include "tribode/diagnosis/diagnosis_files.hpp"
 #include "unit/diagnosis/small_case.hpp"
 
 #include <cmath>

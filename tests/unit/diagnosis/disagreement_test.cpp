@@ -1,5 +1,5 @@
-#include "diagnosis/disagreement.hpp"
-#include "diagnosis/noise_floor.hpp"
+#include "tribode/diagnosis/disagreement.hpp"
+#include "tribode/diagnosis/noise_floor.hpp"
 #include "unit/diagnosis/small_case.hpp"
 
 #include <algorithm>

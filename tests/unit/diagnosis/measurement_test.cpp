@@ -1,5 +1,5 @@
-#include "base/error.hpp"
-#include "diagnosis/measurement.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/diagnosis/measurement.hpp"
 #include "unit/diagnosis/small_case.hpp"
 
 #include <algorithm>

@@ -1,7 +1,7 @@
 #pragma once
-#include "diagnosis/measurement.hpp"
-#include "experiment/simulation.hpp"
-#include "machine/machine_model.hpp"
+#include "tribode/diagnosis/measurement.hpp"
+#include "tribode/experiment/simulation.hpp"
+#include "tribode/machine/machine_model.hpp"
 
 #include <cmath>
 #include <numbers>

@@ -1,5 +1,5 @@
-#include "base/error.hpp"
-#include "effect/effect.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/effect/effect.hpp"
 
 #include <gtest/gtest.h>
 #include <set>

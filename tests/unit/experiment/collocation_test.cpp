@@ -1,6 +1,6 @@
 // Exponential collocation beside the exact solution and beside erk, on machines with every smooth effect.
-#include "base/error.hpp"
-#include "experiment/simulation.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/experiment/simulation.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

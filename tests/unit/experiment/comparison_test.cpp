@@ -1,8 +1,8 @@
-#include "base/error.hpp"
-#include "experiment/comparison.hpp"
 #include "physics/reference_machine.hpp"
-#include "record/csv.hpp"
-#include "record/table.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/experiment/comparison.hpp"
+#include "tribode/record/csv.hpp"
+#include "tribode/record/table.hpp"
 #include "unit/script/temporary_folder.hpp"
 
 #include <algorithm>

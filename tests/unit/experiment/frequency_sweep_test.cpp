@@ -1,8 +1,8 @@
-#include "base/error.hpp"
-#include "experiment/frequency_sweep.hpp"
-#include "experiment/sweep_checkpoint.hpp"
 #include "physics/reference_machine.hpp"
-#include "record/csv.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/experiment/frequency_sweep.hpp"
+#include "tribode/experiment/sweep_checkpoint.hpp"
+#include "tribode/record/csv.hpp"
 
 #include <cmath>
 #include <fstream>

@@ -1,6 +1,6 @@
-#include "base/error.hpp"
-#include "experiment/friction_margins.hpp"
 #include "physics/reference_machine.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/experiment/friction_margins.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,7 +1,7 @@
-#include "base/error.hpp"
-#include "experiment/frequency_sweep.hpp"
-#include "experiment/positioning.hpp"
 #include "physics/reference_machine.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/experiment/frequency_sweep.hpp"
+#include "tribode/experiment/positioning.hpp"
 
 #include <gtest/gtest.h>
 

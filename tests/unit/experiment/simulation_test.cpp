@@ -1,7 +1,7 @@
-#include "base/error.hpp"
-#include "experiment/simulation.hpp"
 #include "physics/reference_machine.hpp"
-#include "record/csv.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/experiment/simulation.hpp"
+#include "tribode/record/csv.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

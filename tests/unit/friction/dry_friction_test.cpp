@@ -1,4 +1,4 @@
-#include "friction/dry_friction.hpp"
+#include "tribode/friction/dry_friction.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "friction/rolling_friction.hpp"
+#include "tribode/friction/rolling_friction.hpp"
 
 #include <gtest/gtest.h>
 

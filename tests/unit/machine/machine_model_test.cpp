@@ -1,4 +1,4 @@
-#include "machine/machine_model.hpp"
+#include "tribode/machine/machine_model.hpp"
 #include "unit/script/messages.hpp"
 
 #include <gtest/gtest.h>

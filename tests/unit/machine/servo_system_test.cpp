@@ -1,5 +1,5 @@
-#include "base/error.hpp"
-#include "machine/servo_system.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/machine/servo_system.hpp"
 #include "unit/script/messages.hpp"
 
 #include <gtest/gtest.h>

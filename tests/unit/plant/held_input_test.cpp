@@ -1,4 +1,4 @@
-#include "plant/held_input.hpp"
+#include "tribode/plant/held_input.hpp"
 
 #include <gtest/gtest.h>
 

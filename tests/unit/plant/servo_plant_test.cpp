@@ -1,4 +1,4 @@
-#include "plant/servo_plant.hpp"
+#include "tribode/plant/servo_plant.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,6 +1,6 @@
 #pragma once
-#include "base/text.hpp"
-#include "record/output_file.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/record/output_file.hpp"
 #include "unit/script/temporary_folder.hpp"
 
 #include <cstdlib>

@@ -1,5 +1,5 @@
-#include "base/random.hpp"
-#include "record/csv.hpp"
+#include "tribode/base/random.hpp"
+#include "tribode/record/csv.hpp"
 #include "unit/script/messages.hpp"
 #include "unit/script/temporary_folder.hpp"
 

@@ -1,9 +1,9 @@
 // HDF5, JSON and the run folder.
-#include "base/text.hpp"
-#include "record/hdf5.hpp"
-#include "record/json_file.hpp"
-#include "record/output_file.hpp"
-#include "record/run_folder.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/record/hdf5.hpp"
+#include "tribode/record/json_file.hpp"
+#include "tribode/record/output_file.hpp"
+#include "tribode/record/run_folder.hpp"
 #include "unit/script/messages.hpp"
 #include "unit/script/temporary_folder.hpp"
 

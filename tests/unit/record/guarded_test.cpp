@@ -1,5 +1,5 @@
-#include "base/error.hpp"
-#include "record/guarded.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/record/guarded.hpp"
 #include "unit/script/messages.hpp"
 
 #include <csignal>

@@ -1,4 +1,4 @@
-#include "record/output_file.hpp"
+#include "tribode/record/output_file.hpp"
 #include "unit/script/messages.hpp"
 #include "unit/script/temporary_folder.hpp"
 

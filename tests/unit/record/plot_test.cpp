@@ -1,5 +1,5 @@
-#include "record/output_file.hpp"
-#include "record/plot.hpp"
+#include "tribode/record/output_file.hpp"
+#include "tribode/record/plot.hpp"
 #include "unit/script/messages.hpp"
 #include "unit/script/temporary_folder.hpp"
 

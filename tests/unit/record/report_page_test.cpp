@@ -1,4 +1,4 @@
-#include "record/report.hpp"
+#include "tribode/record/report.hpp"
 #include "unit/record/browser.hpp"
 
 #include <cmath>

@@ -1,6 +1,6 @@
-#include "base/text.hpp"
-#include "record/output_file.hpp"
-#include "record/report.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/record/output_file.hpp"
+#include "tribode/record/report.hpp"
 #include "unit/script/messages.hpp"
 #include "unit/script/temporary_folder.hpp"
 

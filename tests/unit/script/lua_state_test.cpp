@@ -1,8 +1,8 @@
-#include "base/field_reader.hpp"
 #include "messages.hpp"
-#include "script/lua_state.hpp"
-#include "script/value.hpp"
 #include "temporary_folder.hpp"
+#include "tribode/base/field_reader.hpp"
+#include "tribode/script/lua_state.hpp"
+#include "tribode/script/value.hpp"
 
 #include <atomic>
 #include <gtest/gtest.h>

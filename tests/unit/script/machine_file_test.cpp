@@ -1,6 +1,6 @@
 #include "messages.hpp"
-#include "script/machine_file.hpp"
 #include "temporary_folder.hpp"
+#include "tribode/script/machine_file.hpp"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 #pragma once
-#include "base/error.hpp"
+#include "tribode/base/error.hpp"
 
 #include <functional>
 #include <string>

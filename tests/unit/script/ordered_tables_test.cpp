@@ -1,5 +1,5 @@
-#include "base/json.hpp"
-#include "script/lua_state.hpp"
+#include "tribode/base/json.hpp"
+#include "tribode/script/lua_state.hpp"
 #include "unit/script/messages.hpp"
 
 #include <gtest/gtest.h>

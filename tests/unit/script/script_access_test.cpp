@@ -1,8 +1,8 @@
 #include "messages.hpp"
-#include "record/output_file.hpp"
-#include "script/lua_state.hpp"
-#include "script/script_access.hpp"
 #include "temporary_folder.hpp"
+#include "tribode/record/output_file.hpp"
+#include "tribode/script/lua_state.hpp"
+#include "tribode/script/script_access.hpp"
 
 #include <fstream>
 #include <gtest/gtest.h>

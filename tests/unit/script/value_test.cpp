@@ -1,6 +1,6 @@
 #include "messages.hpp"
-#include "script/lua_state.hpp"
-#include "script/value.hpp"
+#include "tribode/script/lua_state.hpp"
+#include "tribode/script/value.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

@@ -1,6 +1,6 @@
 #pragma once
-#include "hybrid/hybrid_system.hpp"
-#include "plant/held_input.hpp"
+#include "tribode/hybrid/hybrid_system.hpp"
+#include "tribode/plant/held_input.hpp"
 
 #include <functional>
 #include <string>

@@ -1,6 +1,6 @@
 // What happens at one instant, and in which order: the class comment of Simulator.
 #include "function_system.hpp"
-#include "solver/simulator.hpp"
+#include "tribode/solver/simulator.hpp"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>

@@ -1,9 +1,9 @@
 // The exact integrator on small affine systems with a closed form, and the search for the first fall of a polynomial.
 #include "affine_system.hpp"
-#include "base/error.hpp"
 #include "function_system.hpp"
-#include "solver/exact_integrator.hpp"
-#include "solver/simulator.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/solver/exact_integrator.hpp"
+#include "tribode/solver/simulator.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // The methods of a fixed step: what one step does, how the error falls with the step, what happens to events.
 #include "function_system.hpp"
-#include "solver/fixed_step_integrator.hpp"
-#include "solver/simulator.hpp"
+#include "tribode/solver/fixed_step_integrator.hpp"
+#include "tribode/solver/simulator.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

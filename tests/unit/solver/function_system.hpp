@@ -1,6 +1,6 @@
 #pragma once
-#include "hybrid/hybrid_system.hpp"
-#include "solver/integrator.hpp"
+#include "tribode/hybrid/hybrid_system.hpp"
+#include "tribode/solver/integrator.hpp"
 
 #include <functional>
 #include <gtest/gtest.h>

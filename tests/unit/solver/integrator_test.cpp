@@ -1,7 +1,7 @@
 // The methods themselves: accuracy, what they count, how they fail.
-#include "base/error.hpp"
 #include "function_system.hpp"
-#include "solver/simulator.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/solver/simulator.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

@@ -1,6 +1,6 @@
 // Looking at a run, stopping it, copying its state: none of it shows in the numbers.
 #include "function_system.hpp"
-#include "solver/simulator.hpp"
+#include "tribode/solver/simulator.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

@@ -1,6 +1,6 @@
 // Sample clocks: which instants, which order, how they meet.
 #include "function_system.hpp"
-#include "solver/simulator.hpp"
+#include "tribode/solver/simulator.hpp"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>

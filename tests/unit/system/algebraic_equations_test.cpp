@@ -1,7 +1,7 @@
-#include "base/error.hpp"
-#include "base/random.hpp"
-#include "solver/simulator.hpp"
-#include "system/algebraic_equations.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/random.hpp"
+#include "tribode/solver/simulator.hpp"
+#include "tribode/system/algebraic_equations.hpp"
 #include "unit/system/small_systems.hpp"
 
 #include <Eigen/Dense>

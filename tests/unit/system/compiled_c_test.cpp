@@ -1,6 +1,6 @@
-#include "base/error.hpp"
-#include "system/compiled_c.hpp"
-#include "system/tape.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/system/compiled_c.hpp"
+#include "tribode/system/tape.hpp"
 #include "unit/system/random_expressions.hpp"
 
 #include <bit>

@@ -1,6 +1,6 @@
-#include "base/random.hpp"
-#include "system/enclosed_operations.hpp"
-#include "system/tape.hpp"
+#include "tribode/base/random.hpp"
+#include "tribode/system/enclosed_operations.hpp"
+#include "tribode/system/tape.hpp"
 #include "unit/system/random_expressions.hpp"
 
 #include <cmath>

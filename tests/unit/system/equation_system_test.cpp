@@ -1,6 +1,6 @@
-#include "base/error.hpp"
-#include "solver/simulator.hpp"
-#include "system/equation_system.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/solver/simulator.hpp"
+#include "tribode/system/equation_system.hpp"
 #include "unit/system/small_systems.hpp"
 
 #include <cmath>

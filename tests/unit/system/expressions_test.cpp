@@ -1,6 +1,6 @@
-#include "base/error.hpp"
-#include "system/expressions.hpp"
-#include "system/tape.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/system/expressions.hpp"
+#include "tribode/system/tape.hpp"
 #include "unit/system/random_expressions.hpp"
 
 #include <gtest/gtest.h>

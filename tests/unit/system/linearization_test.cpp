@@ -1,5 +1,5 @@
-#include "base/error.hpp"
-#include "system/linearization.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/system/linearization.hpp"
 #include "unit/system/small_systems.hpp"
 
 #include <cmath>

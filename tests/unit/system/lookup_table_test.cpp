@@ -1,8 +1,8 @@
-#include "base/error.hpp"
-#include "base/random.hpp"
-#include "system/expressions.hpp"
-#include "system/lookup_table.hpp"
-#include "system/tape.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/random.hpp"
+#include "tribode/system/expressions.hpp"
+#include "tribode/system/lookup_table.hpp"
+#include "tribode/system/tape.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

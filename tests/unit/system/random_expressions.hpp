@@ -1,6 +1,6 @@
 #pragma once
-#include "base/random.hpp"
-#include "system/expressions.hpp"
+#include "tribode/base/random.hpp"
+#include "tribode/system/expressions.hpp"
 
 #include <cmath>
 #include <complex>

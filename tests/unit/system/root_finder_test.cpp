@@ -1,5 +1,5 @@
-#include "base/random.hpp"
-#include "system/root_finder.hpp"
+#include "tribode/base/random.hpp"
+#include "tribode/system/root_finder.hpp"
 
 #include <cmath>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 #pragma once
-#include "system/equation_system.hpp"
+#include "tribode/system/equation_system.hpp"
 
 #include <memory>
 

@@ -1,5 +1,5 @@
-#include "base/error.hpp"
-#include "system/units.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/system/units.hpp"
 
 #include <gtest/gtest.h>
 

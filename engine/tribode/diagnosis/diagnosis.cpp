@@ -1,0 +1,421 @@
+#include "tribode/diagnosis/diagnosis.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/diagnosis/disagreement.hpp"
+#include "tribode/diagnosis/next_experiment.hpp"
+#include "tribode/diagnosis/response.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace tribode {
+
+namespace {
+
+// Of the difference of two scores, in units of which e^-1/2 counts: simulators and filters are not exact, and the
+// noise's shape is estimated.
+constexpr double temperature = 3;
+// What a right name has where noise explains all that is left, and no rival comes near.
+constexpr double certain = 0.98;
+
+double rms(const std::vector<double>& a, const std::vector<double>& b, std::size_t first) {
+    double sum = 0;
+    for (std::size_t k = first; k < a.size(); ++k) sum += (a[k] - b[k]) * (a[k] - b[k]);
+    return std::sqrt(sum / static_cast<double>(a.size() - first));
+}
+
+Compared compared(const Evidence& record, const MachineModel& before, const MachineModel& after) {
+    Compared c;
+    c.measurement = record.measurement;
+    c.first = record.first;
+    const auto signals = [&](const MachineModel& machine) {
+        auto s = simulated_signals(machine, record.measurement);
+        // A model that runs away has no position to compare: it stands still.
+        const std::size_t n = record.measurement.size();
+        return s ? *s : SimulatedSignals{std::vector<double>(n, 0.0), std::vector<double>(n, 0.0)};
+    };
+    const auto was = signals(before), is = signals(after);
+    c.y_before = was.position;
+    c.u_before = was.thrust;
+    c.y_after = is.position;
+    c.u_after = is.thrust;
+    c.gap = {rms(record.measurement.position(), c.y_before, c.first),
+             rms(record.measurement.position(), c.y_after, c.first), record.floor.rms};
+    c.described_floor = c.gap.floor;
+    return c;
+}
+
+// Of several records together.
+Gap total(const std::vector<Compared>& records) {
+    Gap sum;
+    double samples = 0;
+    for (const auto& c : records) {
+        const double n = static_cast<double>(c.measurement.size() - c.first);
+        sum.before += n * c.gap.before * c.gap.before;
+        sum.after += n * c.gap.after * c.gap.after;
+        sum.floor += n * c.gap.floor * c.gap.floor;
+        samples += n;
+    }
+    return {std::sqrt(sum.before / samples), std::sqrt(sum.after / samples), std::sqrt(sum.floor / samples)};
+}
+
+// Record and machine in different units: the responses differ by a factor that no effect makes.
+void check_size(const MachineModel& machine, const Measurement& m) {
+    const auto simulated = simulated_position(machine, m);
+    if (!simulated) return;
+    const auto range = [](const std::vector<double>& y) {
+        const auto [low, high] = std::minmax_element(y.begin(), y.end());
+        return *high - *low;
+    };
+    const double ratio = range(m.position()) / std::max(range(*simulated), 1e-300);
+    if (ratio > 100 || ratio < 0.005) {
+        throw InputError(
+            fmt::format("{}: y moves over {:.3g} m, in the simulation over {:.3g} m: y or u seems to be in "
+                        "another unit, or in the other's place",
+                        m.source, range(m.position()), range(*simulated)));
+    }
+}
+
+class Verdict {
+  public:
+    Verdict(const MachineModel& machine, Diagnosis& d, const RunControl& control)
+        : machine_(machine),
+          d_(d),
+          control_(control),
+          fit_(machine, d.search.fitted) {}
+
+    void decide() {
+        const SearchResult& s = d_.search;
+        d_.false_alarm_limit = SearchResult::limit(s.fitted);
+        d_.before = described(s.baseline.hypothesis);
+        d_.after = d_.before;
+        const bool enough = s.steps.empty();
+        if (!enough) {
+            Hypothesis best = s.ranking.front().hypothesis;
+            ModelFit::Options last;
+            last.iterations = 10;
+            last.standard_errors = true;
+            last.workers = control_.workers;
+            last.stop = control_.stop;
+            if (s.shared) {
+                best.standard_errors = s.ranking.front().hypothesis.standard_errors;
+            } else {
+                fit_.fit(best, last);
+            }
+            best_ = best;
+            if (s.explained_by_noise(s.ranking.front())) {
+                name_all(1);
+            } else if (const double trust = trust_in_part(); trust > 0) {
+                name_all(trust);
+            } else {
+                unknown();
+            }
+        }
+        if (d_.verdict.empty()) d_.verdict = "nothing_missing";
+    }
+
+  private:
+    MachineModel described(const Hypothesis& h) const {
+        return MachineModel::from_description(fit_.description(h), "diagnosis");
+    }
+
+    // How far a name may be trusted although more than noise is left, as on real machines: the effect must take most of
+    // the gap, on the records kept out too, come out alike from both, and no other may do nearly as well.
+    double trust_in_part() const {
+        const SearchResult& s = d_.search;
+        const Scored& best = s.ranking.front();
+        if (s.kept_out.empty()) return 0;
+        // Records that show the gap must show it taken; on a poor one there may be none to take.
+        const double fitted = s.baseline.together_fitted, kept_out = s.baseline.together_kept_out;
+        const bool poor_fit = fitted < 2 * SearchResult::limit(s.fitted);
+        const bool poor_proof = kept_out < 2 * SearchResult::limit(s.kept_out);
+        const auto taken = [](double before, double after) { return 1 - std::sqrt(after / before) >= 0.5; };
+        if ((poor_fit && poor_proof) || (!poor_fit && !taken(fitted, best.together_fitted)) ||
+            (!poor_proof && !taken(kept_out, poor_fit ? best.together_kept_out : best.kept_out))) {
+            return 0;
+        }
+        // The same effects fitted to the records kept out alone.
+        Hypothesis other = best.hypothesis;
+        const ModelFit check(machine_, s.kept_out);
+        ModelFit::Options options;
+        options.iterations = 8;
+        options.workers = control_.workers;
+        options.stop = control_.stop;
+        options.move_fields = false;
+        check.fit(other, options);
+        std::size_t index = 0;
+        for (const auto& effect : best.hypothesis.effects) {
+            if (poor_fit || poor_proof) break;          // nothing to compare with
+            const auto& p = effect->parameters.front(); // its size
+            const double a = best.hypothesis.values[index], b = other.values[index];
+            if (std::abs(a - b) > 0.2 * std::max(std::abs(a), std::abs(b)) + p.step) return 0;
+            index += effect->parameters.size();
+        }
+        for (const auto& rival : s.ranking) {
+            if (rival.names() == best.names()) continue;
+            if (rival.together_fitted < 1.5 * best.together_fitted ||
+                rival.together_kept_out < 1.5 * best.together_kept_out) {
+                return 0;
+            }
+        }
+        return 0.75;
+    }
+
+    void name_all(double trust) {
+        const SearchResult& s = d_.search;
+        const Scored& best = s.ranking.front();
+        d_.after = described(*best_);
+        const auto errors = errors_of(*best_);
+        double least = 1;
+        for (std::size_t i = 0; i < best_->effects.size(); ++i) {
+            NamedEffect one;
+            one.name = best_->effects[i]->effect;
+            one.parameters = best_->effects[i]->make(best_->values_of(i));
+            tidy(one.parameters);
+            one.standard_errors = errors[i];
+            // Alternatives: hypotheses that differ from the best one in this effect only.
+            double weight = 1;
+            std::vector<std::pair<const Scored*, double>> rivals;
+            auto rest = best.names();
+            rest.erase(std::find(rest.begin(), rest.end(), one.name));
+            const Scored* next = nullptr;
+            std::string next_name;
+            for (const auto& other : s.ranking) {
+                auto names = other.names();
+                if (names == best.names() || names.size() != best.names().size()) continue;
+                std::vector<std::string> own;
+                std::set_difference(names.begin(), names.end(), rest.begin(), rest.end(), std::back_inserter(own));
+                if (own.size() != 1) continue;
+                if (!next) {
+                    next = &other;
+                    next_name = own[0];
+                }
+                const double w = std::exp(-(other.score - best.score) / (2 * temperature));
+                if (w < 1e-4) continue;
+                weight += w;
+                one.rivals.push_back({own[0], w});
+            }
+            one.probability = certain * trust / weight;
+            for (auto& rival : one.rivals) rival.probability *= certain * trust / weight;
+            least = std::min(least, one.probability);
+            one.evidence = evidence(one, best, next, next_name, trust < 1);
+            d_.effects.push_back(std::move(one));
+        }
+        // The strongest first: the one without which most is left.
+        order_by_strength();
+        d_.verdict = least > 0.6 ? "effect_found" : "undecided";
+    }
+
+    void order_by_strength() {
+        if (best_->effects.size() < 2) return;
+        std::vector<std::pair<double, std::size_t>> strength;
+        for (std::size_t i = 0; i < best_->effects.size(); ++i) {
+            Hypothesis without = *best_;
+            without.remove(i);
+            strength.push_back({-fit_.chi_square(without), i});
+        }
+        std::sort(strength.begin(), strength.end());
+        std::vector<NamedEffect> ordered;
+        for (const auto& [chi, i] : strength) ordered.push_back(std::move(d_.effects[i]));
+        d_.effects = std::move(ordered);
+    }
+
+    std::string evidence(const NamedEffect& one, const Scored& best, const Scored* next, const std::string& next_name,
+                         bool part) const {
+        const SearchResult& s = d_.search;
+        std::string text = fmt::format(
+            "With {} the errors on the fitted records fall from {:.3g} to {:.3g} times those of noise alone", one.name,
+            std::sqrt(s.baseline.fitted), std::sqrt(best.fitted));
+        if (!s.kept_out.empty()) {
+            text += fmt::format(", on the record kept out of the fit from {:.3g} to {:.3g}",
+                                std::sqrt(s.baseline.kept_out), std::sqrt(best.kept_out));
+        }
+        text += ".";
+        if (s.shared) {
+            text +=
+                " The fitted records alone leave its numbers uncertain: the first half of what was kept out is fitted "
+                "too, and the second half is the proof.";
+        }
+        if (next) {
+            text += fmt::format(" The nearest other name, {}, leaves {:.3g} and {:.3g}.", next_name,
+                                std::sqrt(next->together_fitted), std::sqrt(next->together_kept_out));
+        } else {
+            text += " No other effect came near.";
+        }
+        if (!one.rivals.empty()) {
+            text += " On these records the two cannot be told apart with certainty.";
+        }
+        if (part) {
+            text += " More than noise is left, so the name rests on the share it explains and on the agreement of the "
+                    "records, not on a complete explanation.";
+        }
+        return text;
+    }
+
+    // Standard errors in the form of the parameters: what was fixed has none.
+    std::vector<Json> errors_of(const Hypothesis& h) const {
+        std::vector<Json> list;
+        std::size_t begin = 0;
+        for (const auto& effect : h.effects) {
+            const std::size_t count = effect->parameters.size();
+            Json errors = Json::object();
+            const std::vector<double> values(h.values.begin() + static_cast<std::ptrdiff_t>(begin),
+                                             h.values.begin() + static_cast<std::ptrdiff_t>(begin + count));
+            const Json base = effect->make(values);
+            // A parameter of the effect may hang on several numbers: errors add up as squares of what each moves.
+            std::vector<double> square;
+            for (std::size_t i = 0; i < count; ++i) {
+                auto moved = values;
+                const double step = h.standard_errors[begin + i];
+                moved[i] += step;
+                add_squares(errors, base, effect->make(moved));
+            }
+            take_roots(errors);
+            list.push_back(std::move(errors));
+            begin += count;
+        }
+        return list;
+    }
+
+    static void add_squares(Json& sum, const Json& a, const Json& b) {
+        for (const auto& [key, value] : a.items()) {
+            if (value.is_number()) {
+                const double d = b[key].get<double>() - value.get<double>();
+                sum[key] = (sum.contains(key) ? sum[key].get<double>() : 0.0) + d * d;
+            } else if (value.is_array()) {
+                if (!sum.contains(key)) sum[key] = Json::array();
+                for (std::size_t i = 0; i < value.size(); ++i) {
+                    if (sum[key].size() <= i) sum[key].push_back(Json::object());
+                    add_squares(sum[key][i], value[i], b[key][i]);
+                }
+            }
+        }
+    }
+
+    static void take_roots(Json& sum) {
+        for (auto& [key, value] : sum.items()) {
+            if (value.is_number())
+                value = std::sqrt(value.get<double>());
+            else
+                for (auto& entry : value) take_roots(entry);
+        }
+    }
+
+    // Phases between zero and one turn.
+    static void tidy(Json& parameters) {
+        for (auto& [key, value] : parameters.items()) {
+            if (value.is_array()) {
+                for (auto& entry : value) tidy(entry);
+            } else if (value.is_number() && (key == "phase" || key == "phase2")) {
+                constexpr double turn = 2 * 3.141592653589793;
+                value = value.get<double>() - turn * std::floor(value.get<double>() / turn);
+            }
+        }
+    }
+
+    void unknown() {
+        const SearchResult& s = d_.search;
+        d_.verdict = "unknown_effect";
+        // The one effect that comes nearest on the record kept out.
+        const Scored& first = s.steps.front();
+        const double before = s.kept_out.empty() ? s.baseline.fitted : s.baseline.kept_out;
+        const double after = s.kept_out.empty() ? first.fitted : first.kept_out;
+        d_.nearest = Diagnosis::Nearest{fmt::format("{}", fmt::join(first.names(), "+")),
+                                        std::clamp(1 - std::sqrt(after / before), 0.0, 1.0)};
+        best_.reset();
+    }
+
+    const MachineModel& machine_;
+    Diagnosis& d_;
+    const RunControl& control_;
+    ModelFit fit_;
+    std::optional<Hypothesis> best_;
+};
+
+// A resolution read from the values: it is no gap of positions, which are simulated without rounding, but noise and rounding
+// leave more than the machine as described would.
+void add_encoder(Diagnosis& d, const Effect& encoder, double described, const RunControl& control) {
+    for (auto* list : {&d.fitted, &d.kept_out}) {
+        for (auto& c : *list) {
+            if (const auto floor = noise_floor(d.before, c.measurement, control)) c.described_floor = floor->rms;
+        }
+    }
+    const Compared& proof = d.kept_out.front();
+    NamedEffect one;
+    one.name = encoder.kind().name;
+    one.parameters = encoder.to_json()["parameters"];
+    one.standard_errors = Json{{"resolution_m", 0.0}};
+    one.probability = 0.99;
+    one.evidence = fmt::format(
+        "All measured positions are multiples of {} m, not of {} m as described. On the record kept out noise and "
+        "rounding of the machine as described would leave {:.3g} um, with this resolution they leave {:.3g} um; "
+        "measured less simulated position is {:.3g} um.",
+        to_text(encoder.number("resolution_m")), to_text(described), 1e6 * proof.described_floor, 1e6 * proof.gap.floor,
+        1e6 * proof.gap.after);
+    d.effects.insert(d.effects.begin(), one);
+    if (d.verdict == "nothing_missing") d.verdict = "effect_found";
+}
+
+} // namespace
+
+Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted, std::optional<Measurement> kept_out,
+                   const DiagnosisOptions& options, const RunControl& control) {
+    for (const auto& m : fitted) check_size(machine, m);
+    std::vector<Evidence> fit_records, proof;
+    if (kept_out) {
+        check_size(machine, *kept_out);
+        proof.push_back({std::move(*kept_out)});
+    } else {
+        // The last third proves what the first two tell.
+        Evidence rest{fitted.front()};
+        rest.first = 2 * rest.measurement.size() / 3;
+        proof.push_back(rest);
+        fitted.front().cut(rest.first);
+    }
+    // A resolution coarser than described shows in the values themselves.
+    MachineModel coarse = machine;
+    std::optional<Effect> encoder;
+    const double described = machine.axis().encoder_resolution;
+    double step = std::numeric_limits<double>::infinity();
+    for (const auto& m : fitted) step = std::min(step, lattice_step(m.position(), described));
+    if (described > 0 && step > 1.4 * described) {
+        encoder = Candidate{
+            "encoder_quantization",
+            "",
+            {},
+            [step](std::span<const double>) {
+                                return Json{{"resolution_m", step}}; },
+            {},
+            {},
+            {}}.at({});
+        std::vector<Effect> effects = machine.effects;
+        effects.push_back(*encoder);
+        coarse = machine.with_effects(std::move(effects));
+    }
+    for (auto& m : fitted) fit_records.push_back({std::move(m)});
+    Diagnosis d{.verdict = {}, .before = machine, .after = machine};
+    d.search = search_effects(coarse, std::move(fit_records), std::move(proof), options.max_effects, control);
+    Verdict verdict(coarse, d, control);
+    try {
+        verdict.decide();
+    } catch (const EndedEarly&) {
+        throw EndedEarly(fmt::format("interrupted, nothing is written; so far {}", d.search.found_so_far()));
+    }
+    if (encoder)
+        d.before = MachineModel::from_description(
+            ModelFit(machine, d.search.fitted).description(d.search.baseline.hypothesis), "diagnosis");
+    for (const auto& record : d.search.fitted) d.fitted.push_back(compared(record, d.before, d.after));
+    for (const auto& record : d.search.kept_out) d.kept_out.push_back(compared(record, d.before, d.after));
+    if (encoder) add_encoder(d, *encoder, described, control);
+    d.fitted_gap = total(d.fitted);
+    d.kept_out_gap = total(d.kept_out);
+    d.where = where_they_disagree(d);
+    RunControl whole = control; // with the verdict made, the rest takes moments
+    whole.stop = nullptr;
+    d.next_experiment = next_experiment(d, whole);
+    return d;
+}
+
+} // namespace tribode

@@ -1,0 +1,65 @@
+#pragma once
+#include "tribode/base/run_control.hpp"
+#include "tribode/diagnosis/search.hpp"
+
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+struct DiagnosisOptions {
+    std::size_t max_effects = 3;
+};
+
+struct Rival {
+    std::string name;
+    double probability;
+};
+
+struct NamedEffect {
+    std::string name;
+    Json parameters, standard_errors; // as in the machine description; errors of the numbers that were fitted
+    double probability = 0;
+    std::vector<Rival> rivals; // alternatives to this one effect, the others being as they are
+    std::string evidence;      // one paragraph
+};
+
+// rms of y_measured - y without and with the effects, and what the true machine would leave [m].
+struct Gap {
+    double before = 0, after = 0, floor = 0;
+};
+
+// One record, measured and simulated.
+struct Compared {
+    Measurement measurement;
+    std::vector<double> y_before, u_before, y_after, u_after; // [m], [N]
+    Gap gap;
+    double described_floor = 0; // what noise and rounding of the machine as described would leave [m]
+    std::size_t first = 0;      // first sample of those that count
+};
+
+struct Diagnosis {
+    std::string verdict; // effect_found, nothing_missing, unknown_effect or undecided
+    std::vector<NamedEffect> effects;
+    std::string where; // one paragraph
+    std::optional<Gap> fitted_gap, kept_out_gap;
+    std::vector<Compared> fitted, kept_out;
+    struct Nearest {
+        std::string name;
+        double share; // of the rms of the whitened gap
+    };
+    std::optional<Nearest> nearest;
+    std::optional<std::string> next_experiment;
+    MachineModel before, after; // the machine as described, fields within their tolerance; with the effects
+    SearchResult search;
+    double false_alarm_limit = 0; // chi square per sample above which something is missing
+};
+
+// Finds where a machine and its measured records disagree and which effect it lacks. `kept_out`: a record for the proof
+// alone; without it the last third of the first record is that. Throws InputError where a record and the machine have
+// nothing to do with each other, EndedEarly with what is known so far on a stop request.
+Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted, std::optional<Measurement> kept_out,
+                   const DiagnosisOptions& options, const RunControl& control);
+
+} // namespace tribode

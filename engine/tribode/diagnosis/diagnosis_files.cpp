@@ -1,0 +1,523 @@
+#include "tribode/diagnosis/diagnosis_files.hpp"
+#include "tribode/analysis/spectrum.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/diagnosis/disagreement.hpp"
+#include "tribode/effect/effect.hpp"
+#include "tribode/record/csv.hpp"
+#include "tribode/record/json_file.hpp"
+#include "tribode/record/report.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <limits>
+
+namespace tribode {
+
+namespace {
+
+const char* const gray = "#888888";
+const char* const red = "#c0392b";
+const char* const blue = "#1f5f9e";
+
+Json gap_json(const std::optional<Gap>& gap) {
+    if (!gap) return nullptr;
+    return {{"before", gap->before}, {"after", gap->after}, {"floor", gap->floor}};
+}
+
+std::string sentence(const Diagnosis& d) {
+    std::vector<std::string> names;
+    for (const auto& effect : d.effects) names.push_back(effect.name);
+    const Gap& gap = *d.kept_out_gap;
+    const std::string shrink =
+        fmt::format("on the record kept out of the fit the gap falls from {:.3g} to {:.3g} um rms, where noise and "
+                    "rounding leave {:.3g} um",
+                    1e6 * gap.before, 1e6 * gap.after, 1e6 * gap.floor);
+    if (d.verdict == "nothing_missing") {
+        return fmt::format("Nothing is missing that these records can show: measured and simulated position differ by "
+                           "{:.3g} um rms, noise and rounding leave {:.3g} um.",
+                           1e6 * gap.before, 1e6 * gap.floor);
+    }
+    if (d.verdict == "unknown_effect") {
+        return fmt::format("Something is missing that is none of the known effects; the nearest, {}, explains {:.0f} % "
+                           "of the gap.",
+                           d.nearest->name, 100 * d.nearest->share);
+    }
+    if (d.verdict == "undecided") {
+        std::vector<std::string> rivals;
+        for (const auto& effect : d.effects) {
+            for (const auto& rival : effect.rivals) rivals.push_back(rival.name);
+        }
+        return fmt::format("What is missing is {} or {}, which these records cannot tell apart; {}.",
+                           fmt::join(names, " and "), fmt::join(rivals, " or "), shrink);
+    }
+    if (names == std::vector<std::string>{"encoder_quantization"}) {
+        // Positions are simulated without rounding: it is the floor that differs.
+        return fmt::format(
+            "What is missing is encoder_quantization: with it noise and rounding leave {:.3g} um rms on the "
+            "record kept out of the fit, as described {:.3g} um, and measured less simulated position is "
+            "{:.3g} um.",
+            1e6 * gap.floor, 1e6 * d.kept_out.front().described_floor, 1e6 * gap.after);
+    }
+    return fmt::format("What is missing is {}; {}.", fmt::join(names, " and "), shrink);
+}
+
+// A name and a value for every number in a table of parameters: "harmonics[1].F".
+void flatten(const Json& value, const std::string& path, std::vector<std::pair<std::string, double>>& list) {
+    if (value.is_number()) {
+        list.push_back({path, value.get<double>()});
+    } else if (value.is_object()) {
+        for (const auto& [key, entry] : value.items()) flatten(entry, path.empty() ? key : path + "." + key, list);
+    } else if (value.is_array()) {
+        for (std::size_t i = 0; i < value.size(); ++i) flatten(value[i], fmt::format("{}[{}]", path, i + 1), list);
+    }
+}
+
+std::string unit_of(const std::string& effect, const std::string& path) {
+    const std::string name = path.substr(path.rfind('.') == std::string::npos ? 0 : path.rfind('.') + 1);
+    for (const auto& parameter : effect_kind(effect).parameters) {
+        if (parameter.name == name) return parameter.unit;
+        for (const auto& field : parameter.fields) {
+            if (field.name == name) return field.unit;
+        }
+    }
+    return "";
+}
+
+std::vector<double> times(const Compared& c) {
+    std::vector<double> t = c.measurement.drive.t;
+    const double start = t.front();
+    for (double& value : t) value -= start;
+    return t;
+}
+
+std::vector<double> difference(const std::vector<double>& a, const std::vector<double>& b, double scale) {
+    std::vector<double> d(a.size());
+    for (std::size_t k = 0; k < a.size(); ++k) d[k] = scale * (a[k] - b[k]);
+    return d;
+}
+
+std::vector<double> scaled(std::vector<double> values, double scale) {
+    for (double& value : values) value *= scale;
+    return values;
+}
+
+Plot response_plot(const Compared& c, bool named) {
+    const auto t = times(c);
+    Plot plot;
+    Panel response, gap;
+    response.x_label = gap.x_label = "Time [s]";
+    response.y_label = "Position [mm]";
+    response.series = {{"measured", t, scaled(c.measurement.position(), 1e3), SeriesStyle::line, gray, 2.6},
+                       {"before", t, scaled(c.y_before, 1e3), SeriesStyle::line, red, 1.0}};
+    gap.y_label = "Measured - simulated [um]";
+    gap.series = {{"before", t, difference(c.measurement.position(), c.y_before, 1e6), SeriesStyle::line, red, 1.0}};
+    if (named) {
+        response.series.push_back({"after", t, scaled(c.y_after, 1e3), SeriesStyle::dashed, blue, 1.2});
+        gap.series.push_back(
+            {"after", t, difference(c.measurement.position(), c.y_after, 1e6), SeriesStyle::line, blue, 1.0});
+    }
+    plot.panels = {response, gap};
+    return plot;
+}
+
+// What is left over as a force, without and with the effects found.
+struct Residuals {
+    ResidualForce before, after;
+    bool named; // whether there are effects
+
+    Residuals(const Diagnosis& d, const Compared& c)
+        : before(residual_force(d.before, c.measurement, {c.y_before, c.u_before})),
+          after(residual_force(d.after, c.measurement, {c.y_after, c.u_after}, before.bandwidth)),
+          named(!d.effects.empty()) {}
+};
+
+// Thrust over position, and what it does besides moving the mass: friction, with its loop at every reversal.
+Plot loop_plot(const Compared& c, const Residuals& residuals) {
+    Plot plot;
+    Panel loop, friction;
+    loop.x_label = friction.x_label = "Position [mm]";
+    loop.y_label = "Thrust reference [N]";
+    loop.series = {
+        {"measured", scaled(c.measurement.position(), 1e3), c.measurement.thrust, SeriesStyle::line, gray, 2.2},
+        {"before", scaled(c.y_before, 1e3), c.u_before, SeriesStyle::line, red, 0.9}};
+    const auto& [before, after, named] = residuals;
+    friction.y_label = "Thrust less inertia [N]";
+    const auto position = scaled(before.position, 1e3);
+    // Measured, and with the force that the model lacks simulated.
+    const auto shown = [](const ResidualForce& r, double simulated) {
+        std::vector<double> f(r.force.size());
+        for (std::size_t k = 0; k < f.size(); ++k) f[k] = r.thrust[k] - r.inertial[k] + simulated * r.force[k];
+        return f;
+    };
+    friction.series = {{"measured", position, shown(before, 0), SeriesStyle::line, gray, 2.2},
+                       {"before", position, shown(before, 1), SeriesStyle::line, red, 0.9}};
+    if (named) {
+        loop.series.push_back({"after", scaled(c.y_after, 1e3), c.u_after, SeriesStyle::line, blue, 0.9});
+        friction.series.push_back(
+            {"after", scaled(after.position, 1e3), shown(after, 1), SeriesStyle::line, blue, 0.9});
+    }
+    plot.panels = {loop, friction};
+    return plot;
+}
+
+Plot spectrum_plot(const Compared& c, bool named, double sample_time) {
+    std::vector<double> frequency;
+    for (int i = 0; i < 300; ++i) frequency.push_back(0.5 * std::pow(0.45 / sample_time / 0.5, i / 299.0));
+    const auto& y = c.measurement.position();
+    Plot plot;
+    Panel panel;
+    panel.x_label = "Frequency [Hz]";
+    panel.y_label = "Amplitude of measured - simulated [um]";
+    panel.x_log = panel.y_log = true;
+    const auto add = [&](const char* name, const std::vector<double>& simulated, const char* color) {
+        panel.series.push_back({name, frequency,
+                                amplitude_spectrum(difference(y, simulated, 1e6), sample_time, frequency),
+                                SeriesStyle::line, color});
+    };
+    add("before", c.y_before, red);
+    if (named) add("after", c.y_after, blue);
+    plot.panels = {panel};
+    return plot;
+}
+
+Plot force_plot(const Residuals& residuals) {
+    const auto& [before, after, named] = residuals;
+    Plot plot;
+    plot.title = fmt::format("Force that the model lacks, below {:g} Hz; noise leaves {:.2g} N rms of it",
+                             before.bandwidth, before.noise);
+    struct Axis {
+        Coordinate coordinate;
+        const char* label;
+        double scale;
+    };
+    for (const auto& [coordinate, label, scale] :
+         {Axis{Coordinate::position, "Position [mm]", 1e3},
+          {Coordinate::velocity, "Velocity [mm/s]", 1e3},
+          {Coordinate::since_reversal, "Distance since the last reversal [mm]", 1e3},
+          {Coordinate::thrust, "Thrust [N]", 1},
+          {Coordinate::time, "Time [s]", 1}}) {
+        Panel panel;
+        panel.x_label = label;
+        panel.y_label = "Force [N]";
+        const ForceCurve was = force_curve(before, coordinate, 80);
+        panel.series = {{"before, forward", scaled(was.at, scale), was.forward, SeriesStyle::line, red},
+                        {"before, backward", scaled(was.at, scale), was.backward, SeriesStyle::dashed, red}};
+        if (named) {
+            const ForceCurve is = force_curve(after, coordinate, 80);
+            panel.series.push_back({"after, forward", scaled(is.at, scale), is.forward, SeriesStyle::line, blue});
+            panel.series.push_back({"after, backward", scaled(is.at, scale), is.backward, SeriesStyle::dashed, blue});
+        }
+        plot.panels.push_back(std::move(panel));
+    }
+    Panel spectrum;
+    spectrum.x_label = "Frequency [Hz]";
+    spectrum.y_label = "Amplitude of the force [N]";
+    spectrum.x_log = spectrum.y_log = true;
+    std::vector<double> frequency;
+    for (int i = 0; i < 200; ++i) frequency.push_back(0.3 * std::pow(before.bandwidth / 0.3, i / 199.0));
+    const auto add = [&](const char* name, const ResidualForce& r, const char* color) {
+        spectrum.series.push_back(
+            {name, frequency, amplitude_spectrum(r.force, r.sample_time, frequency), SeriesStyle::line, color});
+    };
+    add("before", before, red);
+    if (named) add("after", after, blue);
+    plot.panels.push_back(std::move(spectrum));
+    plot.height = 2400;
+    return plot;
+}
+
+// The same over two coordinates at once: what no effect of the list explains may still have a place, a speed or a time.
+Plot map_plot(const Residuals& residuals) {
+    Plot plot;
+    plot.title = "Force that the model lacks, in two coordinates";
+    plot.height = residuals.named ? 1800 : 1000;
+    double strongest_of_motion = 0, strongest_of_time = 0; // colours alike before and after
+    const auto strongest = [](std::vector<double> values) {
+        std::erase_if(values, [](double value) { return !std::isfinite(value); });
+        if (values.empty()) return 0.0;
+        for (double& value : values) value = std::abs(value);
+        std::sort(values.begin(), values.end());
+        return values[values.size() * 99 / 100];
+    };
+    const auto add = [&](const ResidualForce& r, const char* when) {
+        Panel motion, time;
+        const ForceMap over_motion = force_over_motion(r), over_time = force_over_time_and_frequency(r);
+        if (strongest_of_motion == 0) strongest_of_motion = strongest(over_motion.values);
+        if (strongest_of_time == 0) strongest_of_time = strongest(over_time.values);
+        motion.title = fmt::format("{}: mean force where the machine was, forward above, backward below", when);
+        motion.x_label = "Position [mm]";
+        motion.y_label = "Velocity [mm/s]";
+        time.title = fmt::format("{}: when and at which frequencies", when);
+        time.x_label = "Time [s]";
+        time.y_label = "Frequency [Hz]";
+        time.y_log = true;
+        if (!over_motion.values.empty()) {
+            motion.map = {"Force [N]", scaled(over_motion.x_edges, 1e3), scaled(over_motion.y_edges, 1e3),
+                          over_motion.values, strongest_of_motion};
+        }
+        if (!over_time.values.empty()) {
+            time.map = {"Amplitude [N]", over_time.x_edges, over_time.y_edges, over_time.values, strongest_of_time};
+        }
+        plot.panels.push_back(std::move(motion));
+        plot.panels.push_back(std::move(time));
+    };
+    add(residuals.before, "before");
+    if (residuals.named) add(residuals.after, "after");
+    return plot;
+}
+
+// The force itself, as it is drawn.
+Table force_table(const Residuals& residuals) {
+    const ResidualForce& r = residuals.before;
+    Table table;
+    table.add("t", "s", r.time);
+    table.add("position", "m", r.position);
+    table.add("velocity", "m/s", r.velocity);
+    table.add("thrust", "N", r.thrust);
+    table.add("force_before", "N", r.force);
+    return table;
+}
+
+ReportTable gap_table(const Diagnosis& d) {
+    ReportTable table;
+    table.caption = "rms of measured less simulated position";
+    table.columns = {{"record"},         {"before", "um"}, {"after", "um"}, {"noise and rounding", "um"},
+                     {"before / floor"}, {"after / floor"}};
+    const auto row = [&](const std::string& name, const Gap& gap) {
+        table.rows.push_back(
+            {name, 1e6 * gap.before, 1e6 * gap.after, 1e6 * gap.floor, gap.before / gap.floor, gap.after / gap.floor});
+    };
+    row("fitted", *d.fitted_gap);
+    row("kept out of the fit", *d.kept_out_gap);
+    if (const Compared& proof = d.kept_out.front(); proof.described_floor != proof.gap.floor) {
+        Gap described = *d.kept_out_gap;
+        described.floor = proof.described_floor;
+        row("the same, with the encoder as described", described);
+    }
+    return table;
+}
+
+ReportTable share_table(const Compared& c) {
+    ReportTable table;
+    table.caption = "Shares of the squared error before, beside the shares of the time";
+    table.columns = {{"coordinate"}, {"part"}, {"error", "%", 1}, {"time", "%", 1}, {"error / time", "", 2}};
+    for (const auto& part : gap_shares(c)) {
+        table.rows.push_back({part.axis, part.part, 100 * part.error, 100 * part.time, part.lift()});
+    }
+    return table;
+}
+
+ReportTable ranking_table(const Diagnosis& d) {
+    ReportTable table;
+    table.caption =
+        "What each hypothesis leaves, in units of the errors that noise alone would leave; the score is chi "
+        "square of all records and the penalty of the free numbers, less that of the best";
+    table.columns = {{"effects"}, {"free numbers", "", 0}, {"fitted records"}, {"kept out"}, {"score above the best"}};
+    const auto row = [&](const std::string& name, const Scored& one) {
+        table.rows.push_back({name, static_cast<double>(one.hypothesis.parameter_count()), std::sqrt(one.fitted),
+                              std::sqrt(one.kept_out),
+                              d.search.ranking.empty() ? 0 : one.score - d.search.ranking.front().score});
+    };
+    row("none", d.search.baseline);
+    for (const auto& one : d.search.ranking) row(fmt::format("{}", fmt::join(one.names(), " + ")), one);
+    return table;
+}
+
+ReportTable parameter_table(const NamedEffect& effect) {
+    ReportTable table;
+    table.columns = {{"parameter"}, {"value"}, {"standard error"}, {"unit"}};
+    std::vector<std::pair<std::string, double>> values, errors;
+    flatten(effect.parameters, "", values);
+    flatten(effect.standard_errors, "", errors);
+    for (const auto& [path, value] : values) {
+        double error = std::numeric_limits<double>::quiet_NaN();
+        for (const auto& [name, number] : errors) {
+            if (name == path && number > 0) error = number;
+        }
+        table.rows.push_back({path, value, error, unit_of(effect.name, path)});
+    }
+    return table;
+}
+
+Report report_of(const Diagnosis& d, const Residuals& residuals, const Json& summary) {
+    const Compared& proof = d.kept_out.front();
+    const double Ts = d.before.sample_time;
+    Report report;
+    report.title = "Where model and measurement disagree";
+    report.summary = sentence(d);
+    report.sections.push_back(
+        {"The gap",
+         {gap_table(d), Figure{"response", "The record kept out of the fit.", response_plot(proof, residuals.named)}}});
+    report.sections.push_back(
+        {"Where they disagree",
+         {Paragraph{d.where}, share_table(proof),
+          Figure{"residual_force",
+                 "Delayed thrust less modelled friction and inertia, measured less "
+                 "simulated: what pushes the machine and not the model.",
+                 force_plot(residuals)},
+          Figure{"residual_maps", "The same over position and velocity, and over time and frequency.",
+                 map_plot(residuals)}}});
+    ReportSection names{"The name", {}};
+    if (d.verdict == "unknown_effect") {
+        names.blocks.push_back(Paragraph{"No known effect leaves noise alone, nor takes half of the gap, alike on all "
+                                         "records and more than the others: none is named."});
+    }
+    names.blocks.push_back(ranking_table(d));
+    for (const auto& effect : d.effects) {
+        names.blocks.push_back(Paragraph{fmt::format("{} with probability {:.2f}: {}.", effect.name, effect.probability,
+                                                     effect_kind(effect.name).equation)});
+        names.blocks.push_back(parameter_table(effect));
+        names.blocks.push_back(Paragraph{effect.evidence});
+        if (!effect.rivals.empty()) {
+            BulletList rivals;
+            for (const auto& rival : effect.rivals) {
+                rivals.items.push_back(fmt::format("{} with probability {:.2g}", rival.name, rival.probability));
+            }
+            names.blocks.push_back(Paragraph{"It could also be:"});
+            names.blocks.push_back(rivals);
+        }
+    }
+    if (d.next_experiment) names.blocks.push_back(Paragraph{"The experiment that would decide: " + *d.next_experiment});
+    report.sections.push_back(std::move(names));
+    report.sections.push_back(
+        {"Before and after",
+         {Figure{"loop",
+                 "Thrust over position, and what of it does not move the mass: friction and the "
+                 "forces on the axis.",
+                 loop_plot(proof, residuals)},
+          Figure{"spectrum", "What is left over frequency.", spectrum_plot(proof, residuals.named, Ts)}}});
+    BulletList unseen;
+    unseen.items = untested(d);
+    report.sections.push_back({"What these records cannot show", {unseen}});
+    ReportSection how{"How it was found", {}};
+    how.blocks.push_back(
+        Paragraph{fmt::format("Every effect was put into the machine, fitted to the records by simulation of the whole "
+                              "loop and judged on a record "
+                              "kept out. Something counts as missing where the whitened errors exceed {:.3f} times the "
+                              "variance that noise and rounding "
+                              "explain: five standard deviations, and 3 % for what two simulators may differ.",
+                              d.false_alarm_limit)});
+    if (!d.search.baseline.hypothesis.nominal.empty()) {
+        ReportTable moved;
+        moved.caption = "Fields within their tolerance, as fitted, in standard deviations";
+        moved.columns = {{"field"}, {"before", "", 2}, {"after", "", 2}};
+        const ModelFit fit(d.before, d.search.fitted);
+        const auto& best = d.search.ranking.empty() ? d.search.baseline : d.search.ranking.front();
+        for (std::size_t i = 0; i < fit.fields().size(); ++i) {
+            moved.rows.push_back(
+                {fit.fields()[i].name, d.search.baseline.hypothesis.nominal[i], best.hypothesis.nominal[i]});
+        }
+        how.blocks.push_back(moved);
+    }
+    how.blocks.push_back(Paragraph{fmt::format("Program version {}, machine {}.", summary["version"].get<std::string>(),
+                                               summary["machine"].get<std::string>().substr(0, 16))});
+    report.sections.push_back(std::move(how));
+    return report;
+}
+
+// A value as Lua writes it.
+void append_lua(std::string& text, const Json& value, std::size_t depth) {
+    const std::string indent(2 * depth + 2, ' ');
+    if (value.is_object() || value.is_array()) {
+        text += "{\n";
+        for (const auto& [key, entry] : value.items()) {
+            if (entry.is_null()) continue;
+            text += indent;
+            if (value.is_object()) {
+                const bool plain = !key.empty() && std::all_of(key.begin(), key.end(), [](unsigned char c) {
+                    return std::isalnum(c) || c == '_';
+                }) && !std::isdigit(static_cast<unsigned char>(key[0]));
+                text += plain ? key + " = " : "[" + Json(key).dump() + "] = ";
+            }
+            append_lua(text, entry, depth + 1);
+            text += ",\n";
+        }
+        text += std::string(2 * depth, ' ') + "}";
+    } else if (value.is_number_float()) {
+        append_text(text, value.get<double>());
+    } else {
+        text += value.dump();
+    }
+}
+
+} // namespace
+
+Json diagnosis_json(const Diagnosis& d, const std::vector<std::string>& data, const std::string& machine_hash,
+                    double seconds) {
+    Json effects = Json::array();
+    for (const auto& effect : d.effects) {
+        Json rivals = Json::array();
+        for (const auto& rival : effect.rivals)
+            rivals.push_back({{"name", rival.name}, {"probability", rival.probability}});
+        effects.push_back({{"name", effect.name},
+                           {"parameters", effect.parameters},
+                           {"standard_errors", effect.standard_errors},
+                           {"probability", effect.probability},
+                           {"rivals", rivals},
+                           {"evidence", effect.evidence}});
+    }
+    Json nearest = nullptr, next = nullptr;
+    if (d.nearest) nearest = {{"name", d.nearest->name}, {"share", d.nearest->share}};
+    if (d.next_experiment) next = *d.next_experiment;
+    return {
+        {"verdict", d.verdict},    {"effects", effects},
+        {"where", d.where},        {"gap", {{"ident", gap_json(d.fitted_gap)}, {"validate", gap_json(d.kept_out_gap)}}},
+        {"gap_unit", "m"},         {"nearest", nearest},
+        {"next_experiment", next}, {"data", data},
+        {"machine", machine_hash}, {"version", version()},
+        {"seconds", seconds}};
+}
+
+std::string machine_lua(const Json& description) {
+    std::string text = "-- A machine description; see docs/machine-description.md.\nreturn ";
+    append_lua(text, description, 0);
+    return text + "\n";
+}
+
+void write_diagnosis(const Diagnosis& d, const Json& summary, RunFolder& folder, const RunControl& control) {
+    folder.write_json("machine.json", d.after.description);
+    folder.write("machine.lua", machine_lua(d.after.description));
+    const Compared& proof = d.kept_out.front();
+    Table table;
+    table.add("t", "s", proof.measurement.drive.t);
+    const bool closed = proof.measurement.drive.closed_loop();
+    table.add("r", "m",
+              closed ? proof.measurement.drive.reference : std::vector<double>(proof.measurement.size(), 0.0));
+    table.add("u_measured", "N", proof.measurement.thrust);
+    table.add("y_measured", "m", proof.measurement.position());
+    table.add("u_before", "N", proof.u_before);
+    table.add("y_before", "m", proof.y_before);
+    table.add("u_after", "N", proof.u_after);
+    table.add("y_after", "m", proof.y_after);
+    folder.write("validate.csv", to_csv(table));
+    const Residuals residuals(d, proof);
+    folder.write("residual_force.csv", to_csv(force_table(residuals)));
+    RunControl whole = control;
+    whole.stop = nullptr;
+    for (const auto& image : write_report(folder.path("report.html"), report_of(d, residuals, summary), whole))
+        folder.add(image);
+    folder.add("report.html");
+    folder.write_json("diagnosis.json", summary);
+}
+
+std::string diagnosis_text(const Json& summary) {
+    std::string text = fmt::format("{}\n", summary["verdict"].get<std::string>());
+    for (const auto& effect : summary["effects"]) {
+        text += fmt::format("  {} {}  probability {:.2f}\n", effect["name"].get<std::string>(),
+                            effect["parameters"].dump(), effect["probability"].get<double>());
+        for (const auto& rival : effect["rivals"]) {
+            text += fmt::format("    or {}  probability {:.2g}\n", rival["name"].get<std::string>(),
+                                rival["probability"].get<double>());
+        }
+    }
+    for (const char* record : {"ident", "validate"}) {
+        const Json& gap = summary["gap"][record];
+        text += fmt::format("  gap on {}: {:.3g} m before, {:.3g} m after, {:.3g} m floor\n", record,
+                            gap["before"].get<double>(), gap["after"].get<double>(), gap["floor"].get<double>());
+    }
+    return text;
+}
+
+} // namespace tribode

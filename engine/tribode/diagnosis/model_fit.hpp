@@ -1,0 +1,95 @@
+#pragma once
+#include "tribode/base/run_control.hpp"
+#include "tribode/diagnosis/candidate.hpp"
+#include "tribode/diagnosis/measurement.hpp"
+#include "tribode/diagnosis/noise_floor.hpp"
+#include "tribode/machine/machine_model.hpp"
+
+#include <atomic>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+// A measured record with what noise leaves of it: errors are judged in units of that.
+struct Evidence {
+    Measurement measurement;
+    NoiseFloor floor = {};
+    std::size_t first = 0; // samples before this one only bring the machine to where it is
+
+    std::size_t samples() const { return measurement.size() - first; }
+};
+
+// A field of the machine of which its user is not sure: the description's tolerance. In a fit it is moved by
+// standard deviations, and each counts against the fit as an error of its own.
+struct UncertainField {
+    std::string name; // "modes[1].freq_hz"
+    double deviation; // relative standard deviation
+    std::function<void(MachineModel&, double factor)> scale;
+    std::function<void(Json& description, double factor)> describe; // the same in the description
+};
+std::vector<UncertainField> uncertain_fields(const MachineModel& machine);
+
+// A machine with effects that may be there, and the numbers of both.
+struct Hypothesis {
+    std::vector<std::shared_ptr<const Candidate>> effects;
+    std::vector<double> values;                                  // of the effects' parameters, one after another
+    std::vector<double> nominal;                                 // of the uncertain fields, in standard deviations
+    double chi_square = std::numeric_limits<double>::infinity(); // over the fitted records, fields included
+    bool converged = false;
+    // The numbers are those of a record's beginning, and a fit leaves them: later noise decides on the way.
+    bool settled = false;
+    std::vector<double> standard_errors; // of values, where they were asked for
+
+    std::size_t parameter_count() const { return values.size(); }
+    double deviation() const; // sum of squares of the fields' standard deviations
+    // Whether the fields lie as such tolerances let them, but once in a thousand machines: beyond, an effect is missing.
+    bool within_tolerance() const;
+    std::span<const double> values_of(std::size_t effect) const;
+    void remove(std::size_t effect); // with its numbers
+};
+
+// Fits hypotheses to records by full simulation: least squares of whitened errors, Levenberg and Marquardt's method with
+// differences, within the bounds of each number.
+class ModelFit {
+  public:
+    // The machine and the evidence must outlive it.
+    ModelFit(const MachineModel& machine, const std::vector<Evidence>& evidence);
+
+    const std::vector<UncertainField>& fields() const { return fields_; }
+    std::size_t sample_count() const;
+
+    MachineModel machine(const Hypothesis& h) const;
+    // Its description: the user's, with the fields moved and the effects added.
+    Json description(const Hypothesis& h) const;
+
+    // Chi square at the hypothesis' numbers: infinite where the machine cannot follow the record.
+    double chi_square(const Hypothesis& h) const;
+    // Whitened errors, record after record, then the fields; empty where the machine cannot follow.
+    std::vector<double> errors(const Hypothesis& h) const;
+
+    struct Options {
+        int iterations = 30;
+        bool move_fields = true;      // the uncertain fields too
+        bool standard_errors = false; // at the end
+        double tolerance = 1e-5;      // relative fall of chi square at which it has converged
+        unsigned workers = 1;         // for the differences
+        const std::atomic<bool>* stop = nullptr;
+    };
+    // Of a settled hypothesis chi square alone is found. Throws EndedEarly on a stop request.
+    void fit(Hypothesis& h, const Options& options) const;
+
+  private:
+    double factor(const Hypothesis& h, std::size_t field) const;
+    struct Coordinate; // one number as the fit moves it
+    std::vector<Coordinate> coordinates(const Hypothesis& h, bool fields) const;
+
+    const MachineModel& machine_;
+    const std::vector<Evidence>& evidence_;
+    std::vector<UncertainField> fields_;
+};
+
+} // namespace tribode

@@ -1,0 +1,108 @@
+#include "tribode/diagnosis/noise_floor.hpp"
+#include "tribode/base/random.hpp"
+#include "tribode/diagnosis/response.hpp"
+
+#include <cmath>
+#include <numeric>
+
+namespace tribode {
+
+namespace {
+
+constexpr std::size_t seeds = 6;
+constexpr std::size_t order = 32; // 16 ms at 2 kHz: the loop's shape, short against any record
+constexpr std::uint64_t floor_stream = 0x66c7;
+
+double mean_square(const std::vector<double>& x) {
+    double sum = 0;
+    for (const double value : x) sum += value * value;
+    return sum / static_cast<double>(x.size());
+}
+
+// Noise of the positions from their third differences, which a smooth motion hardly has. White noise of variance s^2
+// gives 20 s^2.
+double fine_part(const std::vector<double>& y) {
+    double sum = 0;
+    for (std::size_t k = 0; k + 3 < y.size(); ++k) {
+        const double d = y[k + 3] - 3 * y[k + 2] + 3 * y[k + 1] - y[k];
+        sum += d * d;
+    }
+    return std::sqrt(sum / (20 * static_cast<double>(y.size() - 3)));
+}
+
+// Linear prediction from autocovariances, by Levinson's recursion.
+void predict(const std::vector<double>& covariance, NoiseFloor& floor) {
+    std::vector<double> a;
+    double variance = covariance[0];
+    for (std::size_t n = 1; n < covariance.size() && variance > 1e-9 * covariance[0]; ++n) {
+        double reflection = covariance[n];
+        for (std::size_t j = 0; j < a.size(); ++j) reflection -= a[j] * covariance[n - 1 - j];
+        reflection /= variance;
+        std::vector<double> next(n);
+        for (std::size_t j = 0; j + 1 < n; ++j) next[j] = a[j] - reflection * a[n - 2 - j];
+        next[n - 1] = reflection;
+        a = std::move(next);
+        variance *= 1 - reflection * reflection;
+    }
+    floor.predictor = std::move(a);
+    floor.innovation = std::sqrt(variance);
+}
+
+} // namespace
+
+std::vector<double> NoiseFloor::whitened(const std::vector<double>& errors) const {
+    std::vector<double> white(errors.size());
+    const double scale = 1 / innovation;
+    for (std::size_t k = 0; k < errors.size(); ++k) {
+        double value = errors[k];
+        const std::size_t reach = std::min(k, predictor.size());
+        for (std::size_t j = 0; j < reach; ++j) value -= predictor[j] * errors[k - 1 - j];
+        white[k] = value * scale;
+    }
+    return white;
+}
+
+std::optional<NoiseFloor> noise_floor(const MachineModel& machine, const Measurement& measurement,
+                                      const RunControl& control) {
+    MachineModel noisy = machine;
+    if (noisy.noise_rms == 0 && noisy.encoder_resolution == 0) noisy.noise_rms = fine_part(measurement.position());
+    const auto clean = simulated_position(noisy, measurement);
+    if (!clean) return std::nullopt;
+    std::vector<std::vector<double>> errors(seeds);
+    RunControl quiet;
+    quiet.workers = control.workers;
+    for_each_index(seeds, quiet, "", [&](std::size_t i) {
+        const auto run = simulated_position(noisy, measurement, derived_seed(floor_stream, i));
+        if (!run) return;
+        errors[i] = *run;
+        for (std::size_t k = 0; k < clean->size(); ++k) errors[i][k] -= (*clean)[k];
+    });
+    std::vector<double> covariance(std::min(order, measurement.size() / 10) + 1);
+    double square = 0;
+    std::size_t runs = 0;
+    for (const auto& e : errors) {
+        if (e.empty()) continue;
+        ++runs;
+        square += mean_square(e);
+        for (std::size_t lag = 0; lag < covariance.size(); ++lag) {
+            for (std::size_t k = lag; k < e.size(); ++k) covariance[lag] += e[k] * e[k - lag];
+        }
+    }
+    if (runs == 0 || !(square > 0)) return std::nullopt;
+    NoiseFloor floor;
+    floor.rms = std::sqrt(square / static_cast<double>(runs));
+    for (double& value : covariance) value /= static_cast<double>(runs * measurement.size());
+    predict(covariance, floor);
+    std::vector<double> squares;
+    for (const auto& e : errors) {
+        if (!e.empty()) squares.push_back(mean_square(floor.whitened(e)));
+    }
+    const double mean = std::accumulate(squares.begin(), squares.end(), 0.0) / static_cast<double>(squares.size());
+    double variance = 0;
+    for (const double value : squares) variance += (value - mean) * (value - mean);
+    variance /= std::max<double>(1, static_cast<double>(squares.size()) - 1);
+    floor.spread = std::sqrt(std::max(variance - 2 / static_cast<double>(measurement.size()), 0.0)) / mean;
+    return floor;
+}
+
+} // namespace tribode

@@ -1,0 +1,685 @@
+#include "tribode/diagnosis/search.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/diagnosis/residual_force.hpp"
+#include "tribode/diagnosis/response.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <limits>
+#include <map>
+#include <optional>
+#include <set>
+#include <tuple>
+#include <utility>
+
+namespace tribode {
+
+namespace {
+
+// What the search spends, in counts: the answer must not depend on the clock.
+constexpr std::size_t beam_width = 3;       // hypotheses on which another effect is sought
+constexpr std::size_t screened_later = 12;  // candidates that are fitted for a second effect and more
+constexpr std::size_t proven = 3;           // of the ranking, with numbers from the fitted records alone
+constexpr int most_enriched = 4;            // times that a form is made richer
+constexpr std::size_t lead_samples = 10000; // of the record that is looked at first, where so many show the gap
+// A candidate of many valleys is found on beginnings of the record: samples from where the gap first shows, and of the
+// points so many of the best, fitted there by so many steps.
+struct Beginning {
+    std::size_t samples, points;
+    int iterations;
+};
+constexpr Beginning beginnings[] = {{100, 16, 4}, {100, 8, 8}, {150, 6, 6},  {200, 6, 6},  {300, 5, 6}, {400, 5, 6},
+                                    {600, 4, 6},  {900, 4, 6}, {1400, 4, 6}, {2500, 4, 6}, {5000, 3, 6}};
+constexpr std::size_t grown_from = 400;   // samples of the first beginning on which uncertain fields are found
+constexpr std::size_t ringing_from = 800; // samples of the first beginning on which a mode is sought
+constexpr double worthwhile = 0.8;        // of what is left there without the candidate: points above are given up
+constexpr double followed = 1.5;          // chi square per sample up to which a beginning is simulated as it went
+// Chi square per sample up to which noise explains what a settled hypothesis leaves: a handful of seeds tells the spread of
+// ways that noise has parted only roughly, and the beginning was followed.
+constexpr double settled_limit = 3;
+constexpr double shows = 8; // whitened errors of noise alone are seldom half as large
+
+std::size_t count(const std::vector<Evidence>& records) {
+    std::size_t sum = 0;
+    for (const auto& record : records) sum += record.samples();
+    return sum;
+}
+
+Evidence beginning(const Evidence& whole, std::size_t samples) {
+    Evidence part = whole;
+    part.measurement.cut(samples);
+    return part;
+}
+
+class Search {
+  public:
+    Search(const MachineModel& machine, std::vector<Evidence> fitted, std::vector<Evidence> kept_out,
+           std::size_t max_effects, const RunControl& control)
+        : machine_(machine),
+          max_effects_(max_effects),
+          control_(control) {
+        result_.fitted = std::move(fitted);
+        result_.kept_out = std::move(kept_out);
+    }
+
+    SearchResult run() {
+        try {
+            search();
+            Scored& last = result_.ranking.empty() ? result_.baseline : result_.ranking.front();
+            if (adequate(last) && last.kept_out > SearchResult::limit(result_.kept_out) && !last.together.settled)
+                share(last);
+        } catch (const EndedEarly&) {
+            throw EndedEarly(fmt::format("interrupted, nothing is written; so far {}", result_.found_so_far()));
+        }
+        return std::move(result_);
+    }
+
+  private:
+    void search() {
+        set_floors(machine_);
+        Hypothesis none;
+        none.nominal.assign(ModelFit(machine_, all_).fields().size(), 0.0);
+        Hypothesis straight = none;
+        refine(straight, all_, 30, control_.workers);
+        result_.baseline = scored(std::move(straight));
+        if (!adequate(result_.baseline) && !none.nominal.empty()) {
+            grow(none, control_.workers);
+            Scored grown = scored(std::move(none));
+            if (grown.score < result_.baseline.score) result_.baseline = std::move(grown);
+        }
+        prove(result_.baseline, control_.workers);
+        if (adequate(result_.baseline)) return;
+        std::vector<Scored> beam{result_.baseline};
+        if (result_.baseline.together.deviation() > 0) {
+            // The fields may be bent to do the work of the effect: it is sought beside those of the user, too, and first
+            // where they left their tolerance.
+            Hypothesis as_described = result_.baseline.together;
+            std::ranges::fill(as_described.nominal, 0.0);
+            as_described.converged = false;
+            beam.push_back(scored(std::move(as_described)));
+            if (!result_.baseline.together.within_tolerance()) std::swap(beam[0], beam[1]);
+        }
+        choose_lead(beam.front().together);
+        for (std::size_t level = 1; level <= max_effects_; ++level) {
+            std::vector<Scored> pool;
+            std::optional<std::set<std::string>> enough; // effects of a hypothesis to which noise alone is left
+            for (const auto& base : beam) {
+                // Another way to such a hypothesis, or a rival of it, has one of its effects.
+                double best = std::numeric_limits<double>::infinity();
+                for (const auto& one : pool) best = std::min(best, one.together.chi_square);
+                for (auto& next : extended(base, level, enough, best)) pool.push_back(std::move(next));
+                if (enough) continue;
+                for (const auto& one : pool) {
+                    if (!adequate(one)) continue;
+                    const auto names = one.names();
+                    enough.emplace(names.begin(), names.end());
+                    break;
+                }
+            }
+            rank(pool);
+            if (pool.empty()) break;
+            if (level > 1 && adequate(pool.front())) {
+                for (auto& next : simplified(pool.front(), level)) pool.push_back(std::move(next));
+            }
+            // The loop's noise is that of the machine as it is now known.
+            try {
+                set_floors(ModelFit(machine_, all_).machine(pool.front().together));
+            } catch (const InputError&) {
+            }
+            reassess(pool);
+            result_.baseline = scored(std::move(result_.baseline.together));
+            prove(result_.baseline, control_.workers);
+            for (auto& step : result_.steps) {
+                step = scored(std::move(step.together));
+                prove(step, control_.workers);
+            }
+            const Scored& before = result_.steps.empty() ? result_.baseline : result_.steps.back();
+            // Another effect must be worth its numbers, on the records kept out too. These are judged by numbers that suit
+            // all records: those of the fitted ones alone foretell little while the model still lacks an effect.
+            const bool better =
+                pool.front().score < before.score - 30 &&
+                (result_.kept_out.empty() || pool.front().together_kept_out < 0.97 * before.together_kept_out ||
+                 adequate(pool.front()));
+            // While more than noise is left it must take half of what the effects before it left, too: what a model that
+            // stays imperfect lacks is not made up of small pieces of this and that.
+            const bool halved = pool.front().score < before.score / 4;
+            if (level > 1 && (!better || (!halved && !adequate(pool.front())))) break;
+            result_.ranking = pool;
+            result_.steps.push_back(pool.front());
+            if (!better || adequate(pool.front())) break;
+            beam.clear();
+            std::set<std::vector<std::string>> seen;
+            for (const auto& one : pool) {
+                const bool close = one.together.chi_square < 20 * pool.front().together.chi_square;
+                if (close && beam.size() < beam_width && seen.insert(one.names()).second) beam.push_back(one);
+            }
+        }
+    }
+
+    void set_floors(const MachineModel& machine) {
+        for (auto* records : {&result_.fitted, &result_.kept_out}) {
+            for (auto& record : *records) {
+                if (const auto floor = noise_floor(machine, record.measurement, control_)) {
+                    record.floor = *floor;
+                } else if (record.floor.rms == 0) {
+                    // The model cannot follow the record at all: noise as it comes from the sensor.
+                    record.floor.rms = record.floor.innovation =
+                        std::max(std::hypot(machine.noise_rms, machine.encoder_resolution / std::sqrt(12.0)), 1e-12);
+                }
+            }
+        }
+        all_ = result_.fitted;
+        for (const auto& record : result_.kept_out) {
+            all_.push_back(record);
+            if (record.first == 0) continue;
+            // The end of the first record: that as a whole, once.
+            all_.erase(all_.begin());
+            all_.back().first = 0;
+        }
+        cut_lead();
+    }
+
+    // The record on which the gap shows most, to look at first; of a long one its beginning, if that shows as much.
+    void choose_lead(const Hypothesis& none) {
+        double most = -1;
+        for (std::size_t i = 0; i < all_.size(); ++i) {
+            const std::vector<Evidence> alone{all_[i]};
+            const auto e = ModelFit(machine_, alone).errors(none);
+            const std::size_t n = all_[i].samples();
+            double sum = 0;
+            std::vector<double> up_to{0};
+            for (std::size_t k = 0; k < std::min(n, e.size()); ++k) up_to.push_back(sum += e[k] * e[k]);
+            if (sum / static_cast<double>(n) <= most) continue;
+            most = sum / static_cast<double>(n);
+            lead_ = i;
+            lead_length_ = std::min(n, lead_samples);
+            while (lead_length_ < n &&
+                   up_to[std::min(lead_length_, up_to.size() - 1)] < 0.5 * most * static_cast<double>(lead_length_)) {
+                lead_length_ = std::min(n, lead_length_ + lead_samples / 2);
+            }
+        }
+        cut_lead();
+    }
+
+    void cut_lead() {
+        lead_records_.clear();
+        if (lead_length_ > 0) lead_records_.push_back(beginning(all_[lead_], lead_length_));
+    }
+
+    void go_on() const {
+        if (control_.stop_requested()) throw EndedEarly("a search was interrupted");
+    }
+
+    bool adequate(const Scored& one) const { return result_.explained_by_noise(one); }
+
+    void refine(Hypothesis& h, const std::vector<Evidence>& records, int iterations, unsigned workers,
+                bool move_fields = true) const {
+        ModelFit::Options options;
+        options.iterations = iterations;
+        options.workers = workers;
+        options.move_fields = move_fields;
+        options.stop = control_.stop;
+        ModelFit(machine_, records).fit(h, options);
+    }
+
+    // The sample at which a hypothesis' gap first shows; 0 where it does not.
+    std::size_t first_shown(const Hypothesis& h, const Evidence& record) const {
+        const std::vector<Evidence> alone{record};
+        const auto e = ModelFit(machine_, alone).errors(h);
+        for (std::size_t k = 0; k < std::min(e.size(), record.samples()); ++k) {
+            if (std::abs(e[k]) > shows) return k;
+        }
+        return 0;
+    }
+
+    // Numbers that are far off have valleys of chi square over a whole record, as a mode's phase that runs round. On
+    // beginnings of the records that double, each fit ends near enough to the bottom of the next.
+    void grow(Hypothesis& h, unsigned workers) const {
+        std::vector<std::size_t> first;
+        std::size_t longest = 0;
+        for (const auto& record : all_) {
+            first.push_back(first_shown(h, record));
+            longest = std::max(longest, record.measurement.size());
+        }
+        for (std::size_t samples = grown_from; samples < longest; samples *= 2) {
+            std::vector<Evidence> part;
+            for (std::size_t i = 0; i < all_.size(); ++i) part.push_back(beginning(all_[i], first[i] + samples));
+            refine(h, part, 8, workers);
+        }
+        refine(h, all_, 30, workers);
+    }
+
+    // Chi square per sample, without that of the fields.
+    double per_sample(const Hypothesis& h, const std::vector<Evidence>& records) const {
+        return (ModelFit(machine_, records).chi_square(h) - h.deviation()) / static_cast<double>(count(records));
+    }
+
+    Scored scored(Hypothesis h) const {
+        Scored one;
+        one.together_fitted = per_sample(h, result_.fitted);
+        h.chi_square = h.deviation() + one.together_fitted * static_cast<double>(count(result_.fitted));
+        if (!result_.kept_out.empty()) {
+            one.together_kept_out = per_sample(h, result_.kept_out);
+            h.chi_square += one.together_kept_out * static_cast<double>(count(result_.kept_out));
+        }
+        one.score = h.chi_square;
+        one.score += static_cast<double>(h.parameter_count()) *
+                     std::log(static_cast<double>(count(result_.fitted) + count(result_.kept_out)));
+        one.hypothesis = h;
+        one.fitted = one.together_fitted;
+        one.kept_out = one.together_kept_out;
+        one.together = std::move(h);
+        return one;
+    }
+
+    // The numbers of the fitted records alone, and what they foretell of those kept out.
+    void prove(Scored& one, unsigned workers) const {
+        if (result_.kept_out.empty()) return;
+        refine(one.hypothesis, result_.fitted, 10, workers);
+        one.fitted = per_sample(one.hypothesis, result_.fitted);
+        one.kept_out = per_sample(one.hypothesis, result_.kept_out);
+    }
+
+    // The fitted records alone leave the numbers uncertain, and a richer one lies beyond what they foretell: the first half
+    // of what was kept out is fitted too, and the second is the proof.
+    void share(Scored& last) {
+        std::vector<Evidence> fitted = result_.fitted;
+        for (auto& record : result_.kept_out) {
+            const std::size_t half = record.first + record.samples() / 2;
+            fitted.push_back(beginning(record, half));
+            record.first = half;
+        }
+        result_.shared = true;
+        for (Scored* one : {&result_.baseline, &last}) {
+            one->hypothesis = one->together;
+            ModelFit::Options options;
+            options.iterations = 10;
+            options.workers = control_.workers;
+            options.stop = control_.stop;
+            options.standard_errors = true;
+            ModelFit(machine_, fitted).fit(one->hypothesis, options);
+            one->fitted = per_sample(one->hypothesis, result_.fitted);
+            one->kept_out = per_sample(one->hypothesis, result_.kept_out);
+        }
+    }
+
+    // An effect that another one makes needless goes.
+    void prune(Scored& one) const {
+        for (std::size_t i = 0; one.together.effects.size() > 1 && i < one.together.effects.size();) {
+            Hypothesis without = one.together;
+            without.remove(i);
+            refine(without, all_, 8, control_.workers);
+            Scored simpler = scored(std::move(without));
+            if (simpler.score < one.score + 10) {
+                one = std::move(simpler);
+                i = 0;
+            } else {
+                ++i;
+            }
+        }
+    }
+
+    // The baseline has bent uncertain fields to do the work of an effect that was not there yet; next to it they may stay
+    // bent, since the way back gains little of chi square or leads over a ridge. All is fitted from where the user has them.
+    void straighten(Scored& one) const {
+        if (one.together.deviation() == 0) return;
+        Hypothesis again = one.together;
+        std::ranges::fill(again.nominal, 0.0);
+        again.converged = false;
+        grow(again, control_.workers);
+        Scored straight = scored(std::move(again));
+        if (straight.score < one.score) one = std::move(straight);
+    }
+
+    // An effect of many numbers may have taken the place of a simpler one, which alone did less and was left: each of these
+    // gives way to its simpler kin.
+    std::vector<Scored> simplified(const Scored& one, std::size_t level) const {
+        static const std::map<std::string, std::set<std::string>> simpler = {
+            {"asymmetric_friction", {"coulomb_friction", "viscous_friction", "constant_force"}},
+            {"presliding_hysteresis", {"coulomb_friction"}}};
+        std::vector<Scored> list;
+        for (std::size_t i = 0; i < one.together.effects.size(); ++i) {
+            const auto kin = simpler.find(one.together.effects[i]->effect);
+            if (kin == simpler.end()) continue;
+            Hypothesis without = one.together;
+            without.remove(i);
+            refine(without, all_, 4, control_.workers);
+            for (auto& next : extended(scored(std::move(without)), level, kin->second, one.together.chi_square))
+                list.push_back(std::move(next));
+        }
+        return list;
+    }
+
+    void reassess(std::vector<Scored>& pool) const {
+        RunControl quiet;
+        quiet.workers = control_.workers;
+        for_each_index(pool.size(), quiet, "", [&](std::size_t i) {
+            refine(pool[i].together, all_, 6, 1);
+            pool[i] = scored(std::move(pool[i].together));
+        });
+        rank(pool);
+        for (std::size_t i = 0; i < std::min<std::size_t>(pool.size(), 2); ++i) {
+            straighten(pool[i]);
+            prune(pool[i]);
+        }
+        rank(pool);
+        for (std::size_t i = 0; i < std::min(pool.size(), proven); ++i) prove(pool[i], control_.workers);
+    }
+
+    static void rank(std::vector<Scored>& pool) {
+        std::erase_if(pool, [](const Scored& one) { return !std::isfinite(one.together.chi_square); });
+        std::stable_sort(pool.begin(), pool.end(), [](const Scored& a, const Scored& b) { return a.score < b.score; });
+        // One hypothesis for each set of names: the form that does best.
+        std::set<std::vector<std::string>> seen;
+        std::erase_if(pool, [&](const Scored& one) { return !seen.insert(one.names()).second; });
+    }
+
+    // The base with one more effect, every one that may be, or one of `only`. `best`: chi square of the best that another
+    // base has come to.
+    std::vector<Scored> extended(const Scored& base, std::size_t level,
+                                 const std::optional<std::set<std::string>>& only, double best) const {
+        const ModelFit lead(machine_, lead_records_);
+        const MachineModel machine = lead.machine(base.together);
+        const Evidence& record = lead_records_.front();
+        const auto signals = simulated_signals(machine, record.measurement);
+        // A model that cannot follow shows nothing: the machine at rest is as good a comparison.
+        const SimulatedSignals still{std::vector<double>(record.measurement.size(), 0.0),
+                                     std::vector<double>(record.measurement.size(), 0.0)};
+        const ResidualForce residual = residual_force(machine, record.measurement, signals ? *signals : still);
+        if (residual.force.empty()) return {};
+        std::vector<double> gap = record.measurement.position();
+        for (std::size_t k = 0; signals && k < gap.size(); ++k) gap[k] -= signals->position[k];
+        const std::vector<double> whitened = record.floor.whitened(gap);
+        const auto present = base.names();
+        std::vector<std::shared_ptr<const Candidate>> list;
+        for (auto& candidate : candidates({machine, record.measurement, residual, whitened, record.floor.innovation})) {
+            if (std::find(present.begin(), present.end(), candidate.effect) != present.end()) continue;
+            if (only && !only->contains(candidate.effect)) continue;
+            list.push_back(std::make_shared<const Candidate>(std::move(candidate)));
+        }
+        // Where each begins.
+        std::vector<std::vector<Hypothesis>> begun(list.size());
+        const std::string what = "effect " + std::to_string(level);
+        for_each_index(list.size(), control_, what + ": screening", [&](std::size_t i) {
+            begun[i] = list[i]->rugged    ? grown_starts(base.together, list[i])
+                       : list[i]->ringing ? ringing_starts(base.together, list[i])
+                                          : starts_of(base.together, list[i], lead);
+        });
+        go_on();
+        std::vector<std::size_t> order;
+        for (std::size_t i = 0; i < list.size(); ++i) {
+            if (!begun[i].empty()) order.push_back(i);
+        }
+        std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+            return begun[a].front().chi_square < begun[b].front().chi_square;
+        });
+        if (level > 1 && order.size() > screened_later) order.resize(screened_later);
+        // All are fitted a little, the better ones more, the best to the end: none is judged before it has come down as
+        // far as others were let.
+        std::vector<Hypothesis> running;
+        for (const std::size_t i : order) running.insert(running.end(), begun[i].begin(), begun[i].end());
+        for (const auto& [iterations, keep, factor] :
+             {std::tuple{2, std::size_t{16}, 30.0}, {4, std::size_t{8}, 10.0}}) {
+            for_each_index(running.size(), control_, what + ": fitting", [&, iterations = iterations](std::size_t i) {
+                // With the uncertain fields, which the baseline may have bent so far that the effect alone gains little.
+                if (!running[i].converged) refine(running[i], lead_records_, iterations, 1);
+            });
+            go_on();
+            keep_best(running, keep, factor);
+            if (running.empty()) return {};
+        }
+        // On all records. A hypothesis that in a round comes no tenth of its way to the best one is left where it is.
+        std::vector<char> stalled(running.size(), false);
+        for (int round = 0; round < 8; ++round) {
+            std::vector<double> before;
+            for (const auto& h : running) before.push_back(h.chi_square);
+            for_each_index(running.size(), control_, what + ": refining", [&](std::size_t i) {
+                if (!stalled[i]) refine(running[i], all_, 4, 1);
+            });
+            go_on();
+            for (const auto& h : running) best = std::min(best, h.chi_square);
+            bool moving = false;
+            for (std::size_t i = 0; i < running.size(); ++i) {
+                const double distance = running[i].chi_square - best;
+                // The first round came from another set of records.
+                const bool slow = round > 0 && distance > 100 && before[i] - running[i].chi_square < 0.1 * distance;
+                stalled[i] = stalled[i] || running[i].converged || !std::isfinite(distance) || slow;
+                moving = moving || !stalled[i];
+            }
+            if (!moving) break;
+        }
+        keep_best(running, 6, 1e300);
+        if (!running.empty()) enrich(running.front());
+        std::vector<Scored> done;
+        for (auto& h : running) done.push_back(scored(std::move(h)));
+        return done;
+    }
+
+    // Richer forms of the last effect, as long as more than noise is left and they take a good part of it.
+    void enrich(Hypothesis& h) const {
+        for (int more = 0; more < most_enriched; ++more) {
+            if (!h.effects.back()->richer || adequate(scored(h))) return;
+            const std::size_t before = h.values.size() - h.effects.back()->parameters.size();
+            const auto candidate = h.effects.back()->richer(std::span(h.values).subspan(before));
+            std::vector<Hypothesis> points;
+            for (const auto& start : candidate->starts) {
+                Hypothesis next = h;
+                next.effects.back() = candidate;
+                next.values.resize(before);
+                next.values.insert(next.values.end(), start.begin(), start.end());
+                points.push_back(std::move(next));
+            }
+            RunControl quiet;
+            quiet.workers = control_.workers;
+            for_each_index(points.size(), quiet, "",
+                           [&](std::size_t i) { refine(points[i], lead_records_, 4, 1, false); });
+            keep_best(points, 1, 1);
+            if (points.empty()) return;
+            Hypothesis& next = points.front();
+            refine(next, all_, 20, control_.workers);
+            if (!(next.chi_square < 0.95 * h.chi_square)) return;
+            h = std::move(next);
+        }
+    }
+
+    // The best so many, within a factor of the best of all, three at least.
+    static void keep_best(std::vector<Hypothesis>& list, std::size_t most, double factor) {
+        std::erase_if(list, [](const Hypothesis& h) { return !std::isfinite(h.chi_square); });
+        std::stable_sort(list.begin(), list.end(),
+                         [](const Hypothesis& a, const Hypothesis& b) { return a.chi_square < b.chi_square; });
+        std::size_t kept = 0;
+        while (kept < std::min(list.size(), most) &&
+               (kept < 3 || list[kept].chi_square < factor * list.front().chi_square)) {
+            ++kept;
+        }
+        list.resize(kept);
+    }
+
+    static Hypothesis with(const Hypothesis& base, const std::shared_ptr<const Candidate>& candidate,
+                           const std::vector<double>& values) {
+        Hypothesis h = base;
+        h.effects.push_back(candidate);
+        h.values.insert(h.values.end(), values.begin(), values.end());
+        h.converged = h.settled = false;
+        return h;
+    }
+
+    // Where simulated and measured contacts drift apart, chi square over a whole record has a valley wherever some of them
+    // coincide. Over the first few it has one: the best points of a grid are fitted there, and followed on beginnings of the
+    // record that grow. Where noise decides sooner or later how the machine goes on, no numbers follow it to the end;
+    // those of the longest beginning that they follow are the ones.
+    std::vector<Hypothesis> grown_starts(const Hypothesis& base,
+                                         const std::shared_ptr<const Candidate>& candidate) const {
+        std::vector<Hypothesis> points;
+        for (const auto& values : candidate->probes) points.push_back(with(base, candidate, values));
+        const Evidence& record = lead_records_.front();
+        const ModelFit lead(machine_, lead_records_);
+        const std::size_t first = first_shown(base, record);
+        std::vector<Evidence> part;
+        std::optional<std::pair<Hypothesis, std::vector<Evidence>>> last; // that was followed
+        std::vector<double> before;                                       // numbers of the one before
+        for (const auto& [samples, count, iterations] : beginnings) {
+            part = {beginning(record, first + samples)};
+            const ModelFit fit(machine_, part);
+            for (auto& h : points) {
+                go_on();
+                h.chi_square = fit.chi_square(h);
+            }
+            keep_best(points, count, 1e300);
+            for (auto& h : points) refine(h, part, iterations, 1);
+            keep_best(points, count, 1e300);
+            keep_distinct(points);
+            const double without = fit.chi_square(base);
+            std::erase_if(points, [&](const Hypothesis& h) { return !(h.chi_square < worthwhile * without); });
+            if (points.empty()) return {};
+            if (points.front().chi_square < followed * static_cast<double>(fit.sample_count())) {
+                if (last) before = last->first.values;
+                last.emplace(points.front(), part);
+            } else if (last) {
+                // Errors of the numbers by what noise leaves of this machine: more than of one without contacts.
+                auto& [h, beginning_followed] = *last;
+                const MachineModel machine = lead.machine(h);
+                for (auto& one : beginning_followed) {
+                    if (const auto floor = noise_floor(machine, one.measurement, {})) one.floor = *floor;
+                }
+                ModelFit::Options options;
+                options.iterations = 0;
+                options.standard_errors = true;
+                ModelFit(machine_, beginning_followed).fit(h, options);
+                // Chi square is rugged: the numbers move more than its curvature tells as the beginning grows.
+                for (std::size_t i = 0; i < before.size(); ++i) {
+                    h.standard_errors[i] = std::hypot(h.standard_errors[i], h.values[i] - before[i]);
+                }
+                h.chi_square = lead.chi_square(h);
+                h.settled = true;
+                return {h};
+            }
+            if (first + samples >= record.measurement.size()) break;
+        }
+        for (auto& h : points) h.chi_square = lead.chi_square(h);
+        keep_best(points, candidate->tried, 1e300);
+        return points;
+    }
+
+    // A light mode has a valley for every turn of its phase: it is sought on a beginning of the record, too, and followed
+    // on beginnings that double.
+    std::vector<Hypothesis> ringing_starts(const Hypothesis& base,
+                                           const std::shared_ptr<const Candidate>& candidate) const {
+        const Evidence& record = lead_records_.front();
+        const std::size_t first = first_shown(base, record);
+        std::vector<Hypothesis> points;
+        for (std::size_t samples = ringing_from; first + samples < record.measurement.size(); samples *= 2) {
+            const std::vector<Evidence> part{beginning(record, first + samples)};
+            if (points.empty()) points = starts_of(base, candidate, ModelFit(machine_, part));
+            for (auto& h : points) refine(h, part, 6, 1);
+        }
+        const ModelFit lead(machine_, lead_records_);
+        for (auto& h : points) h.chi_square = lead.chi_square(h);
+        // A mode that is excited late only shows on the whole.
+        for (auto& h : starts_of(base, candidate, lead)) points.push_back(std::move(h));
+        std::erase_if(points, [](const Hypothesis& h) { return !std::isfinite(h.chi_square); });
+        std::ranges::stable_sort(points, {}, &Hypothesis::chi_square);
+        return points;
+    }
+
+    // Of a list that is sorted: fits that came to the same numbers count once.
+    static void keep_distinct(std::vector<Hypothesis>& list) {
+        std::vector<Hypothesis> distinct;
+        for (auto& h : list) {
+            const bool known = std::any_of(distinct.begin(), distinct.end(), [&](const Hypothesis& other) {
+                for (std::size_t i = 0; i < h.values.size(); ++i) {
+                    if (std::abs(h.values[i] - other.values[i]) > 1e-2 * std::abs(other.values[i])) return false;
+                }
+                return true;
+            });
+            if (!known) distinct.push_back(std::move(h));
+        }
+        list = std::move(distinct);
+    }
+
+    std::vector<Hypothesis> starts_of(const Hypothesis& base, const std::shared_ptr<const Candidate>& candidate,
+                                      const ModelFit& fit) const {
+        std::vector<Hypothesis> points;
+        const std::vector<double> gap = candidate->size ? fit.errors(base) : std::vector<double>{};
+        for (const auto& list : {candidate->starts, candidate->probes}) {
+            for (const auto& values : list) {
+                go_on();
+                Hypothesis h = with(base, candidate, values);
+                if (!gap.empty()) {
+                    const auto there = fit.errors(h);
+                    if (there.empty()) continue;
+                    // The size that fits best if the response is in proportion to it.
+                    double across = 0, square = 0;
+                    for (std::size_t k = 0; k < gap.size(); ++k) {
+                        const double response = gap[k] - there[k];
+                        across += response * gap[k];
+                        square += response * response;
+                    }
+                    if (!(square > 0) || across <= 0) continue;
+                    const std::size_t index = base.values.size() + *candidate->size;
+                    const FitParameter& p = candidate->parameters[*candidate->size];
+                    h.values[index] =
+                        std::clamp(h.values[index] * std::clamp(across / square, 0.01, 30.0), p.low, p.high);
+                }
+                h.chi_square = fit.chi_square(h);
+                if (std::isfinite(h.chi_square)) points.push_back(std::move(h));
+            }
+        }
+        keep_best(points, candidate->tried, 1e300);
+        return points;
+    }
+
+    const MachineModel& machine_;
+    std::size_t max_effects_;
+    const RunControl& control_;
+    std::vector<Evidence> all_; // records to fit and kept out
+    std::size_t lead_ = 0, lead_length_ = 0;
+    std::vector<Evidence> lead_records_; // of all_, so much of one
+    SearchResult result_;
+};
+
+} // namespace
+
+double SearchResult::limit(const std::vector<Evidence>& records) {
+    double samples = 0, spread = 0;
+    for (const auto& record : records) {
+        samples += static_cast<double>(record.samples());
+        spread = std::max(spread, record.floor.spread);
+    }
+    // Five deviations of a sum of so many squares, three of what the noise does beyond that, and what two ways of
+    // computing the same machine may differ.
+    return 1 + 5 * std::sqrt(2 / samples) + 3 * spread + 0.03;
+}
+
+bool SearchResult::explained_by_noise(const Scored& one) const {
+    const double least = one.together.settled ? settled_limit : 0;
+    return one.together.within_tolerance() && one.together_fitted < std::max(limit(fitted), least) &&
+           (kept_out.empty() || one.together_kept_out < std::max(limit(kept_out), least));
+}
+
+std::string SearchResult::found_so_far() const {
+    if (!std::isfinite(baseline.together.chi_square)) return "no hypothesis has been fitted";
+    std::string text =
+        fmt::format("without an effect {:.4g} times the noise is left", std::sqrt(baseline.together_fitted));
+    for (const auto& step : steps) {
+        text +=
+            fmt::format(", with {} {:.4g} times", fmt::join(step.names(), " and "), std::sqrt(step.together_fitted));
+    }
+    return text;
+}
+
+std::vector<std::string> Scored::names() const {
+    std::vector<std::string> list;
+    for (const auto& effect : together.effects) list.push_back(effect->effect);
+    std::sort(list.begin(), list.end());
+    return list;
+}
+
+SearchResult search_effects(const MachineModel& machine, std::vector<Evidence> fitted, std::vector<Evidence> kept_out,
+                            std::size_t max_effects, const RunControl& control) {
+    return Search(machine, std::move(fitted), std::move(kept_out), max_effects, control).run();
+}
+
+} // namespace tribode

@@ -1,0 +1,104 @@
+#pragma once
+#include "tribode/base/field_reader.hpp"
+#include "tribode/base/json.hpp"
+#include "tribode/effect/servo_axis.hpp"
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace tribode {
+
+class Effect;
+
+// One parameter of a kind of effect: a number, or a choice, a flag, a list of records of numbers, a
+// text, a list of texts, named numbers.
+struct EffectParameter {
+    enum class Type { number, choice, flag, records, text, texts, constants };
+
+    std::string name;
+    std::string unit = {}; // empty: none
+    std::string meaning = {};
+    Type type = Type::number;
+    Allowed allowed = Allowed::finite; // numbers
+    double plausible_least = 0; // what one meets in practice; numbers. Where a parameter may be negative, the range
+    double plausible_most = 0;  // is that of its magnitude, unless it begins below zero
+    std::optional<double> fallback = {};      // value where it is left out; a flag: 0 or 1; a choice: its index
+    std::vector<std::string> choices = {};    // choices
+    std::vector<EffectParameter> fields = {}; // records; all numbers. A record is required to be there once or more
+};
+
+// Against what an effect shows in a plot of what a model leaves over.
+enum class DrawnAgainst { position, velocity, time, thrust, distance_since_reversal, frequency };
+std::string_view name_of(DrawnAgainst axis);
+
+// A kind of effect: something a servo axis may have. Each stands in a file of its own, and in the list of
+// effect_kinds().
+struct EffectKind {
+    std::string name;
+    std::string equation; // as text, in the symbols of the parameters
+    std::vector<EffectParameter> parameters;
+    bool affine; // whether a piecewise-affine machine stays so
+    DrawnAgainst drawn_against;
+    // Parameters at which it does nothing, the others being what they may: name and value; empty: there are none.
+    std::vector<std::pair<std::string, double>> neutral;
+    // Adds the effect to the axis; throws InputError where it cannot.
+    void (*apply)(const Effect& effect, ServoAxis& axis);
+};
+
+// Every kind, in the order of the documentation.
+const std::vector<const EffectKind*>& effect_kinds();
+// Throws InputError with the nearest name where there is none of this name.
+const EffectKind& effect_kind(std::string_view name);
+
+// An effect of a machine: its kind and the values of its parameters. A small value: fits copy and change it.
+class Effect {
+  public:
+    struct Value {
+        double number = 0;                             // a flag: 0 or 1; a choice: its index
+        std::vector<std::vector<double>> records = {}; // records: their fields, in the order of the kind
+        std::vector<std::string> texts = {};           // a text, texts, or the names of constants
+        std::vector<double> constants = {};            // their values
+    };
+
+    // One value for each parameter of the kind, in its order; not checked.
+    Effect(const EffectKind& kind, std::vector<Value> values);
+
+    // {"name": ..., "parameters": {...}}. Throws InputError on unknown names, with the nearest, and on wrong values.
+    static Effect read(FieldReader& fields);
+
+    const EffectKind& kind() const { return *kind_; }
+    const std::vector<Value>& values() const { return values_; }
+
+    // By the parameter's name, which must be one of the kind's.
+    double number(std::string_view name) const { return value(name).number; }
+    bool flag(std::string_view name) const { return value(name).number != 0; }
+    const std::string& choice(std::string_view name) const;
+    const std::vector<std::vector<double>>& records(std::string_view name) const { return value(name).records; }
+
+    const std::vector<std::string>& texts(std::string_view name) const { return value(name).texts; }
+    const std::vector<double>& constants(std::string_view name) const { return value(name).constants; }
+
+    // All parameters that are numbers, those in records and constants too, in order: what a fit may move.
+    std::vector<double> numbers() const;
+    Effect with_numbers(const std::vector<double>& numbers) const; // as many; not checked
+
+    void apply(ServoAxis& axis) const { kind_->apply(*this, axis); }
+    Json to_json() const; // as read() takes it
+
+  private:
+    std::size_t index_of(std::string_view name) const;
+    const Value& value(std::string_view name) const { return values_[index_of(name)]; }
+
+    const EffectKind* kind_;
+    std::vector<Value> values_;
+};
+
+// How a user's own force, written as text, becomes a force: set once, by the room that knows the language. Without it
+// own_force is refused.
+using ForceCompiler = std::shared_ptr<const PointForce> (*)(const Effect& effect);
+void set_force_compiler(ForceCompiler compiler);
+ForceCompiler force_compiler();
+
+} // namespace tribode

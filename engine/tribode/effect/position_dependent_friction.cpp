@@ -1,0 +1,82 @@
+#include "tribode/effect/kinds.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+namespace tribode::effects {
+
+namespace {
+
+constexpr const char* not_linear =
+    "the friction depends on the position (position_dependent_friction), so that its force "
+    "is not linear in it";
+
+class SineScale final : public FrictionScale {
+  public:
+    SineScale(double share, double wave, double phase) : share_(share), wave_(wave), phase_(phase) {}
+    double factor(double, double y) const override { return std::max(0.0, 1 + share_ * std::sin(wave_ * y + phase_)); }
+    double slope(double, double y) const override { return share_ * wave_ * std::cos(wave_ * y + phase_); }
+    std::string reason() const override { return not_linear; }
+
+  private:
+    double share_, wave_, phase_;
+};
+
+class GradientScale final : public FrictionScale {
+  public:
+    GradientScale(double share, double length) : share_(share), length_(length) {}
+    double factor(double, double y) const override {
+        return std::max(0.0, 1 + share_ * std::clamp(y / length_, -1.0, 1.0));
+    }
+    double slope(double, double y) const override { return std::abs(y) < length_ ? share_ / length_ : 0; }
+    std::string reason() const override { return not_linear; }
+
+  private:
+    double share_, length_;
+};
+
+} // namespace
+
+// All friction, the viscous part and the elements too, times a function of the position, which is never below zero.
+const EffectKind position_dependent_friction = {
+    .name = "position_dependent_friction",
+    .equation = "friction times 1 + a sin(2 pi y/period_m + phase) or, mode gradient, 1 + a clip(y/period_m, -1, 1)",
+    .parameters =
+        {
+            {.name = "mode",
+             .meaning = "how the friction varies",
+             .type = EffectParameter::Type::choice,
+             .choices = {"sine", "gradient"}},
+            {.name = "a", .meaning = "share of the friction that varies", .plausible_least = 0.02, .plausible_most = 1},
+            {.name = "period_m",
+             .unit = "m",
+             .meaning = "period, or the length of the gradient",
+             .allowed = Allowed::positive,
+             .plausible_least = 1e-3,
+             .plausible_most = 1},
+            {.name = "phase",
+             .unit = "rad",
+             .meaning = "phase",
+             .plausible_least = 0,
+             .plausible_most = 6.2832,
+             .fallback = 0},
+        },
+    .affine = false,
+    .drawn_against = DrawnAgainst::position,
+    .neutral = {{"a", 0}},
+    .apply =
+        [](const Effect& e, ServoAxis& axis) {
+            const double wave = 2 * std::numbers::pi / e.number("period_m");
+            if (e.choice("mode") == "sine") {
+                axis.plant.friction_scales.push_back(
+                    std::make_shared<const SineScale>(e.number("a"), wave, e.number("phase")));
+            } else {
+                axis.plant.friction_scales.push_back(
+                    std::make_shared<const GradientScale>(e.number("a"), e.number("period_m")));
+            }
+        },
+};
+
+} // namespace tribode::effects

@@ -1,0 +1,69 @@
+#include "tribode/experiment/friction_margins.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/experiment/frequency_sweep.hpp"
+
+#include <cmath>
+#include <fmt/format.h>
+#include <numbers>
+
+namespace tribode {
+
+using std::numbers::pi;
+
+LoopDelays loop_delays_of(const MachineModel& machine) {
+    return {machine.sample_time, machine.input_delay + machine.output_delay, machine.current_loop_hz};
+}
+
+std::complex<double> pid_response(const PidSettings& pid, double sample_time, double frequency_hz) {
+    const double a = pid.derivative_filter_hz ? std::exp(-2 * pi * *pid.derivative_filter_hz * sample_time) : 0.0;
+    const auto d = std::polar(1.0, -2 * pi * frequency_hz * sample_time); // z^-1
+    return pid.kp + pid.ki * sample_time / (1.0 - d) + pid.kd * (1 - a) / sample_time * (1.0 - d) / (1.0 - a * d);
+}
+
+FrictionLoop friction_loop_of(const MachineModel& machine) {
+    const auto* pid = std::get_if<PidSettings>(&machine.controller);
+    if (!pid) throw InputError("the machine has no PID controller, must have one (controller.type = \"pid\")");
+    FrictionLoop loop;
+    loop.plant = modal_model_of(machine);
+    loop.delays = loop_delays_of(machine);
+    loop.controller = [pid = *pid, ts = machine.sample_time](double f) { return pid_response(pid, ts, f); };
+    loop.elements = machine.elements;
+    loop.viscous = machine.viscous;
+    return loop;
+}
+
+FrictionMargins friction_margins(const MachineModel& machine, double friction_feedback, double amplitude) {
+    constexpr double lowest = 0.05; // [Hz], below the crossover of the integrator and a stuck spring
+    const double nyquist = 0.5 / machine.sample_time;
+    const FrictionLoop loop = friction_loop_of(machine);
+    if (loop.elements.empty() && loop.viscous == 0) {
+        throw InputError("the machine has neither friction.elements nor friction.viscous, must have one to feed back");
+    }
+    const auto stability = loop.stability(friction_feedback, amplitude, lowest, nyquist);
+    return {stability_margins(loop.loop_gain(friction_feedback, amplitude), lowest, nyquist), stability.stable,
+            stability.critical};
+}
+
+FrequencyResponse friction_loop_gain(const MachineModel& machine, double friction_feedback,
+                                     const std::vector<double>& amplitude, const std::vector<double>& frequency_hz) {
+    const double nyquist = 0.5 / machine.sample_time;
+    const FrictionLoop loop = friction_loop_of(machine);
+    if (amplitude.size() != 1 && amplitude.size() != frequency_hz.size()) {
+        throw InputError(fmt::format("amplitude_m has {} entries, must be one or {}, as many as frequency_hz has",
+                                     amplitude.size(), frequency_hz.size()));
+    }
+    FrequencyResponse response;
+    for (std::size_t i = 0; i < frequency_hz.size(); ++i) {
+        const double f = frequency_hz[i];
+        if (!(f < nyquist)) {
+            throw InputError(fmt::format("frequency {} Hz, must be below the Nyquist frequency of {} Hz", to_text(f),
+                                         to_text(nyquist)));
+        }
+        response.frequency_hz.push_back(f);
+        response.value.push_back(loop.loop_gain(friction_feedback, amplitude[amplitude.size() == 1 ? 0 : i])(f));
+    }
+    return response;
+}
+
+} // namespace tribode

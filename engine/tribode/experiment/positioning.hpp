@@ -1,0 +1,83 @@
+#pragma once
+#include "tribode/analysis/loop_gain.hpp"
+#include "tribode/base/field_reader.hpp"
+#include "tribode/base/run_control.hpp"
+#include "tribode/design/feedforward.hpp"
+#include "tribode/experiment/friction_model.hpp"
+#include "tribode/experiment/servo_recorder.hpp"
+#include "tribode/machine/machine_model.hpp"
+#include "tribode/record/table.hpp"
+#include "tribode/solver/integrator.hpp"
+#include "tribode/solver/run_outcome.hpp"
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+namespace tribode {
+
+struct PositioningOptions {
+    double duration = 0.3;  // of the run, and of the window of the errors [s]
+    double delay = 1.38e-3; // L of C_dly on r*, before it meets y_dly [s]
+    int delay_order = 4;    // of its Pade approximant
+    bool friction_compensation = true;
+    std::optional<FrictionModel> friction_model; // FM; none: the machine's own
+    double band = 5e-6;                          // settled within +- this [m]
+    double rated_thrust = 150;                   // [N]
+    double stroke = 0.78;                        // [m]
+    double spectrum_max_hz = 200;                // of the residual vibration
+    SolverOptions solver;
+    std::uint64_t seed = 0; // of the noise
+
+    static void describe(auto& o, auto& fields) {
+        fields.number("duration_s", o.duration, "s", Allowed::positive);
+        fields.number("delay_s", o.delay, "s", Allowed::non_negative);
+        fields.integer("delay_order", o.delay_order, 1, 10);
+        fields.flag("friction_compensation", o.friction_compensation);
+        fields.table("friction_model", o.friction_model);
+        fields.number("band_m", o.band, "m", Allowed::positive);
+        fields.number("rated_thrust_N", o.rated_thrust, "N", Allowed::positive);
+        fields.number("stroke_m", o.stroke, "m", Allowed::positive);
+        fields.number("spectrum_max_hz", o.spectrum_max_hz, "Hz", Allowed::positive);
+        fields.integer("seed", o.seed, 0, 1L << 53);
+        SolverOptions::describe(o.solver, fields);
+    }
+};
+
+struct PositioningResult {
+    ServoTrace trace;                          // r is the delayed r*
+    std::vector<double> error;                 // y - distance [m]
+    std::vector<double> tracking_error;        // delayed r* - y [m]
+    std::vector<double> feedforward;           // u_ff [N]
+    std::vector<double> friction_compensation; // [N]
+    double rmse = 0;                           // of the tracking error [m]
+    double max_error = 0;                      // largest abs of it [m]
+    std::optional<double> settling_time;       // instant from which abs(error) <= band to the end [s]; none: never
+    double peak_thrust = 0;                    // largest abs(u) [N]
+    double peak_position = 0;                  // largest abs(x) [m]
+    bool within_rating = false;                // peak_thrust <= rated_thrust
+    bool within_stroke = false;                // peak_position <= stroke
+    std::vector<double> spectrum_hz;           // every 0.5 Hz
+    std::vector<double> spectrum;              // of the error after the task's duration [m]
+    RunOutcome outcome;
+    RunStatistics statistics;
+
+    Table table() const; // one row per sample
+};
+
+// Positioning with two degrees of freedom, section V-C:
+//
+//     u = C(z) (C_dly r* - y_dly) + u_ff + FM(r*)
+//
+// with the machine's own PID as C(z), and the friction model FM with the machine's elements and viscous friction, or those of the options, driven
+// by r* at the sample time. The run starts at rest at zero; the step of the reference is at t = 0. y is the detected
+// position y_dly. Throws InputError where the machine has no PID controller, the sample times differ or the run is
+// shorter than the task, EndedEarly when interrupted, Error where the run fails.
+PositioningResult run_positioning(const MachineModel& machine, const Feedforward& feedforward,
+                                  const PositioningOptions& options, const RunControl& control = {});
+
+// Margins of the PID loop around the linear dynamics, without friction, with the machine's true delays, hold and
+// lag, from 0.5 Hz to the Nyquist frequency. Throws InputError where the machine has no PID controller.
+StabilityMargins positioning_margins(const MachineModel& machine);
+
+} // namespace tribode

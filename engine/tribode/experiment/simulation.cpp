@@ -1,0 +1,184 @@
+#include "tribode/experiment/simulation.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/record/csv.hpp"
+#include "tribode/solver/simulator.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <numbers>
+
+namespace tribode {
+
+namespace {
+
+const std::vector<std::string> known_columns = {"t", "u", "r", "exc", "y", "x", "v", "f"};
+
+// Position and velocity at the first sample: the line through the first measured positions, over up to 10 samples.
+ServoSystem::Start fitted_start(const DriveRecord& record, const MachineModel& machine) {
+    if (record.measured.size() < 2) {
+        throw InputError("the machine's initial state is \"fitted\", which needs a column y with two samples or more; "
+                         "give one or set initial to \"rest\"");
+    }
+    const auto count = static_cast<Eigen::Index>(std::min<std::size_t>(record.measured.size(), 10));
+    Eigen::MatrixXd lines(count, 2);
+    Eigen::VectorXd y(count);
+    for (Eigen::Index k = 0; k < count; ++k) {
+        // y[k] is the position at t_k - output_delay.
+        lines(k, 0) = 1;
+        lines(k, 1) = static_cast<double>(k) * machine.sample_time - machine.output_delay;
+        y[k] = record.measured[static_cast<std::size_t>(k)];
+    }
+    const Eigen::VectorXd fit = lines.colPivHouseholderQr().solve(y);
+    const bool moves = std::abs(fit[1]) * machine.sample_time > machine.encoder_resolution;
+    return moves ? ServoSystem::Start{fit[0], fit[1]} : ServoSystem::Start{y.mean(), 0.0};
+}
+
+Drive drive_of(const MachineModel& machine, const DriveRecord& record, double friction_feedback) {
+    const auto last = record.t.size() - 1;
+    const auto at = [last](const std::vector<double>& values, long k) {
+        return values.empty() ? 0.0 : values[std::min(static_cast<std::size_t>(k), last)];
+    };
+    if (record.closed_loop()) {
+        return ClosedLoop{[&record, at](long k) {
+                              return LoopInput{at(record.reference, k), at(record.excitation, k)};
+                          },
+                          friction_feedback};
+    }
+    if (machine.input == InputKind::hold) {
+        return OpenLoop{[&record, at](long k) { return std::array{at(record.u, k), 0.0, 0.0, 0.0}; }};
+    }
+    return OpenLoop{[pieces = band_limited(record.u), last](long k) {
+        return pieces[std::min(static_cast<std::size_t>(k), last)];
+    }};
+}
+
+} // namespace
+
+bool DriveRecord::is_column(const std::string& name) {
+    return std::find(known_columns.begin(), known_columns.end(), name) != known_columns.end();
+}
+
+const std::vector<std::string>& DriveRecord::columns() {
+    static const std::vector<std::string> names = {"t", "u", "r", "exc", "y"};
+    return names;
+}
+
+DriveRecord DriveRecord::from_table(const Table& table, const MachineModel& machine, const std::string& where) {
+    for (const auto& column : table.columns) {
+        if (!is_column(column.name)) {
+            throw InputError(fmt::format("{}: column \"{}\" is not known{}", where, column.name,
+                                         suggestion(column.name, known_columns)));
+        }
+    }
+    const auto values = [&](const char* name) {
+        const Column* column = table.find(name);
+        return column ? column->values : std::vector<double>{};
+    };
+    require_uniform_time(table, machine.sample_time);
+    DriveRecord record;
+    record.t = values("t");
+    record.reference = values("r");
+    record.excitation = values("exc");
+    record.measured = values("y");
+    const bool has_u = table.find("u") != nullptr;
+    const bool has_loop_input = table.find("r") != nullptr || table.find("exc") != nullptr;
+    if (!has_u && !has_loop_input) {
+        throw InputError(fmt::format("{}: there is no column u (open loop) nor r or exc (closed loop)", where));
+    }
+    if (table.rows() == 0) throw InputError(fmt::format("{}: there are no rows, must be one at least", where));
+    if (has_u && (!has_loop_input || !machine.closed_loop || !machine.has_controller())) {
+        record.u = values("u");
+        record.reference.clear();
+        record.excitation.clear();
+    } else if (!machine.has_controller()) {
+        throw InputError(fmt::format("{}: columns r and exc need a controller, and the machine has none; give it one "
+                                     "or a column u",
+                                     where));
+    }
+    return record;
+}
+
+Method resolved(Method method, const MachineModel& machine) {
+    return resolved(method, ServoSystem(machine, OpenLoop{}));
+}
+
+ServoSystem driven_system(const MachineModel& machine, const DriveRecord& record, std::uint64_t seed,
+                          double friction_feedback) {
+    if (friction_feedback != 0 && !record.closed_loop()) {
+        throw InputError("friction_feedback belongs to a closed loop, and the input is u, an open loop; give r or exc");
+    }
+    const auto start = machine.initial == InitialKind::fitted ? fitted_start(record, machine) : ServoSystem::Start{};
+    return ServoSystem(machine, drive_of(machine, record, friction_feedback), seed, start);
+}
+
+Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver,
+                    std::uint64_t seed, const RunControl& control, double friction_feedback) {
+    const ServoSystem system = driven_system(machine, record, seed, friction_feedback);
+    Simulator simulator(system, solver, control);
+    ServoRecorder recorder(system);
+    simulator.observe(&recorder);
+    Simulation result;
+    // Progress in a hundred parts: each ends at a sample instant, so the parts do not show in the numbers.
+    const std::size_t last = record.t.size() - 1, part = std::max<std::size_t>(last / 100, 1);
+    for (std::size_t k = 0;; k = std::min(k + part, last)) {
+        result.outcome = simulator.advance_to(static_cast<double>(k) * machine.sample_time);
+        if (control.progress) control.progress("simulate", k, last);
+        if (k == last || !result.outcome.ok()) break;
+    }
+    result.method = resolved(solver.method, system);
+    result.trace = recorder.trace();
+    std::copy_n(record.t.begin(), result.trace.t.size(), result.trace.t.begin());
+    result.events = simulator.events();
+    result.statistics = simulator.statistics();
+    return result;
+}
+
+Table to_table(const ServoTrace& trace) {
+    Table table;
+    table.add("t", "s", trace.t);
+    table.add("r", "m", trace.r);
+    table.add("u", "N", trace.u);
+    table.add("y", "m", trace.y);
+    table.add("x", "m", trace.x);
+    table.add("v", "m/s", trace.v);
+    table.add("f", "N", trace.f);
+    return table;
+}
+
+std::string to_csv(const EventLog& events) {
+    std::string text = "t,element,kind\n";
+    for (const auto& event : events) {
+        append_text(text, event.t);
+        text += fmt::format(",{},{}\n", event.subject, name_of(static_cast<SlipState>(event.kind)));
+    }
+    return text;
+}
+
+std::vector<std::array<double, 4>> band_limited(const std::vector<double>& u) {
+    constexpr long reach = 32;
+    const long count = static_cast<long>(u.size());
+    const auto sample = [&](long k) { return u[static_cast<std::size_t>(std::clamp(k, 0L, count - 1))]; };
+    // d/ds of sum u[n] sinc(s - n) at s = k: (-1)^(k-n)/(k-n), under a Hann window.
+    const auto slope = [&](long k) {
+        double sum = 0;
+        for (long n = 1; n <= reach; ++n) {
+            const double window = 0.5 + 0.5 * std::cos(std::numbers::pi * static_cast<double>(n) / (reach + 1));
+            sum += (n % 2 ? 1.0 : -1.0) * window / static_cast<double>(n) * (sample(k + n) - sample(k - n));
+        }
+        return sum;
+    };
+    std::vector<double> slopes(u.size());
+    for (long k = 0; k < count; ++k) slopes[static_cast<std::size_t>(k)] = slope(k);
+    std::vector<std::array<double, 4>> pieces(u.size());
+    for (std::size_t k = 0; k + 1 < u.size(); ++k) {
+        const double rise = u[k + 1] - u[k], from = slopes[k], to = slopes[k + 1];
+        pieces[k] = {u[k], from, 3 * rise - 2 * from - to, from + to - 2 * rise};
+    }
+    if (!u.empty()) pieces.back() = {u.back(), 0, 0, 0};
+    return pieces;
+}
+
+} // namespace tribode

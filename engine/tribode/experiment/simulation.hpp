@@ -1,0 +1,66 @@
+#pragma once
+#include "tribode/base/run_control.hpp"
+#include "tribode/experiment/servo_recorder.hpp"
+#include "tribode/machine/machine_model.hpp"
+#include "tribode/record/table.hpp"
+#include "tribode/solver/integrator.hpp"
+#include "tribode/solver/run_outcome.hpp"
+
+#include <cstdint>
+#include <string>
+
+namespace tribode {
+
+// What drives a machine, sample by sample: the columns of a record. Either u (open loop) or r and excitation.
+struct DriveRecord {
+    std::vector<double> t;                     // as the user wrote it [s]; t_k = t_0 + k Ts
+    std::vector<double> u;                     // [N]; empty in closed loop
+    std::vector<double> reference, excitation; // [m], [N]; empty in open loop
+    std::vector<double> measured;              // y of the record [m], where it has one; for a fitted start
+
+    bool closed_loop() const { return u.empty(); }
+
+    // Whether a record may have a column of this name: t, u, r, exc, y, and x, v, f, which are passed over.
+    static bool is_column(const std::string& name);
+
+    // What from_table can use of a record: t, u, r, exc, y.
+    static const std::vector<std::string>& columns();
+
+    // Columns t, then u (open loop) or r and exc (closed loop; one of the two may be absent and is zero then). Where a
+    // record has u and r, the machine's closed_loop decides. Throws InputError on other columns, on a time column that
+    // is not uniform with the machine's sample time, and on what the machine cannot do.
+    static DriveRecord from_table(const Table& table, const MachineModel& machine, const std::string& where);
+};
+
+struct Simulation {
+    ServoTrace trace;                  // at the record's instants reached; t as in the record
+    Method method = Method::automatic; // the one used
+    EventLog events;                   // times from the record's first instant [s]
+    RunOutcome outcome;
+    RunStatistics statistics;
+};
+
+// The method that `automatic` stands for with this machine.
+Method resolved(Method method, const MachineModel& machine);
+
+// The machine under the record, from the start that its description says; in closed loop with the share friction_feedback
+// of the modelled friction added to u (ClosedLoop). The record must outlive it.
+ServoSystem driven_system(const MachineModel& machine, const DriveRecord& record, std::uint64_t seed,
+                          double friction_feedback = 0);
+
+// Runs the machine under the record. The first sample is t = 0 of the machine; there it rests, or moves as the first
+// samples of the measured position do where its description says "fitted".
+Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver,
+                    std::uint64_t seed, const RunControl& control = {}, double friction_feedback = 0);
+
+// Columns t,r,u,y,x,v,f, as `tribode simulate` writes them.
+Table to_table(const ServoTrace& trace);
+
+// The event log as `tribode simulate --events` writes it: lines t,element,kind under a header.
+std::string to_csv(const EventLog& events);
+
+// u between its samples, band-limited: per sample a cubic through u[k] and u[k+1] with the slopes of the ideal
+// band-limited interpolation there (windowed sinc over 32 samples on each side). Outside the record u is constant.
+std::vector<std::array<double, 4>> band_limited(const std::vector<double>& u);
+
+} // namespace tribode

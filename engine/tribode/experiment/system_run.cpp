@@ -1,0 +1,216 @@
+#include "tribode/experiment/system_run.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/solver/simulator.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace tribode {
+
+namespace {
+
+constexpr double most_rows = 1e7;
+
+class SystemRecorder final : public Observer {
+  public:
+    SystemRecorder(const EquationSystem& system, Table& table, const RunControl& control, double from, double to,
+                   bool with_jumps)
+        : system_(system),
+          table_(table),
+          control_(control),
+          from_(from),
+          to_(to),
+          outputs_(system.equations().outputs.size()),
+          with_jumps_(with_jumps) {
+        const auto& whens = system.equations().whens;
+        keeps_before_ =
+            with_jumps || std::any_of(whens.begin(), whens.end(), [](const auto& when) { return when.stop; });
+    }
+
+    void before_instant(const SystemState& state) override {
+        if (!keeps_before_) return;
+        before_ = state;
+        events_before_ = of_guards_->size() + events_.size();
+    }
+
+    void after_instant(const SystemState& state) override {
+        if (!with_jumps_) return;
+        const auto before = system_.discrete(before_), after = system_.discrete(state);
+        const bool same = before_.x == state.x && std::equal(before.begin(), before.end(), after.begin()) &&
+                          of_guards_->size() + events_.size() == events_before_;
+        if (same) return;
+        left_limit_of_last_instant();
+        output(state);
+    }
+
+    // A row, unless the last one is at that time.
+    void left_limit_of_last_instant() {
+        const auto& times = table_.columns.front().values;
+        if (times.empty() || times.back() != before_.t) output(before_);
+    }
+
+    void output(const SystemState& state) override {
+        if (static_cast<double>(table_.rows()) >= 2 * most_rows) {
+            throw InputError(fmt::format("the results have more than {} rows at t = {:.9g} s; output_events gives two "
+                                         "for each event and each jump",
+                                         2 * most_rows, state.t));
+        }
+        auto column = table_.columns.begin();
+        (column++)->values.push_back(state.t);
+        for (const double value : state.x) (column++)->values.push_back(value);
+        for (const double value : system_.discrete(state)) (column++)->values.push_back(value);
+        system_.outputs(state, outputs_);
+        for (const double value : outputs_) (column++)->values.push_back(value);
+        if (control_.progress) show_progress(state.t);
+    }
+
+    void sampled(ClockId, long, const SystemState& state) override {
+        for (const int when : system_.fired_by_sample(state)) {
+            events_.emplace_back(of_guards_->size(), Event{state.t, when, 0});
+        }
+    }
+
+    void follow(const EventLog& of_guards) { of_guards_ = &of_guards; }
+
+    // Those of guards and those of samples, in the order in which they happened.
+    EventLog events() const {
+        EventLog all;
+        auto sampled = events_.begin();
+        for (std::size_t i = 0; i <= of_guards_->size(); ++i) {
+            for (; sampled != events_.end() && sampled->first == i; ++sampled) all.push_back(sampled->second);
+            if (i < of_guards_->size()) all.push_back((*of_guards_)[i]);
+        }
+        return all;
+    }
+
+  private:
+    // Once a run takes long.
+    void show_progress(double t) const {
+        constexpr std::chrono::seconds long_time{1};
+        if (std::chrono::steady_clock::now() - began_ < long_time) return;
+        constexpr std::size_t parts = 1000;
+        const auto done = static_cast<std::size_t>(parts * std::clamp((t - from_) / (to_ - from_), 0.0, 1.0));
+        control_.progress(system_.equations().name, done, parts);
+    }
+
+    const EquationSystem& system_;
+    Table& table_;
+    const RunControl& control_;
+    const double from_, to_; // of the run [s]
+    const std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
+    std::vector<double> outputs_;
+    const bool with_jumps_;
+    bool keeps_before_ = false;
+    SystemState before_; // of the last instant, where it is kept
+    std::size_t events_before_ = 0;
+    const EventLog* of_guards_ = nullptr;
+    std::vector<std::pair<std::size_t, Event>> events_; // of samples, each behind so many of guards
+};
+
+Table empty_table(const Equations& equations) {
+    Table table;
+    table.add("t", "s", {});
+    for (const auto& state : equations.states) table.add(state.name, state.unit, {});
+    for (const auto& discrete : equations.discrete) table.add(discrete.name, discrete.unit, {});
+    for (const auto& output : equations.outputs) table.add(output.name, output.unit, {});
+    return table;
+}
+
+// Of the tables in a term that have no values everywhere, where they have.
+std::string limits_of_tables(const Equations& equations, Term root) {
+    std::string text;
+    for (const Term term : equations.graph->reachable(std::span(&root, 1))) {
+        if ((*equations.graph)[term].op != Op::lookup) continue;
+        const auto& table = *equations.graph->table_of(term);
+        for (int variable = 0; variable < table.variables(); ++variable) {
+            const auto [low, high] = table.domain(variable);
+            if (!std::isfinite(low)) continue;
+            const std::string in = table.variables() == 1 ? "" : variable == 0 ? " in x" : " in y";
+            text += fmt::format("; {} has values from {} to {}{}", table.name(), to_text(low), to_text(high), in);
+        }
+    }
+    return text;
+}
+
+// From the start in steps, and the end.
+std::vector<double> grid_of(double start, const SystemRunOptions& options) {
+    const double duration = options.end - start;
+    const double step = options.output_step > 0 ? options.output_step : duration / 1000;
+    const double count = std::floor(duration / step * (1 + 1e-12));
+    if (!(count < most_rows)) {
+        throw InputError(fmt::format("{} s in steps of {} s are more than {} rows", duration, step, most_rows));
+    }
+    std::vector<double> grid;
+    for (double k = 0; k <= count; ++k) grid.push_back(std::min(start + k * step, options.end));
+    if (options.end - grid.back() > std::max(1e-12 * duration, 1e-15 * options.end)) {
+        grid.push_back(options.end);
+    } else {
+        grid.back() = options.end;
+    }
+    return grid;
+}
+
+} // namespace
+
+SystemRun run_system(const EquationSystem& system, const SystemRunOptions& options, const RunControl& control) {
+    SystemRun result;
+    result.table = empty_table(system.equations());
+    result.method = resolved(options.solver.method, system);
+    SystemState start = options.resume ? system.restored(options.resume->system) : system.initial_state(options.start);
+    const double begin = start.t;
+    if (!(options.end > begin)) {
+        throw InputError(fmt::format("the run is to end at t = {:.9g} s, must be after its start at t = {:.9g} s",
+                                     options.end, begin));
+    }
+    // What lies within a step and outside all conditions, a short bump of an input for one, only shorter steps can see.
+    constexpr double max_step_part = 1.0 / 50;
+    SolverOptions solver = options.solver;
+    // One that had been found stiff goes on as such.
+    const bool was_stiff = options.resume && options.resume->method == name_of(Method::bdf);
+    if (solver.method == Method::automatic && result.method == Method::erk && was_stiff) {
+        solver.method = result.method = Method::bdf;
+    }
+    if (solver.max_step == 0) solver.max_step = max_step_part * (options.end - begin);
+    Simulator run(system, solver, std::move(start), control);
+    if (options.resume && options.resume->method == name_of(result.method)) run.propose_step(options.resume->step);
+    SystemRecorder recorder(system, result.table, control, begin, options.end, options.output_jumps);
+    recorder.follow(run.events());
+    run.observe(&recorder);
+    for (const double t : options.output_times) {
+        if (t >= begin && t <= options.end) continue;
+        throw InputError(
+            fmt::format("a row is to be at t = {} s, must be between the start at {} s and the end at {} s", to_text(t),
+                        to_text(begin), to_text(options.end)));
+    }
+    run.set_output_grid(options.output_times.empty() ? grid_of(begin, options) : options.output_times);
+    result.outcome = run.advance_to(options.end);
+    result.statistics = run.statistics();
+
+    result.events = recorder.events();
+    if (result.outcome.end == RunEnd::stopped) {
+        recorder.left_limit_of_last_instant();
+        const auto last = std::find_if(result.events.rbegin(), result.events.rend(), [&](const Event& event) {
+            return system.equations().whens[static_cast<std::size_t>(event.subject)].stop;
+        });
+        if (last != result.events.rend()) result.ended_by = static_cast<std::size_t>(last->subject);
+    }
+    result.final_states = run.state().x;
+    const auto discrete = system.discrete(run.state());
+    result.final_discrete.assign(discrete.begin(), discrete.end());
+    result.stiff_from = run.stiff_from();
+    const Method method = result.stiff_from ? Method::bdf : result.method;
+    result.state = {system.snapshot(run.state()), options.fingerprint, name_of(method), run.proposed_step()};
+
+    if (const auto& culprit = result.outcome.not_finite) {
+        const auto& state = system.equations().states[culprit->state];
+        result.outcome.message = fmt::format(
+            "{} is not a finite number at t = {:.9g} s; the last good state is that of t = {:.9g} s{}",
+            state.equation_text(), culprit->t, result.outcome.t, limits_of_tables(system.equations(), state.rate));
+    }
+    return result;
+}
+
+} // namespace tribode

@@ -1,0 +1,512 @@
+#include "tribode/plant/servo_plant.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <fmt/format.h>
+#include <numbers>
+
+namespace tribode {
+
+namespace {
+constexpr double two_pi = 2 * std::numbers::pi;
+// Absolute tolerances of the other states where that of a position is one metre: a velocity of the order of
+// displacement times 100 rad/s, a force of the order of displacement times the stiffness of rolling friction.
+constexpr double velocity_scale = 100;
+constexpr double force_scale = 1e6;
+constexpr double position_limit = 1e9; // [m]: an axis that got there has an unstable loop
+// Of half a gap: far above the rounding of positions, far below what one sees of a contact.
+constexpr double contact_margin = 1e-9;
+} // namespace
+
+ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total_gain_(p_.rigid_gain) {
+    const auto add_states = [&](const std::string& name) {
+        states_.push_back({name + " position", "m", states_.size() + 1, 1.0, position_limit});
+        states_.push_back({name + " velocity", "m/s", std::nullopt, velocity_scale});
+    };
+    add_states("driven point");
+    for (const auto& mode : p_.modes) {
+        add_states(fmt::format("mode {}", gain_.size() + 1));
+        const double omega = two_pi * mode.freq_hz;
+        gain_.push_back(mode.gain);
+        damping_.push_back(2 * mode.zeta * omega);
+        stiffness_.push_back(omega * omega);
+        total_gain_ += mode.gain;
+    }
+    if (p_.backlash) {
+        assert(p_.modes.empty() && p_.rigid_gain > 0);
+        add_states("other body");
+        const Backlash& b = *p_.backlash;
+        const double load = p_.rigid_gain / b.load_fraction, motor = p_.rigid_gain / (1 - b.load_fraction);
+        total_gain_ = b.load_side ? load : motor;
+        other_gain_ = b.load_side ? motor : load;
+        const double reduced = 1 / (load + motor), omega = two_pi * b.contact_hz;
+        contact_stiffness_ = reduced * omega * omega;
+        contact_damping_ = 2 * b.contact_zeta * omega * reduced;
+    }
+    first_sine_ = states_.size();
+    for (std::size_t i = 1; i <= p_.sine_forces.size(); ++i) {
+        states_.push_back({fmt::format("sine force {}", i), "N", std::nullopt, force_scale});
+        states_.push_back({fmt::format("sine force {}, a quarter later", i), "N", std::nullopt, force_scale});
+    }
+    first_own_ = states_.size();
+    for (const auto& force : p_.forces) {
+        own_count_.push_back(force->states().size());
+        for (auto& state : force->states()) states_.push_back(std::move(state));
+    }
+    const auto& [forward, backward] = std::pair{p_.forward, p_.backward};
+    viscous_ = {p_.viscous + backward.viscous, p_.viscous, p_.viscous + forward.viscous};
+    has_dry_ = p_.dry.present() || forward.level != 0 || backward.level != 0 || forward.viscous != backward.viscous;
+    scaled_ = !p_.friction_scales.empty();
+    added_ = p_.constant_force != 0 || p_.spring != 0 || p_.backlash || !p_.sine_forces.empty() || !p_.forces.empty();
+    if (p_.current_loop_hz > 0) {
+        states_.push_back({"thrust", "N", std::nullopt, force_scale});
+        corner_ = two_pi * p_.current_loop_hz;
+    }
+    assert(total_gain_ > 0);
+    release_margin_ =
+        1e-12 * (1 + p_.dry.static_level + std::max(p_.forward.level, p_.backward.level) + p_.rolling.coulomb_level());
+}
+
+ServoPlant::State ServoPlant::start(double y, double v, std::span<double> x) const {
+    std::fill(x.begin(), x.end(), 0.0);
+    x[0] = y;
+    x[1] = v;
+    // Without a rigid body the first mode is all that can be there; a second body comes along.
+    if (p_.rigid_gain == 0 || p_.backlash) std::copy_n(x.begin(), 2, x.begin() + 2);
+    refresh_sines(0, x);
+    State s;
+    s.rolling = p_.rolling.at_rest(y);
+    s.dry = v == 0 ? SlipState::stick : slip_towards(v);
+    return s;
+}
+
+double ServoPlant::thrust(double t, std::span<const double> x, const State& s) const {
+    return corner_ > 0 ? x.back() : s.input(t);
+}
+
+bool ServoPlant::refresh_sines(double t, std::span<double> x) const {
+    if (p_.sine_forces.empty()) return false;
+    double* state = x.data() + first_sine_;
+    for (const auto& [amplitude, freq_hz, phase] : p_.sine_forces) {
+        const double angle = two_pi * freq_hz * t + phase;
+        *state++ = amplitude * std::sin(angle);
+        *state++ = amplitude * std::cos(angle);
+    }
+    return true;
+}
+
+// What pushes the driven point, but for forces that are not affine. `one` = 0: the part linear in x and thrust.
+double ServoPlant::pushing(double thrust, std::span<const double> x, const State& s, double one) const {
+    if (!added_) return thrust;
+    double sum = one * p_.constant_force - p_.spring * position(x);
+    for (std::size_t i = 0; i < p_.sine_forces.size(); ++i) sum += x[first_sine_ + 2 * i];
+    if (!p_.backlash) return thrust + sum;
+    const double contact = contact_force(x, s, one);
+    return sum + (p_.backlash->load_side ? contact : thrust - contact);
+}
+
+double ServoPlant::own_forces(double t, std::span<const double> x) const {
+    double sum = 0;
+    std::size_t own = first_own_;
+    for (std::size_t i = 0; i < p_.forces.size(); ++i) {
+        sum += p_.forces[i]->force(t, position(x), velocity(x), x.subspan(own, own_count_[i]));
+        own += own_count_[i];
+    }
+    return sum;
+}
+
+double ServoPlant::driving(double t, std::span<const double> x, const State& s) const {
+    if (!added_) return thrust(t, x, s) + s.disturbance;
+    return pushing(thrust(t, x, s), x, s, 1) + s.disturbance + own_forces(t, x);
+}
+
+// y_motor - y_load (of = 0), or its rate (of = 1).
+double ServoPlant::separation(std::span<const double> x, std::size_t of) const {
+    const double ahead = x[of] - x[2 + of];
+    return p_.backlash->load_side ? -ahead : ahead;
+}
+
+// On the load, as the spring and damper would have it, whether they press or pull.
+double ServoPlant::contact_force(std::span<const double> x, const State& s, double one) const {
+    if (s.contact != ContactState::pressing_forward && s.contact != ContactState::pressing_backward) return 0;
+    const double side = static_cast<double>(s.contact);
+    return contact_stiffness_ * (separation(x, 0) - one * side * p_.backlash->gap / 2) +
+           contact_damping_ * separation(x, 1);
+}
+
+void ServoPlant::contact_guards(std::span<const double> x, const State& s, double one, std::span<double> g) const {
+    const double d = separation(x, 0), half = one * p_.backlash->gap / 2;
+    const double side = s.contact > ContactState::open ? 1 : -1;
+    switch (s.contact) {
+    case ContactState::open:
+        g[0] = half - d;
+        g[1] = half + d;
+        break;
+    case ContactState::pressing_forward:
+    case ContactState::pressing_backward:
+        g[0] = side * contact_force(x, s, one);
+        g[1] = one;
+        break;
+    case ContactState::parting_forward:
+    case ContactState::parting_backward:
+        // A little beyond, so that rounding does not take it back at once.
+        g[0] = side * d - half * (1 - contact_margin);
+        g[1] =
+            contact_stiffness_ * (half * (1 + contact_margin) - side * d) - contact_damping_ * side * separation(x, 1);
+        break;
+    }
+}
+
+void ServoPlant::contact_crossing(bool first, State& s) const {
+    const bool forward = s.contact > ContactState::open;
+    switch (s.contact) {
+    case ContactState::open:
+        s.contact = first ? ContactState::pressing_forward : ContactState::pressing_backward;
+        break;
+    case ContactState::pressing_forward: s.contact = ContactState::parting_forward; break;
+    case ContactState::pressing_backward: s.contact = ContactState::parting_backward; break;
+    case ContactState::parting_forward:
+    case ContactState::parting_backward:
+        s.contact = first     ? ContactState::open
+                    : forward ? ContactState::pressing_forward
+                              : ContactState::pressing_backward;
+        break;
+    }
+}
+
+// Of the second body and the sine forces.
+void ServoPlant::added_rates(double thrust, std::span<const double> x, const State& s, double one,
+                             std::span<double> dxdt) const {
+    if (p_.backlash) {
+        const double contact = contact_force(x, s, one);
+        dxdt[2] = x[3];
+        dxdt[3] = other_gain_ * (p_.backlash->load_side ? thrust - contact : contact);
+    }
+    for (std::size_t i = 0; i < p_.sine_forces.size(); ++i) {
+        const std::size_t state = first_sine_ + 2 * i;
+        const double omega = two_pi * p_.sine_forces[i].freq_hz;
+        dxdt[state] = omega * x[state + 1];
+        dxdt[state + 1] = -omega * x[state];
+    }
+}
+
+double ServoPlant::friction_factor(double t, std::span<const double> x) const {
+    if (!scaled_) return 1;
+    double factor = 1;
+    for (const auto& scale : p_.friction_scales) factor *= scale->factor(t, position(x));
+    return factor;
+}
+
+// In the direction of the slip, before it is scaled.
+double ServoPlant::dry_level(double v, const State& s) const {
+    return p_.dry.level(v) + (s.dry == SlipState::slip_forward ? p_.forward : p_.backward).level;
+}
+
+// The axis is let go a little above the static level, so that rounding does not stop it again at once [N].
+double ServoPlant::release_level(double towards, double t, std::span<const double> x) const {
+    const double level = p_.dry.static_level + (towards > 0 ? p_.forward : p_.backward).level;
+    return (level + release_margin_) * friction_factor(t, x);
+}
+
+double ServoPlant::restoring(std::span<const double> x) const {
+    double sum = 0;
+    for (std::size_t j = 0; j < gain_.size(); ++j) sum += damping_[j] * x[2 * j + 3] + stiffness_[j] * x[2 * j + 2];
+    return sum / total_gain_;
+}
+
+double ServoPlant::smooth_friction(double t, std::span<const double> x, const State& s) const {
+    const double v = velocity(x), friction = p_.rolling.force(s.rolling, position(x), v) + viscous(s) * v;
+    return scaled_ ? friction_factor(t, x) * friction : friction;
+}
+
+// The part of smooth_friction that is linear in x.
+double ServoPlant::linear_friction(std::span<const double> x, const State& s) const {
+    return s.rolling.stiffness * position(x) + (s.rolling.damping + viscous(s)) * velocity(x);
+}
+
+double ServoPlant::holding_force(double t, std::span<const double> x, const State& s) const {
+    return driving(t, x, s) - smooth_friction(t, x, s) - restoring(x);
+}
+
+ServoPlant::Outputs ServoPlant::outputs(double t, std::span<const double> x, const State& s) const {
+    const double v = velocity(x);
+    double f = smooth_friction(t, x, s);
+    if (has_dry_) {
+        f += s.dry == SlipState::stick ? holding_force(t, x, s) : sign(s.dry) * dry_level(v, s) * friction_factor(t, x);
+    }
+    return {position(x), v, f, thrust(t, x, s)};
+}
+
+// Driven point and modes under an effective thrust; linear in both.
+void ServoPlant::motion(std::span<const double> x, double effective, std::span<double> dxdt) const {
+    double acceleration = total_gain_ * effective;
+    for (std::size_t j = 0; j < gain_.size(); ++j) {
+        const double restoring = damping_[j] * x[2 * j + 3] + stiffness_[j] * x[2 * j + 2];
+        dxdt[2 * j + 2] = x[2 * j + 3];
+        dxdt[2 * j + 3] = gain_[j] * effective - restoring;
+        acceleration -= restoring;
+    }
+    dxdt[0] = x[1];
+    dxdt[1] = acceleration;
+}
+
+void ServoPlant::derivative(double t, std::span<const double> x, const State& s, std::span<double> dxdt) const {
+    const bool stuck = has_dry_ && s.dry == SlipState::stick;
+    double effective;
+    if (stuck) {
+        effective = restoring(x);
+    } else {
+        effective = driving(t, x, s) - smooth_friction(t, x, s);
+        if (has_dry_) effective -= sign(s.dry) * dry_level(velocity(x), s) * friction_factor(t, x);
+    }
+    motion(x, effective, dxdt);
+    if (stuck) dxdt[1] = 0; // exactly
+    if (added_) added_rates(thrust(t, x, s), x, s, 1, dxdt);
+    if (corner_ > 0) dxdt.back() = corner_ * (s.input(t) - x.back());
+    if (p_.forces.empty()) return;
+    std::size_t own = first_own_;
+    for (std::size_t i = 0; i < p_.forces.size(); ++i) {
+        const std::size_t count = own_count_[i];
+        p_.forces[i]->rates(t, position(x), velocity(x), x.subspan(own, count), dxdt.subspan(own, count));
+        own += count;
+    }
+}
+
+void ServoPlant::linear_part(std::span<double> matrix) const {
+    const std::size_t n = states_.size();
+    std::vector<double> unit(n);
+    for (std::size_t j = 0; j < n; ++j) {
+        unit[j] = 1;
+        const std::span<double> column = matrix.subspan(j * n, n);
+        const double thrust = corner_ > 0 ? unit[n - 1] : 0.0;
+        motion(unit, pushing(thrust, unit, {}, 0), column);
+        if (added_) added_rates(thrust, unit, {}, 0, column);
+        if (corner_ > 0) column[n - 1] = -corner_ * unit[n - 1];
+        unit[j] = 0;
+    }
+}
+
+std::optional<std::string> ServoPlant::why_not_affine() const {
+    if (!p_.forces.empty()) return p_.forces.front()->reason();
+    if (!p_.friction_scales.empty()) return p_.friction_scales.front()->reason();
+    if (p_.dry.velocity_dependent()) return "the Stribeck level of the friction is not linear in the velocity";
+    return std::nullopt;
+}
+
+void ServoPlant::affine_derivative(int n, double t0, double h, std::span<const double> c, const State& s,
+                                   std::span<double> coefficient) const {
+    if (n == 0) return derivative(t0, c, s, coefficient);
+    linear_derivative(s.input.taylor(n, t0, h), c, s, coefficient);
+}
+
+// The part of derivative() that is linear in x and in the input.
+void ServoPlant::linear_derivative(double input, std::span<const double> x, const State& s,
+                                   std::span<double> dxdt) const {
+    const bool stuck = has_dry_ && s.dry == SlipState::stick;
+    const double thrust = corner_ > 0 ? x.back() : input;
+    motion(x, stuck ? restoring(x) : pushing(thrust, x, s, 0) - linear_friction(x, s), dxdt);
+    if (stuck) dxdt[1] = 0; // exactly
+    if (added_) added_rates(thrust, x, s, 0, dxdt);
+    if (corner_ > 0) dxdt.back() = corner_ * (input - x.back());
+}
+
+bool ServoPlant::jacobian(double t, std::span<const double> x, const State& s, std::span<double> matrix) const {
+    const std::size_t n = states_.size();
+    const double y = position(x), v = velocity(x);
+    const auto entry = [&](std::size_t row, std::size_t column) -> double& { return matrix[column * n + row]; };
+    const bool stuck = has_dry_ && s.dry == SlipState::stick;
+    // Linear parts as images of the unit vectors, then what is not linear in y and v.
+    std::vector<double> unit(n);
+    for (std::size_t column = 0; column < n; ++column) {
+        unit[column] = 1;
+        linear_derivative(0, unit, s, matrix.subspan(column * n, n));
+        unit[column] = 0;
+    }
+    if (stuck || !why_not_affine()) return true;
+    // d u_e/dy and d u_e/dv beyond those of the linear part.
+    double by_position = s.rolling.stiffness, by_velocity = s.rolling.damping + viscous(s);
+    const double factor = friction_factor(t, x);
+    by_position *= 1 - factor;
+    by_velocity *= 1 - factor;
+    double friction = p_.rolling.force(s.rolling, y, v) + viscous(s) * v;
+    if (has_dry_) {
+        friction += sign(s.dry) * dry_level(v, s);
+        by_velocity -= factor * p_.dry.slope(v);
+    }
+    for (const auto& scale : p_.friction_scales) {
+        const double own = scale->factor(t, y);
+        // The product rule; a factor that is zero has no slope, for it never falls below.
+        if (own > 0) by_position -= friction * factor / own * scale->slope(t, y);
+    }
+    for (const auto& force : p_.forces) {
+        const auto slopes = force->slopes(t, y, v);
+        if (!slopes) return false;
+        by_position += slopes->position;
+        by_velocity += slopes->velocity;
+    }
+    const auto push = [&](std::size_t column, double slope) {
+        entry(1, column) += total_gain_ * slope;
+        for (std::size_t j = 0; j < gain_.size(); ++j) entry(2 * j + 3, column) += gain_[j] * slope;
+    };
+    push(0, by_position);
+    push(1, by_velocity);
+    return true;
+}
+
+// The way in which whatever slips does so.
+SlipState ServoPlant::direction(const State& s) const { return has_dry_ ? s.dry : s.rolling.direction; }
+
+// With dry friction the way of the motion is known, and an axis that sticks has none: only the limit ahead matters.
+ServoPlant::Watched ServoPlant::watched(const State& s) const {
+    Watched w;
+    w.forward = (!has_dry_ || s.dry == SlipState::slip_forward) && std::isfinite(s.rolling.forward_limit);
+    w.backward = (!has_dry_ || s.dry == SlipState::slip_backward) && std::isfinite(s.rolling.backward_limit);
+    w.towards = sign(direction(s));
+    w.release = has_dry_ && s.dry == SlipState::stick;
+    return w;
+}
+
+void ServoPlant::guards(double t, std::span<const double> x, const State& s, std::span<double> g) const {
+    const Watched w = watched(s);
+    const double y = position(x);
+    g[forward_limit] = w.forward ? s.rolling.forward_limit - y : 1;
+    g[backward_limit] = w.backward ? y - s.rolling.backward_limit : 1;
+    g[reversal] = w.towards != 0 ? w.towards * velocity(x) : 1;
+    if (p_.backlash) contact_guards(x, s, 1, g.subspan(first_contact_guard()));
+    if (!has_dry_) return;
+    const double holding = w.release ? holding_force(t, x, s) : 0;
+    g[release_forward] = w.release ? release_level(1, t, x) - holding : 1;
+    g[release_backward] = w.release ? release_level(-1, t, x) + holding : 1;
+}
+
+void ServoPlant::affine_guards(int n, double t0, double h, std::span<const double> c, const State& s,
+                               std::span<double> g) const {
+    if (n == 0) return guards(t0, c, s, g);
+    const Watched w = watched(s);
+    const double y = position(c);
+    g[forward_limit] = w.forward ? -y : 0;
+    g[backward_limit] = w.backward ? y : 0;
+    g[reversal] = w.towards * velocity(c);
+    if (p_.backlash) contact_guards(c, s, 0, g.subspan(first_contact_guard()));
+    if (!has_dry_) return;
+    const double thrust = corner_ > 0 ? c.back() : s.input.taylor(n, t0, h);
+    const double holding = w.release ? pushing(thrust, c, s, 0) - linear_friction(c, s) - restoring(c) : 0;
+    g[release_forward] = -holding;
+    g[release_backward] = holding;
+}
+
+// Takes the velocity of the driven point to exactly zero, by an impulse there.
+void ServoPlant::stop(std::span<double> x) const {
+    const double impulse = velocity(x) / total_gain_;
+    for (std::size_t j = 0; j < gain_.size(); ++j) x[2 * j + 3] -= gain_[j] * impulse;
+    x[1] = 0;
+}
+
+std::optional<AffinePattern> ServoPlant::affine_pattern(const State& s) const {
+    if (s.input.rate != 0) return std::nullopt; // u varies between its samples
+    return forced_pattern(s);
+}
+
+std::optional<std::string> ServoPlant::why_not_nearly_affine() const {
+    for (const auto& force : p_.forces) {
+        if (!force->states().empty()) return "a force on the driven point has states of its own";
+    }
+    return std::nullopt;
+}
+
+std::size_t ServoPlant::forcing_count() const {
+    if (!why_not_affine()) return 0;
+    return has_dry_ && !p_.friction_scales.empty() ? 2 : 1;
+}
+
+void ServoPlant::forcing(double t, std::span<const double> x, const State& s, std::span<double> w) const {
+    const double v = velocity(x), factor = friction_factor(t, x);
+    double sum = own_forces(t, x);
+    double affine = p_.rolling.force(s.rolling, position(x), v) + viscous(s) * v;
+    if (has_dry_ && s.dry != SlipState::stick) {
+        const double towards = sign(s.dry);
+        affine += towards * (p_.dry.coulomb + (towards > 0 ? p_.forward : p_.backward).level);
+        if (p_.dry.velocity_dependent()) sum -= towards * factor * p_.dry.above_coulomb(towards * v);
+    }
+    w[0] = sum + (1 - factor) * affine;
+    if (w.size() > 1) w[1] = factor - 1;
+}
+
+void ServoPlant::forcing_columns(const State& s, std::span<double> b, std::span<double> c) const {
+    if (has_dry_ && s.dry == SlipState::stick) {
+        c[release_forward] = -1;
+        c[release_backward] = 1;
+        if (forcing_count() < 2) return;
+        const std::span<double> level = c.subspan(guard_count());
+        level[release_forward] = p_.dry.static_level + p_.forward.level + release_margin_;
+        level[release_backward] = p_.dry.static_level + p_.backward.level + release_margin_;
+        return;
+    }
+    b[1] = total_gain_;
+    for (std::size_t j = 0; j < gain_.size(); ++j) b[2 * j + 3] = gain_[j];
+}
+
+AffinePattern ServoPlant::forced_pattern(const State& s) const {
+    const Watched w = watched(s);
+    const double watch =
+        w.towards + 3 * w.forward + 6 * w.backward + 12 * w.release + 24 * static_cast<double>(s.contact);
+    return AffinePattern{s.rolling.stiffness, s.rolling.damping, watch};
+}
+
+EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const {
+    const auto report = [&](std::size_t element, SlipState now) {
+        log.push_back({t, static_cast<int>(element) + 1, static_cast<int>(now)});
+    };
+    const auto set_dry = [&](SlipState now) {
+        log.push_back({t, coulomb_subject, static_cast<int>(now)});
+        s.dry = now;
+    };
+    if (guard >= first_contact_guard()) {
+        contact_crossing(guard == first_contact_guard(), s);
+        return EventEffect::restart;
+    }
+    switch (guard) {
+    case forward_limit: p_.rolling.slip(s.rolling, position(x), SlipState::slip_forward, report); break;
+    case backward_limit: p_.rolling.slip(s.rolling, position(x), SlipState::slip_backward, report); break;
+    case reversal: {
+        // The velocity is zero but for rounding. Where that leaves it on this side it is made exactly zero, lest elements
+        // that now stand on their limit slip again at once; beyond, as at the end of a fixed step, it is right as it is.
+        const bool turned = sign(direction(s)) * velocity(x) <= 0;
+        if (has_dry_) {
+            const double towards = sign(s.dry);
+            stop(x);
+            // A force beyond the level in the direction of motion never let it stop: the velocity is zero, as it is
+            // after a release, and fell below by rounding.
+            if (towards * holding_force(t, x, s) > release_level(towards, t, x)) break;
+            set_dry(SlipState::stick);
+        }
+        p_.rolling.stick(s.rolling, position(x), report);
+        if (!turned) stop(x);
+        if (has_dry_) {
+            // Where the force is beyond the static level, the axis goes straight over into slip the other way.
+            const double holding = holding_force(t, x, s);
+            if (std::abs(holding) > release_level(holding, t, x)) set_dry(slip_towards(holding));
+        }
+        break;
+    }
+    case release_forward:
+    case release_backward:
+        stop(x);
+        set_dry(guard == release_forward ? SlipState::slip_forward : SlipState::slip_backward);
+        break;
+    }
+    return EventEffect::restart;
+}
+
+std::string ServoPlant::guard_name(GuardId guard, const State& s) const {
+    if (guard >= first_contact_guard()) return "the contact of the backlash";
+    switch (guard) {
+    case forward_limit: return fmt::format("friction element {}", s.rolling.next_forward + 1);
+    case backward_limit: return fmt::format("friction element {}", s.rolling.next_backward + 1);
+    case reversal: return "the reversal of the velocity";
+    default: return "the Coulomb level";
+    }
+}
+
+} // namespace tribode

@@ -1,0 +1,453 @@
+#include "tribode/record/plot.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/field_reader.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/record/output_file.hpp"
+#include "tribode/record/run_folder.hpp"
+
+#include <algorithm>
+#include <cctype>
+#include <cerrno>
+#include <cmath>
+#include <csignal>
+#include <cstring>
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <utility>
+
+extern char** environ;
+
+namespace tribode {
+
+namespace {
+
+// Okabe-Ito: told apart by eyes that do not see all colours.
+constexpr std::array palette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f"};
+
+const std::vector<std::string> style_names = {"line", "dashed", "points", "line_points"};
+
+// A text in gnuplot's double quotes: letters, digits, blanks and what is not ASCII as they are, control characters as blanks,
+// everything else by its octal number. So nothing in a text ends its quotes or its line (gnuplot reads lines as C strings),
+// and nothing is left to be taken for a command in backquotes or a macro. gnuplot reads all octal digits behind a backslash,
+// so that a digit which follows such a number is written by its number, too. Every text of a plot goes through here; all
+// else in a script is numbers and words of the engine's own.
+std::string quoted(const std::string& text) {
+    std::string result = "\"";
+    bool after_number = false;
+    for (const char c : text) {
+        const auto code = static_cast<unsigned char>(c);
+        const bool plain = code == ' ' || code >= 0x80 || std::isalnum(code);
+        if (code < 0x20 || code == 0x7f) {
+            result += ' ';
+            after_number = false;
+        } else if (plain && !(after_number && c >= '0' && c <= '7')) {
+            result += c;
+            after_number = false;
+        } else {
+            result += fmt::format("\\{:03o}", code);
+            after_number = true;
+        }
+    }
+    return result + "\"";
+}
+
+bool shown(const Panel& panel, double x, double y) {
+    return std::isfinite(x) && std::isfinite(y) && (!panel.x_log || x > 0) && (!panel.y_log || y > 0);
+}
+
+} // namespace
+
+const std::string& name_of(SeriesStyle style) { return style_names[static_cast<std::size_t>(style)]; }
+
+Range shown_range(const Panel& panel, bool of_x) {
+    if (const auto& asked = of_x ? panel.x_range : panel.y_range) return *asked;
+    if (!panel.map.label.empty()) {
+        const auto& edges = of_x ? panel.map.x_edges : panel.map.y_edges;
+        return {edges.front(), edges.back()};
+    }
+    double low = INFINITY, high = -INFINITY;
+    for (const auto& series : panel.series) {
+        for (std::size_t i = 0; i < series.x.size(); ++i) {
+            if (!shown(panel, series.x[i], series.y[i])) continue;
+            const double value = of_x ? series.x[i] : series.y[i];
+            low = std::min(low, value);
+            high = std::max(high, value);
+        }
+    }
+    const bool log = of_x ? panel.x_log : panel.y_log;
+    if (!(low <= high)) return log ? Range{1, 10} : Range{-1, 1};
+    if (log) {
+        // A little more than nothing: gnuplot leaves out a label that lies on the very end of a logarithmic axis.
+        const double margin = of_x ? 1 + 1e-6 : std::max(std::pow(high / low, 0.05), 1.05);
+        return low == high ? Range{low / 2, low * 2} : Range{low / margin, high * margin};
+    }
+    const double span =
+        high - low > 1e-12 * std::max(std::abs(low), std::abs(high)) ? high - low : std::max(std::abs(low), 1.0);
+    // Curves over time or frequency fill the width; loops keep off the frame.
+    const bool ascending = std::all_of(panel.series.begin(), panel.series.end(), [](const Series& series) {
+        return std::is_sorted(series.x.begin(), series.x.end());
+    });
+    const double margin = of_x && high > low && ascending ? 0 : (of_x ? 0.03 : 0.06) * span;
+    return {low - margin, high + margin};
+}
+
+std::vector<std::string> shown_colors(const Panel& panel) {
+    std::vector<std::string> colors;
+    std::size_t next = 0;
+    for (const auto& series : panel.series) {
+        colors.push_back(series.color.empty() ? palette[next++ % palette.size()] : series.color);
+    }
+    return colors;
+}
+
+int shown_height(const Plot& plot) {
+    return plot.height > 0 ? plot.height : 200 + 380 * static_cast<int>(std::max<std::size_t>(plot.panels.size(), 1));
+}
+
+namespace {
+
+std::string datablock(const std::string& name, const Panel& panel, const Series& series) {
+    std::string text = "$" + name + " << EOD\n";
+    for (std::size_t i = 0; i < series.x.size(); ++i) {
+        if (shown(panel, series.x[i], series.y[i])) {
+            append_text(text, series.x[i]);
+            text += ' ';
+            append_text(text, series.y[i]);
+        }
+        text += '\n'; // an empty line breaks the curve
+    }
+    return text + "EOD\n";
+}
+
+std::string axis(const char* name, bool log, const Range& range) {
+    std::string text = log ? fmt::format("set logscale {}\n", name) : fmt::format("unset logscale {}\n", name);
+    text += fmt::format("set {}range [{}:{}]\n", name, to_text(range[0]), to_text(range[1]));
+    // Within one or two decades the powers of ten alone are too few labels.
+    if (log && range[1] / range[0] < 200) {
+        text += fmt::format("set {}tics (", name);
+        std::string separator;
+        for (double decade = std::pow(10, std::floor(std::log10(range[0]))); decade <= range[1]; decade *= 10) {
+            for (const double step : {1, 2, 5}) {
+                text += fmt::format("{}{} {}", separator, quoted(fmt::format("{:g}", step * decade)), step * decade);
+                separator = ", ";
+            }
+            for (const double step : {3, 4, 6, 7, 8, 9}) text += fmt::format(", '' {} 1", step * decade);
+        }
+        text += ")\n";
+    } else {
+        text += fmt::format("set {0}tics auto enhanced\nset format {0} '{1}'\n", name, log ? "10^{%T}" : "%g");
+    }
+    return text;
+}
+
+std::string named_ticks(const std::vector<std::string>& names) {
+    std::string text = "set ytics (";
+    for (std::size_t i = 0; i < names.size(); ++i) {
+        text += fmt::format("{}{} {}", i > 0 ? ", " : "", quoted(names[i]), i + 1);
+    }
+    return text + ") noenhanced\n";
+}
+
+std::string legend(const std::string& place) {
+    if (place == "none") return "unset key\n";
+    const std::string text = "noenhanced Left reverse samplen 2.5 spacing 1.15";
+    if (place == "above") return "set key at graph 0, graph 1.015 left bottom horizontal maxrows 1 " + text + "\n";
+    return fmt::format("set key inside {} vertical maxrows auto opaque {}\n", place, text);
+}
+
+std::string curve(const std::string& block, const Series& series, const std::string& color) {
+    const std::string title = series.name.empty() ? "notitle" : "title " + quoted(series.name);
+    const std::string line = fmt::format("lc rgb '{}' lw {}", color, to_text(series.width));
+    switch (series.style) {
+    case SeriesStyle::dashed: return fmt::format("${} with lines dt (12,6) {} {}", block, line, title);
+    case SeriesStyle::points: return fmt::format("${} with points pt 7 ps 0.5 {} {}", block, line, title);
+    case SeriesStyle::line_points: return fmt::format("${} with linespoints pt 7 ps 0.5 {} {}", block, line, title);
+    case SeriesStyle::line: break;
+    }
+    return fmt::format("${} with lines {} {}", block, line, title);
+}
+
+// The cells with their colours, one to a line: centre, edges, value.
+std::string datablock(const std::string& name, const ColorMap& map) {
+    std::string text = "$" + name + " << EOD\n";
+    const std::size_t columns = map.x_edges.size() - 1;
+    for (std::size_t i = 0; i < map.values.size(); ++i) {
+        if (!std::isfinite(map.values[i])) continue;
+        const std::size_t x = i % columns, y = i / columns;
+        for (const double value : {map.x_edges[x], map.y_edges[y], map.x_edges[x], map.x_edges[x + 1], map.y_edges[y],
+                                   map.y_edges[y + 1], map.values[i]}) {
+            append_text(text, value);
+            text += ' ';
+        }
+        text += '\n';
+    }
+    return text + "EOD\n";
+}
+
+std::string color_scale(const ColorMap& map) {
+    double low = 0, high = 0;
+    for (const double value : map.values) {
+        if (!std::isfinite(value)) continue;
+        low = std::min(low, value);
+        high = std::max(high, value);
+    }
+    const double largest = std::max(-low, high);
+    const double most = map.strongest > 0 ? map.strongest : largest > 0 ? largest : 1;
+    const char* colors = low < 0 ? "-1 '#08519c', -0.4 '#9ecae1', 0 '#f7f7f7', 0.4 '#fcae91', 1 '#a50f15'"
+                                 : "0 '#f7f7f7', 0.4 '#fcae91', 1 '#a50f15'";
+    return fmt::format("set palette defined ({})\nset cbrange [{}:{}]\nset cblabel {} offset 1,0 noenhanced\n", colors,
+                       low < 0 ? to_text(-most) : "0", to_text(most), quoted(map.label));
+}
+
+std::string script_of(const Plot& plot, double height, const std::string& terminal) {
+    std::string text = terminal;
+    const std::size_t panels = std::max<std::size_t>(plot.panels.size(), 1);
+    for (std::size_t p = 0; p < plot.panels.size(); ++p) {
+        const auto& panel = plot.panels[p];
+        for (std::size_t s = 0; s < panel.series.size(); ++s) {
+            text += datablock(fmt::format("d{}_{}", p, s), panel, panel.series[s]);
+        }
+        if (!panel.map.label.empty()) text += datablock(fmt::format("m{}", p), panel.map);
+    }
+    text += "set grid xtics ytics mxtics mytics lt 1 lc rgb '#cccccc' lw 0.8, lt 1 lc rgb '#e8e8e8' lw 0.6\n"
+            "set border lc rgb '#404040'\nset tics nomirror\n";
+    // Room for the names at the axis: about 8 pixels for a letter.
+    std::size_t longest = 0;
+    for (const auto& panel : plot.panels) {
+        for (const auto& name : panel.y_names) longest = std::max(longest, name.size());
+    }
+    // A title above a panel stands clear of the label below the one before.
+    const bool titled =
+        std::any_of(plot.panels.begin(), plot.panels.end(), [](const auto& p) { return !p.title.empty(); });
+    const double left = std::clamp((60 + 8 * static_cast<double>(longest)) / plot.width, 0.095, 0.5);
+    const bool mapped =
+        std::any_of(plot.panels.begin(), plot.panels.end(), [](const auto& p) { return !p.map.label.empty(); });
+    text += fmt::format("set multiplot layout {},1 title {} noenhanced font ',15' margins {},{},{},{} "
+                        "spacing 0,{}\n",
+                        panels, quoted(plot.title), to_text(left), mapped ? 0.885 : 0.975, to_text(60 / height),
+                        to_text(1 - 90 / height), to_text(panels > 1 ? (titled ? 105 : 85) / height : 0));
+    for (std::size_t p = 0; p < plot.panels.size(); ++p) {
+        const auto& panel = plot.panels[p];
+        text += panel.title.empty() ? "unset title\n" : fmt::format("set title {} noenhanced\n", quoted(panel.title));
+        text += fmt::format("set xlabel {} noenhanced\nset ylabel {} noenhanced\n", quoted(panel.x_label),
+                            quoted(panel.y_label));
+        text += axis("x", panel.x_log, shown_range(panel, true));
+        text += axis("y", panel.y_log, shown_range(panel, false));
+        if (!panel.y_names.empty()) text += named_ticks(panel.y_names);
+        text += legend(panel.legend);
+        std::string curves;
+        const bool any_cell = std::any_of(panel.map.values.begin(), panel.map.values.end(),
+                                          [](double value) { return std::isfinite(value); });
+        if (any_cell) {
+            text += color_scale(panel.map);
+            curves = fmt::format("$m{} using 1:2:3:4:5:6:7 with boxxyerror fs solid noborder lc palette notitle", p);
+        }
+        const auto colors = shown_colors(panel);
+        for (std::size_t s = 0; s < panel.series.size(); ++s) {
+            const auto& series = panel.series[s];
+            const bool any = std::any_of(series.x.begin(), series.x.end(), [&, i = std::size_t{0}](double x) mutable {
+                return shown(panel, x, series.y[i++]);
+            });
+            if (!any) continue; // gnuplot takes a curve without points for an error
+            curves += (curves.empty() ? "" : ", ") + curve(fmt::format("d{}_{}", p, s), series, colors[s]);
+        }
+        // An empty panel still shows its axes.
+        text += "plot " + (curves.empty() ? "NaN notitle" : curves) + "\n";
+    }
+    return text + "unset multiplot\n";
+}
+
+struct Pipe {
+    int read_end = -1, write_end = -1;
+    Pipe() {
+        int ends[2];
+        if (pipe2(ends, O_CLOEXEC) != 0) throw Error(fmt::format("no pipe to gnuplot: {}", std::strerror(errno)));
+        read_end = ends[0];
+        write_end = ends[1];
+    }
+    ~Pipe() {
+        close_end(read_end);
+        close_end(write_end);
+    }
+    static void close_end(int& end) {
+        if (end >= 0) close(end);
+        end = -1;
+    }
+};
+
+// What gnuplot writes to its standard output for a script.
+std::string run_gnuplot(const std::string& script) {
+    Pipe in, out, messages;
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_adddup2(&actions, in.read_end, STDIN_FILENO);
+    posix_spawn_file_actions_adddup2(&actions, out.write_end, STDOUT_FILENO);
+    posix_spawn_file_actions_adddup2(&actions, messages.write_end, STDERR_FILENO);
+    // Without the start-up files of the user or of the folder: they may hold any command.
+    std::string program = "gnuplot", no_start_up_files = "--default-settings", dash = "-";
+    char* arguments[] = {program.data(), no_start_up_files.data(), dash.data(), nullptr};
+    pid_t child = 0;
+    const int failure = posix_spawnp(&child, "gnuplot", &actions, nullptr, arguments, environ);
+    posix_spawn_file_actions_destroy(&actions);
+    if (failure != 0) throw InputError("plots are drawn by gnuplot, which is not installed; install gnuplot-nox");
+    Pipe::close_end(in.read_end);
+    Pipe::close_end(out.write_end);
+    Pipe::close_end(messages.write_end);
+
+    // Feed and drain together, so that neither side waits for the other; a gnuplot that has ended early must not end
+    // this program by SIGPIPE.
+    static const auto ignored = std::signal(SIGPIPE, SIG_IGN);
+    (void)ignored;
+    fcntl(in.write_end, F_SETFL, O_NONBLOCK);
+    std::string image, complaint;
+    std::size_t sent = 0;
+    char buffer[65536];
+    while (out.read_end >= 0 || messages.read_end >= 0) {
+        std::array<pollfd, 3> ends = {pollfd{in.write_end, POLLOUT, 0}, pollfd{out.read_end, POLLIN, 0},
+                                      pollfd{messages.read_end, POLLIN, 0}};
+        if (poll(ends.data(), ends.size(), -1) < 0 && errno != EINTR) break;
+        if (in.write_end >= 0 && ends[0].revents) {
+            const ssize_t n = write(in.write_end, script.data() + sent, script.size() - sent);
+            if (n > 0) sent += static_cast<std::size_t>(n);
+            if (sent == script.size() || (n < 0 && errno != EAGAIN && errno != EINTR)) Pipe::close_end(in.write_end);
+        }
+        for (const auto& [end, text, which] :
+             {std::tuple{&out.read_end, &image, 1}, {&messages.read_end, &complaint, 2}}) {
+            if (*end < 0 || !ends[static_cast<std::size_t>(which)].revents) continue;
+            const ssize_t n = read(*end, buffer, sizeof buffer);
+            if (n > 0) text->append(buffer, static_cast<std::size_t>(n));
+            if (n == 0 || (n < 0 && errno != EINTR)) Pipe::close_end(*end);
+        }
+    }
+    int status = 0;
+    while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
+    }
+    if (status != 0 || image.empty()) {
+        throw Error(fmt::format("gnuplot could not draw the plot: {}", trim(complaint)));
+    }
+    return image;
+}
+
+void check(const Plot& plot) {
+    for (const auto& panel : plot.panels) {
+        if (const ColorMap& map = panel.map; !map.label.empty()) {
+            const bool fits = map.x_edges.size() > 1 && map.y_edges.size() > 1 &&
+                              map.values.size() == (map.x_edges.size() - 1) * (map.y_edges.size() - 1);
+            if (!fits) {
+                throw InputError(fmt::format("plot \"{}\", map \"{}\": has {} values, must have one for each cell "
+                                             "between {} and {} edges",
+                                             plot.title, map.label, map.values.size(), map.x_edges.size(),
+                                             map.y_edges.size()));
+            }
+        }
+        for (const auto& series : panel.series) {
+            if (series.x.size() == series.y.size()) continue;
+            throw InputError(fmt::format("plot \"{}\", series \"{}\": x has {} values and y {}, must be equal",
+                                         plot.title, series.name, series.x.size(), series.y.size()));
+        }
+    }
+}
+
+} // namespace
+
+const std::vector<std::string>& Panel::legend_places() {
+    static const std::vector<std::string> places = {"above",        "top right",   "top left",
+                                                    "bottom right", "bottom left", "none"};
+    return places;
+}
+
+std::string plot_png(const Plot& plot) {
+    check(plot);
+    const int height = shown_height(plot);
+    return run_gnuplot(
+        script_of(plot, height,
+                  fmt::format("set terminal pngcairo size {},{} font 'DejaVu Sans,12' enhanced background '#ffffff'\n",
+                              plot.width, height)));
+}
+
+std::string plot_svg(const Plot& plot) {
+    check(plot);
+    const int height = shown_height(plot);
+    return run_gnuplot(script_of(
+        plot, height,
+        fmt::format("set terminal svg size {},{} dynamic font 'DejaVu Sans,14' enhanced background '#ffffff'\n",
+                    plot.width, height)));
+}
+
+void draw_plot(const std::filesystem::path& path, const Plot& plot) {
+    const std::string name = path.filename().string();
+    write_file(path_inside(path.parent_path(), name + ".png"), plot_png(plot));
+    write_file(path_inside(path.parent_path(), name + ".svg"), plot_svg(plot));
+}
+
+Plot plot_from_json(const Json& json, const std::string& where) {
+    // NaN is allowed in the data: it breaks a line. A JSON file has null for it.
+    const auto values = [](FieldReader& fields, const char* key) {
+        std::vector<double> list;
+        for (const auto& entry : fields.value(key)) {
+            if (!entry.is_number() && !entry.is_null()) fields.fail(key, "must be a list of numbers");
+            list.push_back(entry.is_null() ? NAN : entry.get<double>());
+        }
+        return list;
+    };
+    const auto range = [](FieldReader& fields, const char* key) -> std::optional<Range> {
+        const auto ends = fields.numbers(key, "", Allowed::finite, {});
+        if (ends.empty()) return std::nullopt;
+        if (ends.size() != 2 || !(ends[0] < ends[1])) fields.fail(key, "must be {lowest, highest}");
+        return Range{ends[0], ends[1]};
+    };
+    FieldReader fields(json, where);
+    Plot plot;
+    plot.title = fields.text("title", "");
+    plot.width = static_cast<int>(fields.integer("width", 200, 10000, plot.width));
+    plot.height = static_cast<int>(fields.integer("height", 0, 10000, plot.height));
+    fields.each("panels", [&](FieldReader& entry) {
+        Panel panel;
+        panel.title = entry.text("title", "");
+        panel.x_label = entry.text("x_label", "");
+        panel.y_label = entry.text("y_label", "");
+        panel.x_log = entry.boolean("x_log", false);
+        panel.y_log = entry.boolean("y_log", false);
+        panel.x_range = range(entry, "x_range");
+        panel.y_range = range(entry, "y_range");
+        panel.y_names = entry.texts("y_names", {});
+        if (panel.y_log && !panel.y_names.empty()) entry.fail("y_names", "do not go with a logarithmic axis");
+        panel.legend = entry.choice("legend", Panel::legend_places(), panel.legend);
+        if (entry.has("map")) {
+            FieldReader map = entry.table("map");
+            panel.map.label = map.text("label");
+            panel.map.x_edges = values(map, "x_edges");
+            panel.map.y_edges = values(map, "y_edges");
+            panel.map.values = values(map, "values");
+            panel.map.strongest = map.number("strongest", "", Allowed::non_negative, 0);
+            map.finish();
+            if (panel.map.label.empty()) entry.fail("map", "must have a label: what the colours show");
+        }
+        entry.each("series", [&](FieldReader& curve_fields) {
+            Series series;
+            series.name = curve_fields.text("name", "");
+            series.x = values(curve_fields, "x");
+            series.y = values(curve_fields, "y");
+            const std::string style = curve_fields.choice("style", style_names, "line");
+            series.style = static_cast<SeriesStyle>(std::find(style_names.begin(), style_names.end(), style) -
+                                                    style_names.begin());
+            series.color = curve_fields.text("color", "");
+            const bool hex = series.color.size() == 7 && series.color[0] == '#' &&
+                             series.color.find_first_not_of("0123456789abcdefABCDEF", 1) == std::string::npos;
+            if (!series.color.empty() && !hex) {
+                curve_fields.fail("color", fmt::format("= \"{}\", must be #rrggbb", series.color));
+            }
+            series.width = curve_fields.number("width", "points", Allowed::positive, series.width);
+            panel.series.push_back(std::move(series));
+        });
+        plot.panels.push_back(std::move(panel));
+    });
+    fields.finish();
+    return plot;
+}
+
+} // namespace tribode

@@ -1,0 +1,76 @@
+#pragma once
+#include "tribode/base/json.hpp"
+
+#include <array>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+enum class SeriesStyle { line, dashed, points, line_points };
+const std::string& name_of(SeriesStyle style);
+
+struct Series {
+    std::string name;         // in the legend; empty: not there
+    std::vector<double> x, y; // equal lengths; a point that is not finite breaks the line
+    SeriesStyle style = SeriesStyle::line;
+    std::string color;  // "#rrggbb"; empty: the next of the palette
+    double width = 1.6; // of the line [points]
+};
+
+using Range = std::array<double, 2>; // lowest and highest value shown
+
+// A quantity over x and y as colours, cell by cell: from white, or, where it has both signs, from blue over white to red.
+struct ColorMap {
+    std::string label;                    // of the colours, with the unit; empty: no map
+    std::vector<double> x_edges, y_edges; // ascending, of the cells
+    std::vector<double> values;           // row by row from the lowest y; what is not finite leaves its cell empty
+    double strongest = 0;                 // value of the full colour; 0: the largest there is
+};
+
+struct Panel {
+    std::string title;            // mostly empty
+    std::string x_label, y_label; // with units, e.g. "Frequency [Hz]"
+    bool x_log = false, y_log = false;
+    std::optional<Range> x_range, y_range; // default: all points
+    std::vector<std::string> y_names;      // at y = 1, 2, ... in place of numbers; y_log must be false
+    std::string legend = "above";          // see legend_places
+    std::vector<Series> series;
+    ColorMap map; // below the series
+
+    static const std::vector<std::string>& legend_places(); // above, the corners, none
+};
+
+// Panels below one another, sharing the width.
+struct Plot {
+    std::string title;
+    int width = 1400; // [pixel]
+    int height = 0;   // [pixel]; 0: by the number of panels
+    std::vector<Panel> panels;
+};
+
+// Draws with gnuplot and writes `<path>.png` and `<path>.svg` through write_file, not through links that lead out of their
+// folder. Same plot, same bytes. Throws InputError where the lengths of a series differ, or gnuplot is not installed; OutputError where a file cannot
+// be written.
+void draw_plot(const std::filesystem::path& path, const Plot& plot);
+
+// What a plot that is kept as a table has behind its name, see report_from_json.
+inline constexpr const char* plot_data_extension = ".plot.json";
+
+// The bytes of the two files.
+std::string plot_png(const Plot& plot);
+std::string plot_svg(const Plot& plot);
+
+// What a drawing shows where the plot leaves it open: the ends of an axis, the colour of each series, the height
+// [pixel]. Any other drawing of a plot takes them from here, so that both agree.
+Range shown_range(const Panel& panel, bool of_x);
+std::vector<std::string> shown_colors(const Panel& panel);
+int shown_height(const Plot& plot);
+
+// A plot as a table with the fields above (styles: "line", "dashed", "points", "line_points"); `where` begins the
+// messages. Throws InputError.
+Plot plot_from_json(const Json& json, const std::string& where);
+
+} // namespace tribode

@@ -1,0 +1,109 @@
+#include "tribode/record/zip.hpp"
+#include "tribode/base/error.hpp"
+
+#include <algorithm>
+#include <fmt/format.h>
+#include <memory>
+#include <new>
+#include <zlib.h>
+
+namespace tribode {
+
+namespace {
+
+// A few kilobytes can unpack to gigabytes. Numbers of a measurement unpack to some ten times their packed size.
+constexpr std::size_t always_unpacked = std::size_t{64} << 20, most_times = 256, most_unpacked = std::size_t{4} << 30;
+constexpr int window_bits = 15, gzip_wrapper = 16;
+
+// Feeds a zlib stream with input in pieces that fit its counters and collects what comes out.
+class Stream {
+  public:
+    explicit Stream(std::string_view input) : rest_(input) {}
+
+    // Runs `step` until it has no more to say; returns its last status. `out` grows up to `limit`.
+    template <class Step>
+    int run(z_stream& z, std::string& out, std::size_t limit, Step step) {
+        int status = Z_OK;
+        while (status == Z_OK) {
+            if (z.avail_in == 0) {
+                const std::size_t piece = std::min<std::size_t>(rest_.size(), 1u << 30);
+                z.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(rest_.data()));
+                z.avail_in = static_cast<uInt>(piece);
+                rest_.remove_prefix(piece);
+            }
+            const std::size_t length = out.size();
+            if (length > limit) return Z_MEM_ERROR;
+            const std::size_t room = std::min(std::clamp<std::size_t>(length, 4096, 1u << 28), limit - length + 1);
+            out.resize(length + room);
+            z.next_out = reinterpret_cast<Bytef*>(out.data() + length);
+            z.avail_out = static_cast<uInt>(room);
+            status = step(z, rest_.empty());
+            out.resize(length + room - z.avail_out);
+        }
+        return status;
+    }
+
+    bool at_end(const z_stream& z) const { return rest_.empty() && z.avail_in == 0; }
+
+  private:
+    std::string_view rest_;
+};
+
+std::string unpack(std::string_view bytes, int bits, std::size_t most, const std::string& source) {
+    z_stream z{};
+    if (inflateInit2(&z, bits) != Z_OK) throw std::bad_alloc();
+    const std::unique_ptr<z_stream, decltype(&inflateEnd)> owner(&z, inflateEnd);
+    std::string out;
+    Stream stream(bytes);
+    int status = Z_OK;
+    for (;;) {
+        status = stream.run(z, out, most, [](z_stream& s, bool) { return inflate(&s, Z_NO_FLUSH); });
+        // A gzip file may be several, one after the other.
+        if (status != Z_STREAM_END || bits == window_bits || stream.at_end(z)) break;
+        inflateReset(&z);
+    }
+    if (status == Z_MEM_ERROR || out.size() > most) {
+        throw InputError(
+            fmt::format("{}: unpacks to more than {} MiB, which is more than a file of this size may; it is "
+                        "not read",
+                        source, most >> 20));
+    }
+    if (status != Z_STREAM_END) {
+        throw InputError(
+            fmt::format("{}: the packed data are {}", source, status == Z_BUF_ERROR ? "cut short" : "damaged"));
+    }
+    return out;
+}
+
+} // namespace
+
+bool is_gzip(std::string_view bytes) { return bytes.starts_with("\x1f\x8b\x08"); }
+
+std::size_t most_unpacked_of(std::size_t packed) {
+    return packed > most_unpacked / most_times ? most_unpacked
+                                               : std::min(most_unpacked, always_unpacked + most_times * packed);
+}
+
+std::string gunzip(std::string_view bytes, const std::string& source) {
+    return unpack(bytes, window_bits + gzip_wrapper, most_unpacked_of(bytes.size()), source);
+}
+
+std::string inflate_zlib(std::string_view bytes, std::size_t most, const std::string& source) {
+    return unpack(bytes, window_bits, most, source);
+}
+
+std::string gzip(std::string_view bytes) {
+    z_stream z{};
+    constexpr int default_memory = 8;
+    if (deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, window_bits + gzip_wrapper, default_memory,
+                     Z_DEFAULT_STRATEGY) != Z_OK) {
+        throw std::bad_alloc();
+    }
+    const std::unique_ptr<z_stream, decltype(&deflateEnd)> owner(&z, deflateEnd);
+    std::string out;
+    Stream(bytes).run(z, out, out.max_size(),
+                      [](z_stream& s, bool last) { return deflate(&s, last ? Z_FINISH : Z_NO_FLUSH); });
+    return out;
+}
+
+} // namespace tribode

@@ -1,0 +1,11 @@
+#pragma once
+#include "tribode/script/lua_state.hpp"
+#include "tribode/script/script_run.hpp"
+
+namespace tribode {
+
+// Puts the functions of the module `tribode` into the state; docs/lua-reference.md describes each. They convert
+// between plain tables and the engine's types and hold no physics and no defaults.
+void add_bindings(LuaState& lua, ScriptRun& run);
+
+} // namespace tribode

@@ -1,0 +1,503 @@
+#include "tribode/script/equation_recorder.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/random.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/script/table_fields.hpp"
+#include "tribode/script/trampoline.hpp"
+#include "tribode/script/vector_names.hpp"
+#include "tribode/system/tape.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <fmt/format.h>
+#include <lua.hpp>
+#include <set>
+
+namespace tribode {
+
+std::string line_of(lua_State* lua, int index) {
+    lua_Debug info;
+    lua_pushvalue(lua, index);
+    lua_getinfo(lua, ">S", &info);
+    return fmt::format("{}:{}: ", info.short_src, info.linedefined);
+}
+
+namespace {
+
+// The table that holds a name, below the one on top, which it replaces; what remains of the name: a field, or the index of
+// an element. [-0, +0]
+std::pair<std::string, std::size_t> go_to(lua_State* lua, std::string_view name) {
+    const auto enter = [&](const std::string& field) {
+        luaL_getsubtable(lua, -1, field.c_str());
+        lua_remove(lua, -2);
+    };
+    for (auto dot = name.find('.'); dot != std::string_view::npos; dot = name.find('.')) {
+        enter(std::string(name.substr(0, dot)));
+        name.remove_prefix(dot + 1);
+    }
+    if (const auto element = element_of(std::string(name))) {
+        enter(element->first);
+        return {"", element->second};
+    }
+    return {std::string(name), 0};
+}
+
+// The value on top into the table below it. [-1, +0]
+void put(lua_State* lua, const std::pair<std::string, std::size_t>& place) {
+    if (place.second > 0) {
+        lua_rawseti(lua, -2, static_cast<lua_Integer>(place.second));
+    } else {
+        lua_setfield(lua, -2, place.first.c_str());
+    }
+}
+
+void push_all(lua_State* lua, const Scope& scope, const std::function<void(std::size_t)>& push_value) {
+    lua_newtable(lua);
+    for (std::size_t i = 0; i < scope.names.size(); ++i) {
+        lua_pushvalue(lua, -1);
+        const auto place = go_to(lua, scope.names[i]);
+        push_value(i);
+        put(lua, place);
+        lua_pop(lua, 1);
+    }
+}
+
+using Names = std::shared_ptr<const std::vector<std::string>>;
+
+// Instead of a value that is not there.
+int refuse_index(lua_State* lua, const Names& names, const std::string& path, lua_Integer size) {
+    if (symbol_at(lua, 2)) {
+        throw InputError(
+            fmt::format("{} is indexed by a symbolic value, which has no number while equations are recorded; "
+                        "tb.where takes one of two values, tb.table1 values over an abscissa",
+                        path.empty() ? "the table of variables" : path));
+    }
+    if (size > 0) {
+        if (lua_isinteger(lua, 2) && lua_tointeger(lua, 2) == size + 1) return 0; // where ipairs ends
+        throw InputError(fmt::format("{}[{}] is not there: {} has the elements 1 to {}", path,
+                                     lua_isstring(lua, 2) ? lua_tostring(lua, 2) : luaL_typename(lua, 2), path, size));
+    }
+    const std::string name = lua_isstring(lua, 2) ? lua_tostring(lua, 2) : luaL_typename(lua, 2);
+    throw InputError(fmt::format("{} is not a variable of the system{}", name, suggestion(name, *names)));
+}
+
+// Puts a table in the place of the one on top, through which it can be read only, and so for all tables in it. [-0, +0]
+void guard(lua_State* lua, const Names& names, const std::string& path) {
+    luaL_checkstack(lua, 10, nullptr);
+    const int table = lua_gettop(lua);
+    const auto size = static_cast<lua_Integer>(lua_rawlen(lua, table));
+    lua_pushnil(lua);
+    while (size == 0 && lua_next(lua, table)) {
+        if (lua_istable(lua, -1)) {
+            const std::string name = lua_tostring(lua, -2);
+            guard(lua, names, path.empty() ? name : path + "." + name);
+            lua_pushvalue(lua, -2);
+            lua_insert(lua, -2);
+            lua_rawset(lua, table);
+        } else {
+            lua_pop(lua, 1);
+        }
+    }
+    lua_settop(lua, table);
+    lua_createtable(lua, 0, 1);
+    lua_pushnil(lua);
+    push_function(lua, [names, path, size](lua_State* state) { return refuse_index(state, names, path, size); });
+    lua_setfield(lua, -2, "__index");
+    lua_setmetatable(lua, table);
+    lua_newtable(lua);
+    lua_createtable(lua, 0, 3);
+    lua_pushvalue(lua, table);
+    lua_setfield(lua, -2, "__index");
+    lua_pushnil(lua);
+    push_function(lua, [](lua_State*) -> int {
+        throw InputError("the variables of a system cannot be set here; a function returns a table of new values");
+    });
+    lua_setfield(lua, -2, "__newindex");
+    lua_pushnil(lua);
+    push_function(lua, [size](lua_State* state) {
+        lua_pushinteger(state, size);
+        return 1;
+    });
+    lua_setfield(lua, -2, "__len");
+    lua_setmetatable(lua, -2);
+    lua_remove(lua, table);
+}
+
+} // namespace
+
+void push_scope(lua_State* lua, const Scope& scope, const std::function<void(std::size_t)>& push_value) {
+    push_all(lua, scope, push_value);
+    // Of a vector its name alone.
+    std::vector<std::string> names;
+    for (const auto& name : scope.names) {
+        const auto element = element_of(name);
+        if (!element || element->second == 1) names.push_back(element ? element->first : name);
+    }
+    guard(lua, std::make_shared<const std::vector<std::string>>(std::move(names)), "");
+}
+
+void push_values(lua_State* lua, const Scope& scope, std::span<const double> values) {
+    push_all(lua, scope, [&](std::size_t i) { lua_pushnumber(lua, values[i]); });
+}
+
+EquationRecorder::~EquationRecorder() { luaL_unref(lua_, LUA_REGISTRYINDEX, symbols_table_); }
+
+void EquationRecorder::add(const std::string& name, Term term, const std::string& unit) {
+    scope_.add(name, term);
+    units_.set(term, unit);
+    if (const auto element = element_of(name)) vectors_[element->first] = element->second;
+}
+
+// The same table for each function. [-0, +1]
+void EquationRecorder::push_symbols() {
+    if (symbols_table_ == LUA_NOREF) {
+        push_scope(lua_, scope_, [&](std::size_t i) { push_symbol(lua_, scope_.terms[i]); });
+        symbols_table_ = luaL_ref(lua_, LUA_REGISTRYINDEX);
+    }
+    lua_rawgeti(lua_, LUA_REGISTRYINDEX, symbols_table_);
+}
+
+std::vector<Recorded> EquationRecorder::record(const std::string& what, bool single) {
+    if (!lua_isfunction(lua_, -1)) {
+        throw InputError(
+            fmt::format("{} is a {}, must be a function of the system's variables", what, luaL_typename(lua_, -1)));
+    }
+    const int function = lua_gettop(lua_);
+    const std::string line = line_of(lua_, function);
+    lua_pushvalue(lua_, function);
+    push_symbols();
+    {
+        const CalledFor here(symbols_, Symbols::State::recording);
+        call_with_hint(
+            lua_, 1, 1, "nil value (field '?')",
+            "; a table that is indexed by a symbolic value gives nil, tb.table1 takes values over an abscissa");
+    }
+    std::vector<Recorded> recorded = returned(what, line, single);
+    lua_pop(lua_, 1);
+    for (auto& entry : recorded) check_units(entry, line + what);
+    const CalledFor here(symbols_, Symbols::State::comparing);
+    compare(function, recorded, what, line, single);
+    lua_pop(lua_, 1);
+    return recorded;
+}
+
+Recorded EquationRecorder::named(const std::string& name, const std::string& what) {
+    const auto found = std::find(scope_.names.begin(), scope_.names.end(), name);
+    if (found == scope_.names.end()) {
+        throw InputError(
+            fmt::format("{}: {} is not a variable of the system{}", what, name, suggestion(name, scope_.names)));
+    }
+    Recorded made{"", "", scope_.terms[static_cast<std::size_t>(found - scope_.names.begin())]};
+    check_units(made, what);
+    return made;
+}
+
+void EquationRecorder::check_units(Recorded& entry, const std::string& what) {
+    entry.what = entry.name.empty() ? what : fmt::format("{}: {}", what, entry.name);
+    try {
+        entry.dimension = units_.of(entry.term);
+        entry.advice = units_.advice(entry.term);
+    } catch (const InputError& problem) {
+        throw InputError(fmt::format("{}: {}", entry.what, problem.what()));
+    }
+    require_unit(entry, dimension_of(entry.unit), "it");
+}
+
+void require_unit(const Recorded& entry, const Dimension& wanted, const char* what) {
+    if (fit(entry.dimension, wanted)) return;
+    throw InputError(fmt::format("{}: {} must be in {}, but is in {}{}", entry.what, what, to_text(wanted),
+                                 to_text(entry.dimension), entry.advice));
+}
+
+// What stands on top of the stack. [-0, +0]
+std::vector<Recorded> EquationRecorder::returned(const std::string& what, const std::string& line, bool single) {
+    std::vector<Recorded> list;
+    if (single) {
+        list.push_back({"", "", result_at(lua_gettop(lua_), line + what)});
+        return list;
+    }
+    const int table = lua_gettop(lua_);
+    if (!lua_istable(lua_, table)) {
+        throw InputError(fmt::format("{}{} returns a {}, must return a table of named values", line, what,
+                                     luaL_typename(lua_, table)));
+    }
+    for (const auto& name : names_of(lua_, table, line + what)) {
+        lua_getfield(lua_, table, name.c_str());
+        add_returned(lua_gettop(lua_), name, fmt::format("{}{}: {}", line, what, name), list);
+        lua_pop(lua_, 1);
+    }
+    return list;
+}
+
+// A value, { value, unit = "N" }, or the list of a vector, with a unit or without. [-0, +0]
+void EquationRecorder::add_returned(int index, const std::string& name, const std::string& place,
+                                    std::vector<Recorded>& list) {
+    if (!lua_istable(lua_, index)) {
+        list.push_back({name, "", result_at(index, place)});
+        return;
+    }
+    // A vector of the scope as it is knows no other fields.
+    const bool is_own = luaL_getmetafield(lua_, index, "__len") != LUA_TNIL;
+    if (is_own) lua_pop(lua_, 1);
+    const std::string unit = !is_own && has_field(lua_, index, "unit") ? text_field(lua_, index, "unit", place) : "";
+    const auto count = static_cast<std::size_t>(luaL_len(lua_, index));
+    const auto vector = vectors_.find(name);
+    if (vector != vectors_.end() && vector->second != count) {
+        throw InputError(fmt::format("{} has {} values, must have {}", place, count, vector->second));
+    }
+    const bool is_vector = vector != vectors_.end() || count > 1;
+    for (std::size_t i = 1; i <= std::max<std::size_t>(count, 1); ++i) {
+        lua_geti(lua_, index, static_cast<lua_Integer>(i));
+        const std::string own = is_vector ? element_name(name, i) : name;
+        list.push_back({own, unit, result_at(lua_gettop(lua_), is_vector ? fmt::format("{}[{}]", place, i) : place)});
+        lua_pop(lua_, 1);
+    }
+}
+
+Term EquationRecorder::result_at(int index, const std::string& what) {
+    if (lua_isboolean(lua_, index)) return graph_.constant(lua_toboolean(lua_, index));
+    return term_at(lua_, index, graph_, what);
+}
+
+// The value of an entry of what a call on numbers returned. [-0, +0]
+std::optional<double> EquationRecorder::number_returned(int result, const Recorded& entry, bool single) const {
+    const int top = lua_gettop(lua_);
+    lua_pushvalue(lua_, result);
+    if (!single) {
+        if (!lua_istable(lua_, -1)) return lua_settop(lua_, top), std::nullopt;
+        const auto element = element_of(entry.name);
+        if (lua_getfield(lua_, -1, entry.name.c_str()) == LUA_TNIL && element) {
+            lua_pop(lua_, 1);
+            lua_getfield(lua_, -1, element->first.c_str());
+            if (lua_istable(lua_, -1)) lua_rawgeti(lua_, -1, static_cast<lua_Integer>(element->second));
+        } else if (lua_istable(lua_, -1)) {
+            lua_rawgeti(lua_, -1, 1);
+        }
+    }
+    std::optional<double> value;
+    if (lua_isboolean(lua_, -1)) value = lua_toboolean(lua_, -1);
+    if (lua_type(lua_, -1) == LUA_TNUMBER) value = lua_tonumber(lua_, -1);
+    lua_settop(lua_, top);
+    return value;
+}
+
+namespace {
+
+// Changes one coordinate so that the expression has exactly the value; false where none was found that can.
+bool move_to(const Tape& expression, double value, std::vector<double>& point) {
+    double result = 0;
+    for (double& x : point) {
+        const double before = x;
+        const auto miss_at = [&](double at) {
+            x = at;
+            expression.evaluate({point}, {&result, 1});
+            return result - value;
+        };
+        double from = before, to = before + 1, miss = miss_at(from);
+        for (int step = 0; step < 20; ++step) {
+            const double next_miss = miss_at(to);
+            if (next_miss == 0) return true;
+            const double slope = (next_miss - miss) / (to - from);
+            from = to;
+            miss = next_miss;
+            to -= next_miss / slope;
+            if (!std::isfinite(to) || to == from) break;
+        }
+        // Numbers that are compared have few digits, and so has what gives them.
+        for (const double digits : {1.0, 8.0, 100.0, 1000.0}) {
+            if (std::isfinite(from) && miss_at(std::round(from * digits) / digits) == 0) return true;
+        }
+        x = before;
+    }
+    return false;
+}
+
+} // namespace
+
+// Whether a rounding in it has a whole number, where Lua's % and the recorded one may be on either side.
+bool EquationRecorder::is_at_jump(Term root, const std::vector<double>& point) const {
+    std::vector<Term> operands;
+    for (const Term term : graph_.reachable(std::span(&root, 1))) {
+        if (graph_[term].op == Op::floor) operands.push_back(graph_[term].a);
+    }
+    std::vector<double> values(operands.size());
+    Tape(graph_, scope_.terms, operands).evaluate({point}, values);
+    return std::any_of(values.begin(), values.end(),
+                       [](double x) { return std::abs(x - std::round(x)) <= 1e-9 * (1 + std::abs(x)); });
+}
+
+// Calls the function on numbers and compares: at random points, and at points at which one variable, all of them, or an
+// expression have a value that a comparison in the function may name.
+void EquationRecorder::compare(int function, const std::vector<Recorded>& recorded, const std::string& what,
+                               const std::string& line, bool single) {
+    std::vector<Term> terms;
+    for (const auto& entry : recorded) terms.push_back(entry.term);
+    const Tape tape(graph_, scope_.terms, terms);
+    const std::size_t count = scope_.terms.size();
+    std::vector<double> point(count), values(terms.size());
+    // The values that the function sees, in one table for all calls: of many variables only those that change are set.
+    push_values(lua_, scope_, point);
+    const int scope_table = lua_gettop(lua_);
+    const auto set = [&](std::size_t i, double value) {
+        point[i] = value;
+        lua_pushvalue(lua_, scope_table);
+        const auto place = go_to(lua_, scope_.names[i]);
+        lua_pushnumber(lua_, value);
+        put(lua_, place);
+        lua_pop(lua_, 1);
+    };
+    const auto randomize = [&](std::uint64_t draw, std::size_t i) {
+        // Of all sizes, mostly near one; half of the points positive.
+        const double u = uniform(1, draw, i);
+        set(i, (draw % 2 ? 2 * u : 4 * u - 2) * (draw % 5 == 4 ? 100 : 1));
+    };
+    const auto check = [&] {
+        tape.evaluate({point}, values);
+        lua_pushvalue(lua_, function);
+        lua_pushvalue(lua_, scope_table);
+        // What fails on numbers, fails for reasons of the point.
+        if (lua_pcall(lua_, 1, 1, 0) != LUA_OK) return lua_pop(lua_, 1);
+        for (std::size_t i = 0; i < recorded.size(); ++i) {
+            const auto direct = number_returned(lua_gettop(lua_), recorded[i], single);
+            const bool same =
+                direct && (std::abs(*direct - values[i]) <= 1e-6 * (std::abs(*direct) + std::abs(values[i])) ||
+                           !std::isfinite(*direct) || !std::isfinite(values[i]));
+            // Where large numbers cancel, sums taken in another order differ by more.
+            if (same || (direct && std::abs(*direct - values[i]) < 1e-9)) continue;
+            if (is_at_jump(recorded[i].term, point)) continue;
+            refuse_branch(function, what, line);
+        }
+        lua_pop(lua_, 1);
+    };
+    constexpr std::uint64_t random_points = 20;
+    for (std::uint64_t draw = 0; draw < random_points; ++draw) {
+        for (std::size_t i = 0; i < count; ++i) randomize(draw, i);
+        check();
+    }
+    // Of many variables some, as many as take no longer than the recording; the next ones behind each of them are drawn
+    // anew.
+    constexpr std::size_t drawn_anew = 30;
+    const std::size_t most = std::clamp<std::size_t>(200'000 / std::max<std::size_t>(count, 1), 10, 500);
+    const std::size_t stride = (count + most - 1) / most;
+    for (const double value : compared_numbers(function)) {
+        for (std::size_t i = 0; i < count; ++i) set(i, value);
+        check();
+        for (std::size_t i = 0; i < count; ++i) randomize(random_points, i);
+        for (std::size_t i = 0; i < count; i += stride) {
+            for (std::size_t n = 0; n < std::min(count, drawn_anew); ++n) randomize(random_points + i, (i + n) % count);
+            set(i, value);
+            check();
+            randomize(random_points + i, i);
+        }
+    }
+    // What is compared for equality may be an expression: points at which one of this scope has such a value.
+    for (const Term term : compares_for_equality(function) ? expressions_of_scope() : std::vector<Term>()) {
+        const Tape expression(graph_, scope_.terms, {term});
+        for (const double value : compared_numbers(function)) {
+            for (std::size_t i = 0; i < count; ++i) point[i] = static_cast<double>(i % 7) / 4 - 0.5;
+            if (!move_to(expression, value, point)) continue;
+            for (std::size_t i = 0; i < count; ++i) set(i, point[i]);
+            check();
+        }
+    }
+    lua_pop(lua_, 1);
+}
+
+// The newest expressions, not too many, that are made of the variables of the scope alone.
+std::vector<Term> EquationRecorder::expressions_of_scope() const {
+    constexpr std::size_t most = 100, looked_at = 1000;
+    const std::size_t oldest = graph_.size() - std::min(graph_.size(), looked_at);
+    const std::set<Term> known(scope_.terms.begin(), scope_.terms.end());
+    std::vector<Term> list;
+    for (std::size_t i = graph_.size(); i-- > oldest && list.size() < most;) {
+        const auto term = static_cast<Term>(i);
+        if (operand_count(graph_[term].op) == 0 || is_condition(graph_[term].op)) continue;
+        const auto variables = graph_.variables_of(std::span(&term, 1));
+        const bool is_own = std::all_of(variables.begin(), variables.end(), [&](Term v) { return known.contains(v); });
+        if (is_own && !variables.empty()) list.push_back(term);
+    }
+    return list;
+}
+
+bool EquationRecorder::compares_for_equality(int function) const {
+    int first = 0;
+    const auto lines = source_of(function, first);
+    return std::any_of(lines.begin(), lines.end(), [](const std::string& line) {
+        return line.find("==") != std::string::npos || line.find("~=") != std::string::npos;
+    });
+}
+
+// The text of the function, line by line; empty where it is not from a file that the script was loaded from.
+std::vector<std::string> EquationRecorder::source_of(int function, int& first_line) const {
+    lua_Debug info;
+    lua_pushvalue(lua_, function);
+    lua_getinfo(lua_, ">S", &info);
+    first_line = info.linedefined;
+    std::vector<std::string> lines;
+    const ScriptHost& host = host_of(lua_);
+    if (info.source[0] != '@') return lines;
+    if (!host.access.allow_all && !host.loaded_files.contains(info.source + 1)) return lines;
+    std::FILE* file = std::fopen(info.source + 1, "r");
+    if (!file) return lines;
+    std::string line;
+    int number = 1;
+    for (int c = std::fgetc(file); c != EOF && number <= info.lastlinedefined; c = std::fgetc(file)) {
+        if (c != '\n') {
+            line += static_cast<char>(c);
+            continue;
+        }
+        if (number++ >= info.linedefined) lines.push_back(line);
+        line.clear();
+    }
+    std::fclose(file);
+    return lines;
+}
+
+// Zero, one, and the numbers that stand in lines of the function with a comparison for equality.
+std::vector<double> EquationRecorder::compared_numbers(int function) const {
+    std::set<double> numbers = {0, 1};
+    int first = 0;
+    for (const auto& line : source_of(function, first)) {
+        if (line.find("==") == std::string::npos && line.find("~=") == std::string::npos) continue;
+        for (std::size_t i = 0; i < line.size();) {
+            const auto c = static_cast<unsigned char>(line[i]);
+            const bool inside_name = i > 0 && (std::isalnum(static_cast<unsigned char>(line[i - 1])) ||
+                                               line[i - 1] == '_' || line[i - 1] == '.');
+            char* end = nullptr;
+            const double value = std::isdigit(c) && !inside_name ? std::strtod(line.c_str() + i, &end) : 0;
+            if (!end || end == line.c_str() + i) {
+                ++i;
+                continue;
+            }
+            numbers.insert(value);
+            if (numbers.size() < 20) numbers.insert(-value);
+            i = static_cast<std::size_t>(end - line.c_str());
+        }
+    }
+    return {numbers.begin(), numbers.end()};
+}
+
+void EquationRecorder::refuse_branch(int function, const std::string& what, const std::string& line) const {
+    // The first line that decides something is the one to look at.
+    int first = 0;
+    std::string place = line;
+    const auto lines = source_of(function, first);
+    for (std::size_t i = 0; i < lines.size(); ++i) {
+        const std::string padded = " " + lines[i] + " ";
+        const auto has = [&](const char* text) { return padded.find(text) != std::string::npos; };
+        if (!has("==") && !has("~=") && !has(" if ") && !has(" and ") && !has(" or ") && !has(" not ") &&
+            !has(" while ")) {
+            continue;
+        }
+        place = line.substr(0, line.rfind(':', line.size() - 3)) + fmt::format(":{}: ", first + static_cast<int>(i));
+        break;
+    }
+    throw InputError(fmt::format("{}{} takes a branch on the value of a variable (==, if, and, or, not), which is not "
+                                 "recorded; tb.where(tb.less(a, b), x, y) takes a branch in an equation, a `when` "
+                                 "changes it at an event",
+                                 place, what));
+}
+
+} // namespace tribode

@@ -1,0 +1,201 @@
+#include "tribode/script/sampling_bindings.hpp"
+#include "tribode/analysis/sensitivity.hpp"
+#include "tribode/analysis/statistics.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/field_reader.hpp"
+#include "tribode/batch/sampling.hpp"
+#include "tribode/machine/machine_model.hpp"
+
+namespace tribode {
+
+namespace {
+
+constexpr long most_at_once = 10'000'000; // points in one list
+
+// The options of tb.grid and the like are the description without its kind.
+LuaState::Function design_function(const std::string& kind) {
+    return [kind](const Json& arguments) {
+        Json description = {{"design", kind}};
+        if (arguments.is_object()) description.update(arguments);
+        description["design"] = kind;
+        return Design::from_description(description, "tb." + kind).description();
+    };
+}
+
+Json points_of(const Json& arguments) {
+    FieldReader fields(arguments, "tb.points");
+    const Design design = Design::from_description(fields.value("design"), fields.name_of("design"));
+    const auto count = static_cast<long>(design.count());
+    const long first = fields.integer("first", 1, count, 1);
+    const long wanted = fields.integer("count", 1, count - first + 1, count - first + 1);
+    fields.finish();
+    if (wanted > most_at_once) throw InputError("tb.points: more than 1e7 points at once; use first and count");
+    Json points = Json::array();
+    for (long i = first - 1; i < first - 1 + wanted; ++i) points.push_back(design.point(static_cast<std::uint64_t>(i)));
+    return points;
+}
+
+// tb.with_fields(machine, fields), or one table of options.
+Json change_machine(const Json& arguments) {
+    const std::string name = "tb.with_fields";
+    if (arguments.is_array() && !arguments.empty()) {
+        if (arguments.size() != 2) throw InputError(name + ": wants a machine and a table of fields");
+        return change_machine({{"machine", arguments[0]}, {"fields", arguments[1]}});
+    }
+    FieldReader fields(arguments, name);
+    const Json& machine = fields.value("machine");
+    const Json& replaced = fields.value("fields");
+    const Json& scaled = fields.value("scale");
+    fields.finish();
+    Json changed = with_fields(machine, replaced, scaled, name);
+    MachineModel::from_description(changed, name); // names and values are checked here, not at the first run
+    return changed;
+}
+
+// ---- results -----------------------------------------------------------------------------------------------------
+
+// A list of numbers in which a failed run is NaN.
+std::vector<double> values_of(FieldReader& fields, const char* key) {
+    const Json& list = fields.value(key);
+    if (list.is_null()) fields.fail(key, "is missing (a list of numbers)");
+    std::vector<double> values;
+    for (const auto& entry : list) {
+        if (!list.is_array() || !entry.is_number()) fields.fail(key, "must be a list of numbers");
+        values.push_back(entry.get<double>());
+    }
+    return values;
+}
+
+struct NamedFactors {
+    std::vector<std::string> names;
+    FactorColumns columns;
+};
+
+// A list of {name=, values=}.
+NamedFactors factors_of(FieldReader& fields) {
+    NamedFactors factors;
+    fields.each("factors", [&](FieldReader& entry) {
+        factors.names.push_back(entry.text("name"));
+        factors.columns.push_back(values_of(entry, "values"));
+        entry.text("unit", ""); // so that columns of tb.write_csv can be handed on
+    });
+    if (factors.names.empty()) fields.fail("factors", "is missing (a list of {name =, values =})");
+    return factors;
+}
+
+Json statistics(const Json& arguments) {
+    FieldReader fields(arguments, "tb.statistics");
+    const auto values = values_of(fields, "values");
+    const auto probabilities =
+        fields.numbers("probabilities", "", Allowed::fraction, {0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99});
+    const double confidence = fields.number("confidence", "", Allowed::fraction, 0.95);
+    fields.finish();
+    const Summary s = summarize(values, probabilities, confidence);
+    Json quantiles = Json::array();
+    for (const auto& q : s.quantiles) {
+        quantiles.push_back({{"probability", q.probability}, {"value", q.value}, {"low", q.low}, {"high", q.high}});
+    }
+    return {{"count", s.count},
+            {"missing", s.missing},
+            {"mean", s.mean},
+            {"standard_deviation", s.standard_deviation},
+            {"standard_error", s.standard_error},
+            {"mean_low", s.mean_low},
+            {"mean_high", s.mean_high},
+            {"least", s.least},
+            {"greatest", s.greatest},
+            {"quantiles", quantiles}};
+}
+
+Json histogram_of(const Json& arguments) {
+    FieldReader fields(arguments, "tb.histogram");
+    const auto values = values_of(fields, "values");
+    const long bins = fields.integer("bins", 0, 100000, 0);
+    fields.finish();
+    const Histogram h = histogram(values, static_cast<std::size_t>(bins));
+    return {{"edges", h.edges}, {"counts", h.counts}, {"missing", h.missing}};
+}
+
+Json indices(const Json& arguments) {
+    FieldReader fields(arguments, "tb.sobol_indices");
+    const auto values = values_of(fields, "values");
+    const auto names = fields.texts("factors", {});
+    const long replicates = fields.integer("replicates", 2, 100000, 200);
+    const long seed = fields.integer("seed", 0, 1L << 53, 0);
+    fields.finish();
+    if (names.empty()) fields.fail("factors", "is missing (the names of the design, its field names)");
+    const SobolIndices found =
+        sobol_indices(values, names.size(), static_cast<std::size_t>(replicates), static_cast<std::uint64_t>(seed));
+    return {{"factors", names},
+            {"first", found.first},
+            {"first_error", found.first_error},
+            {"total", found.total},
+            {"total_error", found.total_error},
+            {"mean", found.mean},
+            {"variance", found.variance},
+            {"groups", found.groups},
+            {"dropped", found.dropped}};
+}
+
+Json regression(const Json& arguments) {
+    FieldReader fields(arguments, "tb.regression_sensitivity");
+    const auto values = values_of(fields, "values");
+    const NamedFactors factors = factors_of(fields);
+    const bool ranks = fields.boolean("ranks", false);
+    fields.finish();
+    const StandardizedRegression found = standardized_regression(factors.columns, values, ranks);
+    return {{"factors", factors.names},
+            {"coefficients", found.coefficients},
+            {"standard_errors", found.standard_errors},
+            {"r_squared", found.r_squared},
+            {"rows", found.rows}};
+}
+
+Json tornado_of(const Json& arguments) {
+    FieldReader fields(arguments, "tb.tornado");
+    const auto values = values_of(fields, "values");
+    const NamedFactors factors = factors_of(fields);
+    const double share = fields.number("share", "", Allowed::fraction, 0.1);
+    if (share > 0.5) fields.fail("share", "must be at most 0.5");
+    fields.finish();
+    Json bars = Json::array();
+    for (const auto& bar : tornado(factors.columns, values, share)) {
+        bars.push_back({{"name", factors.names[bar.factor]},
+                        {"low", bar.low},
+                        {"high", bar.high},
+                        {"low_error", bar.low_error},
+                        {"high_error", bar.high_error}});
+    }
+    return bars;
+}
+
+Json worst(const Json& arguments) {
+    FieldReader fields(arguments, "tb.worst_cases");
+    const auto values = values_of(fields, "values");
+    const long count = fields.integer("count", 1, most_at_once, 5);
+    const std::string which = fields.choice("which", {"greatest", "least"}, "greatest");
+    fields.finish();
+    Json rows = Json::array();
+    for (const std::size_t row : worst_cases(values, static_cast<std::size_t>(count), which == "greatest")) {
+        rows.push_back({{"row", row + 1}, {"value", values[row]}});
+    }
+    return rows;
+}
+
+} // namespace
+
+void add_sampling_bindings(LuaState& lua) {
+    for (const char* kind : {"grid", "list", "monte_carlo", "latin_hypercube", "sobol", "saltelli", "one_at_a_time"}) {
+        lua.add_function(kind, design_function(kind));
+    }
+    lua.add_function("points", points_of);
+    lua.add_function("with_fields", change_machine);
+    lua.add_function("statistics", statistics);
+    lua.add_function("histogram", histogram_of);
+    lua.add_function("sobol_indices", indices);
+    lua.add_function("regression_sensitivity", regression);
+    lua.add_function("tornado", tornado_of);
+    lua.add_function("worst_cases", worst);
+}
+
+} // namespace tribode

@@ -1,0 +1,133 @@
+#pragma once
+#include "tribode/base/json.hpp"
+#include "tribode/base/run_control.hpp"
+#include "tribode/batch/batch.hpp"
+#include "tribode/record/run_folder.hpp"
+#include "tribode/script/lua_state.hpp"
+
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+// What `tribode run` asks for.
+struct ScriptRequest {
+    std::filesystem::path script;
+    std::filesystem::path folder;               // of the results; empty: results/<script>
+    std::map<std::string, std::string> defines; // -D name=value
+    bool quick = false;                         // scripts make their work small
+    bool keep_plots = false;                    // tb.plot leaves its table beside the image, for a report
+    bool allow_all = false;
+    bool compile = false;    // equations of systems through the system's C compiler
+    bool confine = false;    // the process, for good: what the script may not do, the kernel refuses, too
+    bool only_batch = false; // it is read for the batch it describes: no manifest, no log of work, no checkpoints
+    ScriptLimits limits;
+    std::vector<std::filesystem::path> read_folders; // besides models/ and scripts/
+    std::vector<std::filesystem::path> named;        // files and folders the user gave: the script may read them
+    int depth = 0;                                   // of nested runs
+};
+
+// What became of a nested run.
+struct NestedRun {
+    std::filesystem::path folder;
+    bool repeated = true; // false: it was complete already
+};
+
+// What tb.batch was given: the points, and what is done with them once all are there.
+struct ScriptBatch {
+    Batch batch;
+    std::function<void(const Json& merged)> finish; // empty: nothing
+};
+
+// One run of an experiment script: its options, its folder and what goes into the manifest. The functions of the
+// module `tribode` (bindings.hpp) work on it.
+class ScriptRun {
+  public:
+    ScriptRun(const ScriptRequest& request, const RunControl& control);
+
+    // As KernelSandbox::enter, where the request asks for it: the files of the script's access, its folder and `writable`.
+    void confine(const std::filesystem::path& writable = {}) const;
+
+    // Runs the script and writes the manifest, also where the script ends early or fails. Throws what the script does.
+    void execute();
+
+    // Runs the script, for the batch that it describes. Throws InputError where it describes none.
+    ScriptBatch& read_batch();
+    ScriptBatch& batch() { return *batch_; } // once it was read
+    // tb.batch.
+    void set_batch(ScriptBatch batch);
+    // Whether what runs now is a point of a batch, beside others: it keeps no checkpoint and no log of its work.
+    bool in_batch() const { return request_.only_batch || in_points_; }
+    std::vector<std::string> files_read() const; // the script first, absolute names
+    LuaState& lua() { return lua_; }
+
+    // tb.options: the defaults, with those the user has set by -D in their place. A default is a value or
+    // {default=, unit=, help=, choices=}; a value is read as its default's type, a list of numbers from "1,2,3".
+    Json options(const Json& defaults);
+
+    // A file a script names: as it stands, in the folder of the run, or where models/ and scripts/ lie.
+    std::filesystem::path find_file(const std::string& name) const;
+    // The same without the folder of the run.
+    static std::filesystem::path ready_file(const std::string& name);
+    // Where models/ and scripts/ lie: the source tree the program was built from, else where it was installed.
+    static std::filesystem::path home();
+
+    // Checked reading of a machine description.
+    Json machine(const std::string& file, const Json& argument);
+
+    // tb.run: another script in a folder of this run, with no more rights than this one. Options are texts as with -D.
+    // Where this run goes on after an interruption, a nested run that was complete is not repeated as long as script,
+    // options, the files it read and the version are the same and its results are there. Its results become part of
+    // this run's. Throws what ScriptRun and execute throw.
+    NestedRun run_nested(const std::string& script, const std::string& folder, const Json& options,
+                         std::optional<bool> quick);
+
+    // Counts the files that the user named among those that the script reads: see run_script_batch.
+    void note_named();
+
+    // Notes a file whose contents decide what the run does.
+    void note_read(const std::filesystem::path& file);
+
+    // Adds a line to what the manifest says of the work done.
+    void note_work(Json entry) {
+        if (!in_batch()) work_.push_back(std::move(entry));
+    }
+
+    // A line on standard error for what the user should know and no result depends on; each text once.
+    void remark(const std::string& text);
+
+    RunFolder& folder() { return folder_; }
+    const RunControl& control() const { return control_; }
+    bool quick() const { return request_.quick; }
+    const ScriptRequest& request() const { return request_; }
+    bool keeps_plots() const { return request_.keep_plots; }
+
+  private:
+    void run_script();
+    void run_batch();
+    void write_manifest(const std::string& outcome);
+    bool is_complete(const ScriptRequest& request) const;
+    ScriptAccess access() const;
+
+    ScriptRequest request_;
+    RunControl control_;
+    RunFolder folder_;
+    std::shared_ptr<std::set<std::filesystem::path>> files_read_;
+    LuaState lua_;
+    std::optional<ScriptBatch> batch_;
+    bool in_points_ = false;
+    bool goes_on_; // after an interruption, at an earlier time
+    bool options_asked_ = false;
+    std::set<std::string> remarks_;
+    Json options_ = Json::object();
+    Json machines_ = Json::object(); // file -> hash
+    Json read_ = Json::object();     // file -> hash of its bytes
+    Json work_ = Json::array();
+};
+
+} // namespace tribode

@@ -1,0 +1,118 @@
+#include "tribode/solver/first_fall.hpp"
+
+#include <array>
+#include <cmath>
+#include <utility>
+
+namespace tribode {
+
+namespace {
+
+constexpr double none = no_fall;
+
+using Bernstein = std::array<double, max_polynomial_terms>;
+
+// b_i = sum_{k <= i} C(i,k)/C(N,k) p_k: the polynomial on [0, 1] lies within the range of the b_i.
+Bernstein bernstein(std::span<const double> p) {
+    Bernstein b{};
+    const std::size_t degree = p.size() - 1;
+    // p_k/C(N,k), then the sums with C(i,k) as repeated additions.
+    double binomial = 1;
+    b[0] = p[0];
+    for (std::size_t k = 1; k <= degree; ++k) {
+        binomial *= static_cast<double>(degree - k + 1) / static_cast<double>(k);
+        b[k] = p[k] / binomial;
+    }
+    for (std::size_t round = 1; round <= degree; ++round) {
+        for (std::size_t i = degree; i >= round; --i) b[i] += b[i - 1];
+    }
+    return b;
+}
+
+// Even and odd powers apart, p(s) = e(s^2) + s o(s^2), so that one half does not wait for the other.
+std::pair<double, double> value_and_slope(std::span<const double> p, double s) {
+    const double square = s * s;
+    double even = 0, even_slope = 0, odd = 0, odd_slope = 0;
+    std::size_t n = p.size();
+    if (n % 2 == 1) even = p[--n];
+    while (n > 0) {
+        odd_slope = odd_slope * square + odd;
+        odd = odd * square + p[--n];
+        even_slope = even_slope * square + even;
+        even = even * square + p[--n];
+    }
+    return {even + s * odd, 2 * s * (even_slope + s * odd_slope) + odd};
+}
+
+// One root in [low, high], the polynomial positive before and negative after it.
+double close_in(std::span<const double> p, double low, double high) {
+    // Where the first three terms have it.
+    const double half = 0.5 * p[1], square = p.size() > 2 ? half * half - p[2] * p[0] : 0;
+    const double guess = square > 0 ? p[0] / (std::sqrt(square) - half) : low;
+    double s = guess > low && guess < high ? guess : 0.5 * (low + high);
+    for (int round = 0; round < 100; ++round) {
+        const auto [value, slope] = value_and_slope(p, s);
+        (value >= 0 ? low : high) = s;
+        const double next = s - value / slope;
+        if (!(slope < 0 && next > low && next < high)) {
+            if (next == low || next == high) return next;
+            const double middle = 0.5 * (low + high);
+            if (middle == low || middle == high) return middle;
+            s = middle;
+            continue;
+        }
+        // Newton's method squares the error, relative to s: after a step this short it is below rounding.
+        if (std::abs(next - s) < 1e-9 * next) return next;
+        s = next;
+    }
+    return s;
+}
+
+// The first fall in [low, high], at whose beginning the polynomial is zero or above; b: its Bernstein coefficients there.
+double search(std::span<const double> p, const Bernstein& b, double low, double high) {
+    const std::size_t degree = p.size() - 1;
+    int changes = 0; // of sign, zeros passed over: as many as roots inside, or more by an even number (Descartes)
+    double sign = 0; // of the last coefficient that is not zero
+    for (std::size_t i = 0; i <= degree; ++i) {
+        if (b[i] == 0) continue;
+        if (sign * b[i] < 0) ++changes;
+        sign = b[i] > 0 ? 1 : -1;
+    }
+    if (changes == 0) return sign < 0 ? low : none;
+    if (changes == 1) return sign < 0 ? close_in(p, low, high) : low;
+    // Two roots nearer than rounding can tell apart: the polynomial touches zero. Near the beginning they may be apart by
+    // far less than rounding of the whole interval.
+    if (high - low < 0x1p-50 * high || high < 0x1p-200) return none;
+    // de Casteljau: the coefficients on the two halves.
+    Bernstein left{}, right = b;
+    for (std::size_t round = 0; round <= degree; ++round) {
+        left[round] = right[0];
+        for (std::size_t i = 0; i + round < degree; ++i) right[i] = 0.5 * (right[i] + right[i + 1]);
+    }
+    const double middle = 0.5 * (low + high);
+    const double first = search(p, left, low, middle);
+    return first != none ? first : search(p, right, middle, high);
+}
+
+} // namespace
+
+double first_fall_below_zero(std::span<const double> p) {
+    // p and its slope differ from their first terms by at most these.
+    double end = p[0], others = 0, work_others = 0;
+    for (std::size_t n = 1; n < p.size(); ++n) {
+        end += p[n];
+        others += std::abs(p[n]);
+        if (n > 1) work_others += static_cast<double>(n) * std::abs(p[n]);
+    }
+    if (p[0] > others) return none;
+    if (p[0] < 0) return 0;
+    // On the way to its value at the end it neither rises nor falls in between.
+    const bool monotonous = p.size() > 1 && std::abs(p[1]) > work_others * (1 + 1e-12);
+    if (monotonous) {
+        if (p[1] > 0) return none;
+        return p[0] == 0 ? 0 : end < 0 ? close_in(p, 0, 1) : none;
+    }
+    return search(p, bernstein(p), 0, 1);
+}
+
+} // namespace tribode

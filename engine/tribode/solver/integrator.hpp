@@ -1,0 +1,108 @@
+#pragma once
+#include "tribode/base/options.hpp"
+#include "tribode/hybrid/hybrid_system.hpp"
+#include "tribode/solver/run_outcome.hpp"
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+// Integrates dx/dt = f(t, x; d) of one system over intervals on which d is constant.
+//
+// The state is the caller's: the integrator reads t and x at restart(), writes them in step(), and looks at the
+// discrete values when it evaluates. One integrator serves one run on one thread.
+class Integrator {
+  public:
+    virtual ~Integrator() = default;
+
+    // x jumped, or the derivative changed, at state.t. What is known of a good step size survives.
+    virtual void restart(SystemState& state) = 0;
+
+    // The guards changed at state.t, where one has just fallen; x and the derivative did not.
+    virtual void change_guards(SystemState& state) { restart(state); }
+
+    enum class Progress { stepped, stopped, guard_fell, failed };
+
+    // One step, to t_stop at most:
+    //   stepped     state.t < t_stop
+    //   stopped     state.t == t_stop exactly, and no guard fell
+    //   guard_fell  state is at the first fall of a guard, as exactly as the method locates it; fallen() tells which
+    //   failed      failure() tells why; state is the last good one
+    virtual Progress step(double t_stop) = 0;
+
+    // x at a time within the last step, from the method's own interpolation. t in [before the step, state.t].
+    virtual void interpolate(double t, std::span<double> x) = 0;
+
+    // The step that the method would take after a restart [s], for a run that is continued by another integrator; 0: it
+    // keeps none.
+    virtual double proposed_step() const { return 0; }
+    virtual void propose_step(double) {}
+
+    // From when on [s] a run by `automatic` has gone on by BDF, the problem being stiff; nothing: it has not.
+    virtual std::optional<double> stiff_from() const { return std::nullopt; }
+
+    const std::vector<GuardId>& fallen() const { return fallen_; }
+    const RunOutcome& failure() const { return failure_; }
+    // Steps, evaluations; the counts of events and samples are the simulator's.
+    virtual RunStatistics statistics() const = 0;
+
+  protected:
+    std::vector<GuardId> fallen_;
+    RunOutcome failure_;
+};
+
+// The ways to integrate. The first eight locate events and serve for results; the fixed-step ones are there to be compared
+// with them: they look at the guards after each step only, as one would write it on a signal processor.
+enum class Method {
+    automatic, // exact where the system is piecewise affine, ida where it has algebraic variables, else erk, and bdf from
+               // where that is stiff: the default; the user writes auto
+    exact,     // Taylor series to rounding error, for systems that are piecewise affine
+    collocation,         // exponential collocation, for systems that are nearly affine
+    erk,                 // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE
+    adams,               // Adams-Moulton with functional iteration, CVODE
+    bdf,                 // backward differentiation formulas with Newton iteration, CVODE; the user writes cvode
+    ida,                 // the same with algebraic variables, IDA
+    fixed,               // classical Runge-Kutta of order 4 with a fixed step
+    euler,               // explicit Euler with a fixed step
+    semi_implicit_euler, // velocities first, then positions with the new velocities
+    zoh // the linear part discretized by zero-order hold, all else frozen at the value of the step's beginning
+};
+
+// Which method, and how exactly.
+struct SolverOptions {
+    Method method = Method::automatic;
+    double relative_tolerance = 1e-8;
+    double absolute_tolerance = 1e-12; // [m] for positions; other states: times their scale
+    double fixed_step = 5e-5;          // [s] of fixed, euler, semi_implicit_euler, zoh
+    long max_steps = 100'000'000;      // from one output or sample to the next; more: the run ends
+    double max_step = 0;               // [s] of erk, adams, cvode, ida; 0: as long as the tolerances allow
+
+    static const std::vector<std::string>& method_names(); // as the user writes them, in the order of Method
+
+    // The absolute tolerance of a servo axis is that of its positions; of equations, that times the nominal value of a state.
+    static void describe(auto& o, auto& fields, bool of_axis = true) {
+        fields.choice("solver", o.method, method_names());
+        fields.number("relative_tolerance", o.relative_tolerance, "", Allowed::positive);
+        fields.number(of_axis ? "absolute_tolerance_m" : "absolute_tolerance", o.absolute_tolerance, of_axis ? "m" : "",
+                      Allowed::positive);
+        fields.number("fixed_step_s", o.fixed_step, "s", Allowed::positive);
+        fields.number("max_step_s", o.max_step, "s", Allowed::positive);
+        fields.integer("max_steps", o.max_steps, 1, 1'000'000'000'000);
+    }
+};
+
+std::string name_of(Method method);
+Method method_named(const std::string& name); // throws InputError
+
+// Whether the method has a fixed step, and no error control.
+bool has_fixed_step(Method method);
+
+// What `automatic` means for this system; any other method as it is.
+Method resolved(Method method, const HybridSystem& system);
+
+std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const SolverOptions& options);
+
+} // namespace tribode

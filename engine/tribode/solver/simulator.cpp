@@ -1,0 +1,307 @@
+#include "tribode/solver/simulator.hpp"
+#include "tribode/base/error.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <fmt/format.h>
+#include <limits>
+
+namespace tribode {
+
+namespace {
+
+// Adds the wall time of its life to a sum. Reading the clock costs as much as a short step, so only every 64th one of
+// each kind is timed, and counts for all.
+class Stopwatch {
+  public:
+    Stopwatch(double& seconds, unsigned& turn) : seconds_(seconds), on_(turn++ % every == 0) {
+        if (on_) start_ = std::chrono::steady_clock::now();
+    }
+    ~Stopwatch() {
+        if (!on_) return;
+        seconds_ += every * std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    }
+    Stopwatch(const Stopwatch&) = delete;
+    Stopwatch& operator=(const Stopwatch&) = delete;
+
+  private:
+    static constexpr unsigned every = 64;
+    double& seconds_;
+    const bool on_;
+    std::chrono::steady_clock::time_point start_;
+};
+
+// Times nearer than rounding are one instant.
+bool same_instant(double a, double b) {
+    constexpr double ulps = 4 * std::numeric_limits<double>::epsilon();
+    return std::abs(a - b) <= ulps * std::max(std::abs(a), std::abs(b));
+}
+
+} // namespace
+
+Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, const RunControl& control)
+    : Simulator(system, options, system.initial_state(), control) {}
+
+Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, SystemState start,
+                     const RunControl& control)
+    : system_(system),
+      clocks_(system.clocks()),
+      control_(control),
+      state_(std::move(start)),
+      integrator_(make_integrator(system, options)),
+      guard_values_(system.guard_count()),
+      guards_nearby_(system.guard_count()),
+      x_nearby_(state_.x.size()),
+      output_state_(state_),
+      fixed_step_(has_fixed_step(options.method) ? options.fixed_step : 0),
+      max_steps_(options.max_steps),
+      row_begin_(state_.t),
+      relative_tolerance_(options.relative_tolerance),
+      absolute_tolerance_(options.absolute_tolerance),
+      last_fall_(system.guard_count(), -std::numeric_limits<double>::infinity()),
+      begin_(state_.t),
+      chatter_begin_(state_.t) {
+    if (resolved(options.method, system) == Method::exact) { // it has rounding only
+        relative_tolerance_ = 16 * std::numeric_limits<double>::epsilon();
+        absolute_tolerance_ = 0;
+    }
+    if (!state_.next_sample.empty()) return; // a snapshot of another run
+    for (const auto& clock : system.clocks()) {
+        long k = static_cast<long>(std::ceil((state_.t - clock.offset) / clock.period));
+        k = std::max(k - 1, 0L);
+        while (clock.instant(k) < state_.t && !same_instant(clock.instant(k), state_.t)) ++k;
+        state_.next_sample.push_back(k);
+    }
+}
+
+void Simulator::set_output_grid(std::vector<double> instants) {
+    output_grid_ = std::move(instants);
+    next_output_ = static_cast<std::size_t>(std::lower_bound(output_grid_.begin(), output_grid_.end(), state_.t) -
+                                            output_grid_.begin());
+}
+
+RunStatistics Simulator::statistics() const {
+    RunStatistics all = statistics_;
+    all += integrator_->statistics();
+    return all;
+}
+
+void Simulator::fail(RunEnd end, std::string message) { outcome_ = RunOutcome{end, state_.t, std::move(message)}; }
+
+RunOutcome Simulator::advance_to(double t_end) {
+    if (outcome_.end != RunEnd::reached) return outcome_;
+    if (!started_) {
+        started_ = true;
+        if (!output_grid_.empty()) emit_outputs(state_.t);
+        try_instant(true);
+    }
+    long steps_to_look = 0;
+    while (outcome_.end == RunEnd::reached && state_.t < t_end) {
+        if (control_.stop_requested()) {
+            fail(RunEnd::interrupted, fmt::format("interrupted at t = {:.6g} s", state_.t));
+            break;
+        }
+        if (steps_to_look-- == 0) {
+            if (!check_divergence()) break;
+            steps_to_look = 100;
+        }
+        if (++steps_in_a_row_ > max_steps_) {
+            fail(RunEnd::too_many_steps,
+                 fmt::format("{} steps from t = {:.9g} s have come to t = {:.9g} s only; the problem may be stiff for "
+                             "this solver, or the tolerances too tight; max_steps allows more",
+                             max_steps_, row_begin_, state_.t));
+            break;
+        }
+        const double t_stop = std::min(next_instant_, t_end);
+
+        // A guard fell within rounding of the next instant: there is nothing to integrate, and the integrator would
+        // refuse so short a step.
+        auto progress = Integrator::Progress::stopped;
+        step_start_ = state_.t;
+        if (same_instant(state_.t, t_stop)) {
+            state_.t = t_stop;
+            restart_needed_ = true;
+        } else {
+            const Stopwatch watch(statistics_.seconds_integrating, steps_timed_);
+            if (restart_needed_) {
+                integrator_->restart(state_);
+                ++statistics_.restarts;
+                restart_needed_ = false;
+            } else if (guards_changed_) {
+                integrator_->change_guards(state_);
+            }
+            guards_changed_ = false;
+            progress = integrator_->step(t_stop);
+        }
+        if (progress == Integrator::Progress::failed) {
+            const RunOutcome& failure = integrator_->failure();
+            fail(failure.end, failure.message);
+            outcome_.not_finite = failure.not_finite;
+            break;
+        }
+        if (next_output_ < output_grid_.size()) emit_outputs(state_.t);
+        if (progress != Integrator::Progress::stepped) {
+            try_instant(progress == Integrator::Progress::guard_fell);
+        }
+    }
+    if (outcome_.end == RunEnd::reached && check_divergence()) outcome_.t = state_.t;
+    return outcome_;
+}
+
+// A solution that grows without bound stays finite for long, and means nothing.
+bool Simulator::check_divergence() {
+    const auto& states = system_.states();
+    for (std::size_t i = 0; i < states.size(); ++i) {
+        if (std::abs(state_.x[i]) <= states[i].limit) continue;
+        fail(RunEnd::diverged,
+             fmt::format("the solution diverges: {} = {:.3g}{}{} at t = {:.9g} s; the loop or the model is unstable{}",
+                         states[i].name, state_.x[i], states[i].unit.empty() ? "" : " ", states[i].unit, state_.t,
+                         fixed_step_ > 0 ? fmt::format(", or the fixed step of {:g} s too long", fixed_step_) : ""));
+        return false;
+    }
+    return true;
+}
+
+void Simulator::try_instant(bool guards_fell) {
+    try {
+        handle_instant(guards_fell);
+    } catch (const NoSolution& problem) {
+        fail(RunEnd::no_solution, problem.what());
+    }
+}
+
+// Steps 1 to 4 of the class comment.
+void Simulator::handle_instant(bool guards_fell) {
+    const Stopwatch watch(statistics_.seconds_events, instants_timed_);
+    if (observer_) observer_->before_instant(state_);
+    collect_due_clocks();
+    if (observer_ && !due_.empty()) observer_->left_limit(state_);
+
+    const bool ok = !guards_fell || settle_guards(integrator_->fallen());
+    bool guards_changed = false;
+    for (const auto& [id, k] : due_) {
+        const EventEffect effect = system_.on_sample(id, k, state_);
+        restart_needed_ = restart_needed_ || effect != EventEffect::none;
+        guards_changed = guards_changed || effect == EventEffect::restart;
+        ++statistics_.samples;
+        if (observer_) observer_->sampled(id, k, state_);
+    }
+    if (ok && guards_changed) settle_guards({});
+    if (observer_) observer_->after_instant(state_);
+    if (outcome_.ok() && system_.ends_run(state_)) fail(RunEnd::stopped, "");
+}
+
+// Handles the guards that fell, then all that are below zero, until none is.
+bool Simulator::settle_guards(std::span<const GuardId> fallen) {
+    if (!fallen.empty() && !handle_guards(fallen)) return false;
+    const std::size_t max_rounds = 10 + 2 * system_.guard_count();
+    for (std::size_t round = 0; round < max_rounds; ++round) {
+        system_.guards(state_.t, state_.x, *state_.discrete, guard_values_);
+        ++statistics_.guard_evaluations;
+        bool calm = true;
+        for (GuardId guard = 0; guard < guard_values_.size(); ++guard) {
+            if (guard_values_[guard] >= 0) continue;
+            calm = false;
+            if (!handle_guards(std::span(&guard, 1))) return false;
+            system_.guards(state_.t, state_.x, *state_.discrete, guard_values_);
+            ++statistics_.guard_evaluations;
+        }
+        if (calm) return true;
+    }
+    // Where a condition loses its value, the right side may have lost it with it, and says more.
+    system_.derivative(state_.t, state_.x, *state_.discrete, x_nearby_);
+    if (const auto not_finite = not_finite_in(x_nearby_, state_.t)) {
+        fail(RunEnd::non_finite, fmt::format("the derivative is not finite at t = {:.9g} s", state_.t));
+        outcome_.not_finite = not_finite;
+        return false;
+    }
+    const auto worst = std::min_element(guard_values_.begin(), guard_values_.end()) - guard_values_.begin();
+    fail(RunEnd::chattering,
+         fmt::format("{} does not come to rest at t = {:.9g} s: after {} rounds it still asks for an event",
+                     system_.guard_name(static_cast<GuardId>(worst), state_), state_.t, max_rounds));
+    return false;
+}
+
+// Whether the guard, which falls now, has been more than rounding and the tolerances above zero since it fell last.
+bool Simulator::went_anywhere(GuardId guard) {
+    const double before = last_fall_[guard];
+    constexpr double resolved = 4; // fixed steps: fewer show nothing of what a guard does
+    if (fixed_step_ > 0) return state_.t - before > resolved * fixed_step_;
+    if (same_instant(before, state_.t)) return false;
+    const auto is_away_at = [&](double t) {
+        integrator_->interpolate(t, x_nearby_);
+        system_.guards(t, x_nearby_, *state_.discrete, guards_nearby_);
+        const double height = guards_nearby_[guard];
+        for (std::size_t i = 0; i < x_nearby_.size(); ++i) {
+            x_nearby_[i] +=
+                relative_tolerance_ * std::abs(x_nearby_[i]) + absolute_tolerance_ * system_.states()[i].scale;
+        }
+        system_.guards(t, x_nearby_, *state_.discrete, guards_nearby_);
+        statistics_.guard_evaluations += 2;
+        return std::abs(height) > std::abs(guards_nearby_[guard] - height);
+    };
+    // In the last step, which is enough for what falls on and on.
+    const double from = std::max(before, step_start_);
+    return is_away_at(0.5 * (from + state_.t)) || (before < step_start_ && is_away_at(from));
+}
+
+bool Simulator::handle_guards(std::span<const GuardId> guards) {
+    bool any_went = false;
+    for (const GuardId guard : guards) {
+        ++statistics_.events;
+        any_went = went_anywhere(guard) || any_went;
+        last_fall_[guard] = state_.t;
+    }
+    if (any_went) falls_without_motion_ = 0;
+    if (falls_without_motion_++ == 0) chatter_begin_ = state_.t;
+    if (falls_without_motion_ > chatter_limit && fixed_step_ == 0 &&
+        state_.t - chatter_begin_ > chatter_part * (state_.t - begin_)) {
+        falls_without_motion_ = 0;
+    }
+    if (falls_without_motion_ > chatter_limit) {
+        fail(RunEnd::chattering,
+             fmt::format(
+                 "{} is chattering at t = {:.9g} s: {} events in a row between which it moves by less than the "
+                 "tolerances; give what slides or rests there a mode of its own, or check its stiffness and level",
+                 system_.guard_name(guards.front(), state_), state_.t, chatter_limit));
+        return false;
+    }
+    const EventEffect effect = system_.on_crossings(guards, state_, events_);
+    guards_changed_ = guards_changed_ || effect == EventEffect::guards;
+    restart_needed_ = restart_needed_ || effect > EventEffect::guards;
+    return true;
+}
+
+void Simulator::begin_row() {
+    steps_in_a_row_ = 0;
+    row_begin_ = state_.t;
+}
+
+// Those due at this instant take their next one.
+void Simulator::collect_due_clocks() {
+    const auto is_due = [&](double instant) { return instant <= state_.t || same_instant(instant, state_.t); };
+    due_.clear();
+    if (!is_due(next_instant_)) return;
+    begin_row();
+    next_instant_ = std::numeric_limits<double>::infinity();
+    for (ClockId id = 0; id < state_.next_sample.size(); ++id) {
+        long& k = state_.next_sample[id];
+        if (is_due(clocks_[id].instant(k))) due_.push_back({id, k++});
+        next_instant_ = std::min(next_instant_, clocks_[id].instant(k));
+    }
+}
+
+void Simulator::emit_outputs(double up_to) {
+    if (next_output_ < output_grid_.size() && output_grid_[next_output_] <= up_to) begin_row();
+    while (next_output_ < output_grid_.size() && output_grid_[next_output_] <= up_to) {
+        const double t = output_grid_[next_output_++];
+        if (!observer_) continue;
+        output_state_ = state_;
+        output_state_.t = t;
+        if (t < state_.t) integrator_->interpolate(t, output_state_.x);
+        observer_->output(output_state_);
+    }
+}
+
+} // namespace tribode
