@@ -383,7 +383,7 @@ struct BatchCommand {
                 ->allow_extra_args(false);
         }
         plan_app->add_option("--shards", shards, "how many (default: by the time of some points)")
-            ->check(CLI::Range(std::size_t{1}, Manifest::most_shards));
+            ->check(CLI::Range(std::size_t{1}, Manifest::max_shards));
         plan_app->add_option("--shard-seconds", plan.shard_seconds, "duration of the longest shards (default 120)")
             ->check(CLI::PositiveNumber);
         plan_app->add_flag("--quick", plan.script.quick, "a small version of the work, to try a script");

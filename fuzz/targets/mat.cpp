@@ -8,7 +8,7 @@ namespace tribode::fuzz {
 
 void run_mat(std::string_view bytes) {
     try {
-        const auto variables = mat_variables(bytes, most_unpacked_of(bytes.size()), "a.mat");
+        const auto variables = mat_variables(bytes, max_unpacked_of(bytes.size()), "a.mat");
         Table table;
         for (const auto& variable : variables) {
             if (!variable.refusal.empty()) continue;
@@ -17,7 +17,7 @@ void run_mat(std::string_view bytes) {
             }
         }
         const std::string written = to_mat(table);
-        const auto again = mat_variables(written, most_unpacked_of(written.size()), "again.mat");
+        const auto again = mat_variables(written, max_unpacked_of(written.size()), "again.mat");
         require(again.size() == table.columns.size(), "the same variables");
     } catch (const InputError&) {
     }

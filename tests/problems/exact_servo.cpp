@@ -18,9 +18,9 @@ namespace {
 
 // Time is counted in whole ticks, so that sample instants, delays and events never drift apart.
 using Ticks = std::int64_t;
-constexpr int sample_level = 44;               // a sample time is 2^44 ticks
-constexpr int scan_level = sample_level - 6;   // events are looked for every T_s/64
-constexpr std::size_t most_samples = 1u << 18; // 2^18 2^44 ticks still fit
+constexpr int sample_level = 44;              // a sample time is 2^44 ticks
+constexpr int scan_level = sample_level - 6;  // events are looked for every T_s/64
+constexpr std::size_t max_samples = 1u << 18; // 2^18 2^44 ticks still fit
 
 int sign_of(Real value) { return value > 0 ? 1 : value < 0 ? -1 : 0; }
 
@@ -243,7 +243,7 @@ void Servo::note(int element, EventKind kind) { events_.push_back({static_cast<d
 // sample instant. At one instant: measure, record the left limit and compute u, then let the hold change.
 ServoSolution run(const ServoProblem& problem, double input_delay, double output_delay, std::size_t count,
                   const std::function<double(std::size_t, double)>& control) {
-    require(count <= most_samples, "at most 2^18 samples");
+    require(count <= max_samples, "at most 2^18 samples");
     require(input_delay >= 0 && output_delay >= 0, "delays must not be negative");
     Servo servo(problem);
     const auto instant = [](std::size_t k) { return static_cast<Ticks>(k) << sample_level; };

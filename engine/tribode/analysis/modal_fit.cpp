@@ -22,7 +22,7 @@ namespace {
 // Of the first searches, where modes are still missing and their peaks must not pull: 0.5 is 65 % or 29 deg.
 constexpr double search_scale = 0.5;
 // Least scale read from data, far above rounding and far below any measurement.
-constexpr double least_scale = 1e-7;
+constexpr double min_scale = 1e-7;
 // In standard deviations: 97 % of the efficiency of least squares on normal errors of two components.
 // component.
 constexpr double scale_per_deviation = 3;
@@ -190,14 +190,14 @@ class FitProblem {
     ceres::Problem problem_;
 };
 
-Fit refine(const std::vector<Point>& points, std::vector<double> start, double scale, int most_iterations) {
+Fit refine(const std::vector<Point>& points, std::vector<double> start, double scale, int max_iterations) {
     Fit fit;
     fit.logarithms = std::move(start);
     const auto loss = make_loss(scale);
     FitProblem problem(points, *loss, fit.logarithms);
     ceres::Solver::Options options;
     options.linear_solver_type = ceres::DENSE_QR;
-    options.max_num_iterations = most_iterations;
+    options.max_num_iterations = max_iterations;
     options.function_tolerance = 1e-12;
     options.gradient_tolerance = 1e-14;
     options.parameter_tolerance = 1e-12;
@@ -265,7 +265,7 @@ class TrialCost {
 // Starts with one mode more than `fit`: the best of a grid over frequency, damping and share of the total
 // gain, which is taken from the other gains, and the next best ones at least 5 % away in frequency.
 std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& points, const Fit& fit) {
-    constexpr std::size_t most_frequencies = 150, most_starts = 3;
+    constexpr std::size_t max_frequencies = 150, max_starts = 3;
     constexpr double dampings[] = {0.003, 0.015, 0.07, 0.3}, shares[] = {0.03, 0.12, 0.4};
     const ModalModel base_model = to_model(fit.logarithms);
     const std::vector<std::complex<double>> base = responses(points, base_model);
@@ -277,7 +277,7 @@ std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& 
     };
     std::vector<Candidate> candidates; // the best one of each frequency
     const TrialCost cost_of(points);
-    const std::size_t stride = (points.size() + most_frequencies - 1) / most_frequencies;
+    const std::size_t stride = (points.size() + max_frequencies - 1) / max_frequencies;
     for (std::size_t i = 0; i < points.size(); i += stride) {
         Candidate best{std::numeric_limits<double>::infinity(), points[i].omega, 0, 0};
         for (const double zeta : dampings) {
@@ -296,7 +296,7 @@ std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& 
     std::vector<double> taken;
     for (const Candidate& candidate : candidates) {
         const auto too_near = [&](double omega) { return std::abs(std::log(omega / candidate.omega)) < 0.05; };
-        if (starts.size() == most_starts || std::ranges::any_of(taken, too_near)) continue;
+        if (starts.size() == max_starts || std::ranges::any_of(taken, too_near)) continue;
         std::vector<double> start = fit.logarithms;
         for (std::size_t j = 0; j < start.size(); j = j == 0 ? 1 : j + 3) start[j] += std::log(1 - candidate.share);
         start.insert(start.end(),
@@ -424,16 +424,16 @@ Fit search(const std::vector<Point>& points, int modes, int& iterations) {
 
 // The fit repeated with the scale read from its own residuals, until that stands still.
 Fit refine_with_scale(const std::vector<Point>& points, Fit fit, double& scale, int& iterations) {
-    constexpr int most_iterations = 200, most_rounds = 20;
+    constexpr int max_iterations = 200, max_rounds = 20;
     const bool from_data = scale == 0;
-    for (int round = 0; round < most_rounds; ++round) {
+    for (int round = 0; round < max_rounds; ++round) {
         if (from_data) {
             const double deviation = robust_deviation(points, to_model(fit.logarithms));
-            const double read = std::max(scale_per_deviation * deviation, least_scale);
+            const double read = std::max(scale_per_deviation * deviation, min_scale);
             if (std::abs(read - scale) <= 1e-3 * scale) break;
             scale = read;
         }
-        fit = refine(points, std::move(fit.logarithms), scale, most_iterations);
+        fit = refine(points, std::move(fit.logarithms), scale, max_iterations);
         iterations += fit.iterations;
         if (!from_data) break;
     }

@@ -96,9 +96,9 @@ Manifest Manifest::from_json(const Json& json, const std::string& where) {
         if (m.files.empty() || m.count == 0 || m.shards == 0 || m.shards > m.count || !named) {
             throw InputError(fmt::format("{}: is not the manifest of a batch", where));
         }
-        if (m.count > most_points || m.shards > most_shards) {
+        if (m.count > max_points || m.shards > max_shards) {
             throw InputError(fmt::format("{}: has {} points in {} shards, must be at most {} points in {} shards",
-                                         where, m.count, m.shards, most_points, most_shards));
+                                         where, m.count, m.shards, max_points, max_shards));
         }
     } catch (const Json::exception& problem) {
         throw InputError(fmt::format("{}: is not the manifest of a batch ({})", where, problem.what()));

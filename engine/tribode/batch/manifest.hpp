@@ -25,7 +25,7 @@ struct ShardRange {
 struct Manifest {
     static constexpr int schema = 1; // of the folder and its files
     // The index of a point is a double in the results, and each shard is a file.
-    static constexpr std::size_t most_points = std::size_t{1} << 53, most_shards = 1'000'000;
+    static constexpr std::size_t max_points = std::size_t{1} << 53, max_shards = 1'000'000;
 
     std::string version; // of the program that planned it
     std::string name;

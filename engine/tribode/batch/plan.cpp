@@ -133,14 +133,14 @@ Pilot run_pilot(const Batch& batch) {
 std::size_t shard_count(std::size_t points, double seconds_per_point, const PlanOptions& options) {
     constexpr double shortest = 0.5; // [s]; a shard costs a few milliseconds of its own
     constexpr double fine = 64;
-    const std::size_t highest = std::min(points, Manifest::most_shards);
+    const std::size_t highest = std::min(points, Manifest::max_shards);
     const auto most = static_cast<double>(highest);
     if (options.shards) return std::clamp<std::size_t>(*options.shards, 1, highest);
     if (seconds_per_point <= 0) return std::min<std::size_t>(points, 1000); // long ones
     const double total = static_cast<double>(points) * seconds_per_point;
     const double wanted = std::max(total / options.shard_seconds, std::min(fine, total / shortest));
     return static_cast<std::size_t>(
-        std::clamp(std::ceil(wanted), 1.0, std::min(most, static_cast<double>(Manifest::most_shards))));
+        std::clamp(std::ceil(wanted), 1.0, std::min(most, static_cast<double>(Manifest::max_shards))));
 }
 
 Manifest plan_batch(const fs::path& folder, const Batch& batch, const PlanOptions& options, Manifest m,

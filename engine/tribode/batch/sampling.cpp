@@ -18,7 +18,7 @@ const std::vector<std::string> kind_names = {"grid",  "list",     "monte_carlo",
                                              "sobol", "saltelli", "one_at_a_time"};
 const std::vector<std::string> scramble_names = {"none", "shift", "owen"};
 
-constexpr long most_points = 1L << 53; // an index is then exact as a number of Lua and of a table
+constexpr long max_points = 1L << 53; // an index is then exact as a number of Lua and of a table
 
 // Streams of random_bits, one for each factor, apart from those of other uses of the same seed.
 constexpr std::uint64_t draw_stream = 0xd1a3 << 16;
@@ -99,14 +99,14 @@ Design Design::from_description(const Json& description, const std::string& wher
     }
     const std::size_t factors = design.factors_.size();
     if (random) {
-        design.seed_ = static_cast<std::uint64_t>(fields.integer("seed", 0, most_points, 0));
+        design.seed_ = static_cast<std::uint64_t>(fields.integer("seed", 0, max_points, 0));
         design.description_["seed"] = design.seed_;
     }
 
     const char* count_key = design.kind_ == Kind::saltelli ? "base_count" : "count";
     std::uint64_t wanted = 0;
     if (random) {
-        wanted = static_cast<std::uint64_t>(fields.integer(count_key, 1, most_points / 64, 0));
+        wanted = static_cast<std::uint64_t>(fields.integer(count_key, 1, max_points / 64, 0));
         if (wanted == 0) fields.fail(count_key, "is missing (how many points)");
     }
     switch (design.kind_) {
@@ -114,7 +114,7 @@ Design Design::from_description(const Json& description, const std::string& wher
     case Kind::grid:
         design.count_ = 1;
         for (const auto& factor : design.factors_) {
-            if (design.count_ > static_cast<std::uint64_t>(most_points) / factor.values.size()) {
+            if (design.count_ > static_cast<std::uint64_t>(max_points) / factor.values.size()) {
                 fields.fail("factors", "have more than 2^53 combinations");
             }
             design.count_ *= factor.values.size();
@@ -149,7 +149,7 @@ Design Design::from_description(const Json& description, const std::string& wher
     if (random) design.description_[count_key] = wanted;
     // A description that comes back says how many points and which names it has; both follow from the rest.
     if (!random || design.kind_ == Kind::saltelli) {
-        fields.integer("count", 1, most_points, 1);
+        fields.integer("count", 1, max_points, 1);
         design.description_["count"] = design.count_;
     }
     fields.texts("names", {});

@@ -86,9 +86,9 @@ class Taker {
         if (count) std::memcpy(numbers.data(), some(count * sizeof(double)), count * sizeof(double));
     }
     // How many things follow, of which each takes at least so many bytes.
-    std::size_t count(std::size_t least_bytes) {
+    std::size_t count(std::size_t min_bytes) {
         const std::size_t count = take<std::uint32_t>();
-        if (count > (bytes_.size() - at_) / least_bytes) throw Malformed{};
+        if (count > (bytes_.size() - at_) / min_bytes) throw Malformed{};
         return count;
     }
     bool at_end() const { return at_ == bytes_.size(); }
@@ -124,12 +124,12 @@ void put_record(std::string& out, const PointRow& row) {
 
 // Throws Malformed.
 void take_record(std::string_view bytes, std::size_t parameters, PointRow& row) {
-    constexpr std::size_t least_of_a_field = 2 * sizeof(std::uint32_t) + sizeof(std::uint8_t);
+    constexpr std::size_t min_of_a_field = 2 * sizeof(std::uint32_t) + sizeof(std::uint8_t);
     Taker taker(bytes);
     row.index = taker.take<std::uint64_t>();
     taker.numbers(row.parameters);
     row.failure = taker.text();
-    row.fields.resize(taker.count(least_of_a_field));
+    row.fields.resize(taker.count(min_of_a_field));
     for (auto& field : row.fields) {
         field.name = taker.text();
         field.list = taker.take<std::uint8_t>() != 0;

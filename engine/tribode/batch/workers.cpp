@@ -65,13 +65,13 @@ bool is_crash(int signal) {
     }
 }
 
-constexpr int most_crashes = 2, most_kills = 8, most_starts_without_a_point = 20;
+constexpr int max_crashes = 2, max_kills = 8, max_starts_without_a_point = 20;
 
 // Deaths of workers while a point ran.
 struct Deaths {
     int crashes = 0, kills = 0;
     std::string last;
-    bool given_up() const { return crashes >= most_crashes || kills >= most_kills; }
+    bool given_up() const { return crashes >= max_crashes || kills >= max_kills; }
 };
 
 struct Worker {
@@ -223,9 +223,9 @@ class Pool {
     // The point that ran when its process died.
     void blame(std::size_t shard, std::size_t point, int status) {
         if (point == 0) {
-            if (++starts_without_a_point_[shard] >= most_starts_without_a_point) {
+            if (++starts_without_a_point_[shard] >= max_starts_without_a_point) {
                 fail(Error(fmt::format("the process of shard {} died {} times before its first point", shard,
-                                       most_starts_without_a_point)));
+                                       max_starts_without_a_point)));
             }
             return;
         }
@@ -241,7 +241,7 @@ class Pool {
                           ? fmt::format("the point crashed its process (signal {}, {})", signal, strsignal(signal))
                           : fmt::format("the process was killed {} times while the point ran (signal {}; out of "
                                         "memory?)",
-                                        most_kills, signal);
+                                        max_kills, signal);
     }
 
     template <class Problem>

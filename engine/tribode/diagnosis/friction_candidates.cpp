@@ -14,7 +14,7 @@ namespace {
 constexpr double two_pi = 2 * std::numbers::pi;
 
 struct MaxwellSlipBounds {
-    double least_level, most_level, least_reach, most_reach;
+    double min_level, max_level, min_reach, max_reach;
     bool replace_coulomb;
 };
 
@@ -27,9 +27,9 @@ Candidate maxwell_slip(const MaxwellSlipBounds& bounds, const std::vector<double
         fmt::format("{} elements{}", count, bounds.replace_coulomb ? " in place of the Coulomb level" : "");
     for (std::size_t i = 1; i <= count; ++i) {
         candidate.parameters.push_back(
-            {fmt::format("elements[{}].F", i), bounds.least_level, bounds.most_level, true, 1e-3});
+            {fmt::format("elements[{}].F", i), bounds.min_level, bounds.max_level, true, 1e-3});
         candidate.parameters.push_back(
-            {fmt::format("elements[{}].X", i), bounds.least_reach, bounds.most_reach, true, 1e-3});
+            {fmt::format("elements[{}].X", i), bounds.min_reach, bounds.max_reach, true, 1e-3});
     }
     candidate.make = [replace = bounds.replace_coulomb](std::span<const double> p) {
         Json list = Json::array();
@@ -46,8 +46,8 @@ Candidate maxwell_slip(const MaxwellSlipBounds& bounds, const std::vector<double
             std::vector<double> next(p.begin(), p.end());
             next[i] /= 2;
             next.push_back(next[i]);
-            next.push_back(std::min(next[i + 1] * std::sqrt(3.0), bounds.most_reach));
-            next[i + 1] = std::max(next[i + 1] / std::sqrt(3.0), bounds.least_reach);
+            next.push_back(std::min(next[i + 1] * std::sqrt(3.0), bounds.max_reach));
+            next[i + 1] = std::max(next[i + 1] / std::sqrt(3.0), bounds.min_reach);
             starts.push_back(std::move(next));
         }
         Candidate more = maxwell_slip(bounds, starts.front());
@@ -97,11 +97,11 @@ void Proposer::asymmetric() {
     const double typical = typical_force(), damping = typical / fastest_;
     const Regression levels = regress({forward, backward}, d_);
     const Regression both = regress({forward, backward, v_forward, v_backward}, d_);
-    const double least = -c_.machine.dry.coulomb, least_damping = -c_.machine.viscous;
+    const double least = -c_.machine.dry.coulomb, min_damping = -c_.machine.viscous;
     const FitParameter positive{"dF_pos", least, force(), false, 1e-3 * typical};
     const FitParameter negative{"dF_neg", least, force(), false, 1e-3 * typical};
-    const FitParameter damping_positive{"dD_pos", least_damping, 1e3 * damping + 1e3, false, 1e-3 * damping};
-    const FitParameter damping_negative{"dD_neg", least_damping, 1e3 * damping + 1e3, false, 1e-3 * damping};
+    const FitParameter damping_positive{"dD_pos", min_damping, 1e3 * damping + 1e3, false, 1e-3 * damping};
+    const FitParameter damping_negative{"dD_neg", min_damping, 1e3 * damping + 1e3, false, 1e-3 * damping};
     const auto make = [](double a, double b, double c, double d) {
         return Json{{"dF_pos", a}, {"dF_neg", b}, {"dD_pos", c}, {"dD_neg", d}};
     };

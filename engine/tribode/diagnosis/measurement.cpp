@@ -13,7 +13,7 @@ namespace tribode {
 
 namespace {
 
-constexpr std::size_t least_samples = 200;
+constexpr std::size_t min_samples = 200;
 // Of the values of a text file with nine or ten digits, relative to the largest u.
 constexpr double file_rounding = 2e-8;
 
@@ -76,9 +76,9 @@ double correlation(const std::vector<double>& a, const std::vector<double>& b) {
 void check_signals(const Measurement& m, const MachineModel& machine, const std::string& where) {
     const std::vector<double>& y = m.position();
     const double stroke = range_of(y);
-    if (m.size() < least_samples) {
-        refuse(where, fmt::format("{} samples are too few to tell effects apart, must be {} at least", m.size(),
-                                  least_samples));
+    if (m.size() < min_samples) {
+        refuse(where,
+               fmt::format("{} samples are too few to tell effects apart, must be {} at least", m.size(), min_samples));
     }
     const double rounding = std::max(machine.encoder_resolution, machine.noise_rms);
     if (stroke <= 6 * machine.noise_rms + 3 * machine.encoder_resolution || stroke == 0) {
@@ -132,20 +132,20 @@ void check_position(const Measurement& m, const MachineModel& machine, const std
                                   "samples were dropped",
                                   held, to_text(m.drive.t[first])));
     }
-    std::size_t leaps = 0;
+    std::size_t jumps = 0;
     for (std::size_t k = 2; k + 1 < y.size(); ++k) {
         const double before = y[k - 1] - y[k - 2], after = y[k + 1] - y[k];
         const double steps = (y[k] - y[k - 1]) / before;
-        // From slower motion noise alone makes such a leap now and then.
+        // From slower motion noise alone makes such a jump now and then.
         if (std::abs(before) > 4 * swift && std::abs(after - before) < 0.2 * std::abs(before) && steps > 1.7 &&
             std::abs(steps - std::round(steps)) < 0.2) {
-            if (leaps++ == 0) first = k;
+            if (jumps++ == 0) first = k;
         }
     }
-    if (leaps >= 3) {
+    if (jumps >= 3) {
         refuse(where, fmt::format("y moves by several steps at once in {} places, first at t = {} s, and goes on as "
                                   "before: samples are missing there",
-                                  leaps, to_text(m.drive.t[first])));
+                                  jumps, to_text(m.drive.t[first])));
     }
     const auto bend = [&](std::size_t k) { return y[k - 1] - 2 * y[k] + y[k + 1]; };
     std::vector<double> bends;
@@ -161,7 +161,7 @@ void check_position(const Measurement& m, const MachineModel& machine, const std
         if (std::abs(here) > most && is_about(-0.5, k - 1) && is_about(-0.5, k + 1) && is_about(0, k - 2) &&
             is_about(0, k + 2)) {
             refuse(where,
-                   fmt::format("y leaps by {:.3g} m for the one sample at t = {} s: an outlier of the log, to be "
+                   fmt::format("y jumps by {:.3g} m for the one sample at t = {} s: an outlier of the log, to be "
                                "mended or cut out",
                                here / -2, to_text(m.drive.t[k])));
         }
@@ -178,10 +178,10 @@ void check_thrust(const Measurement& m, const std::vector<double>& output, const
     for (const auto& stand : stands_of(u, 4)) {
         if ((u[stand.first] != *low && u[stand.first] != *high) || stand.first < 3) continue;
         if (!output.empty()) {
-            const auto [least_output, most_output] =
+            const auto [min_output, max_output] =
                 std::minmax_element(output.begin() + static_cast<std::ptrdiff_t>(stand.first),
                                     output.begin() + static_cast<std::ptrdiff_t>(stand.last) + 1);
-            if (*most_output - *least_output > least) ++breaks;
+            if (*max_output - *min_output > least) ++breaks;
         } else {
             const double slope = u[stand.first - 1] - u[stand.first - 2];
             const double bend = slope - (u[stand.first - 2] - u[stand.first - 3]);

@@ -24,7 +24,7 @@ Eigen::Map<const Eigen::VectorXd> mapped(const std::vector<double>& x) {
 }
 
 // Numbers from which secants pay: below, differences cost no more than the steps they might spoil.
-constexpr Eigen::Index least_for_secants = 4;
+constexpr Eigen::Index min_for_secants = 4;
 
 } // namespace
 
@@ -104,13 +104,13 @@ std::vector<UncertainField> uncertain_fields(const MachineModel& machine) {
     return fields;
 }
 
-double Hypothesis::deviation() const { return square_of(nominal); }
+double Hypothesis::sum_of_squares() const { return square_of(nominal); }
 
 bool Hypothesis::within_tolerance() const {
     const double n = static_cast<double>(nominal.size());
     if (n == 0) return true;
     // The quantile of chi square by Wilson and Hilferty's approximation.
-    return deviation() < n * std::pow(1 - 2 / (9 * n) + normal_quantile(0.999) * std::sqrt(2 / (9 * n)), 3);
+    return sum_of_squares() < n * std::pow(1 - 2 / (9 * n) + normal_quantile(0.999) * std::sqrt(2 / (9 * n)), 3);
 }
 
 std::span<const double> Hypothesis::values_of(std::size_t effect) const {
@@ -266,11 +266,11 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
     };
     double damping = 1e-3;
     // Where there are many numbers, a Jacobian is carried on for a few steps by Broyden's secants.
-    const int most_secants = n < least_for_secants ? 0 : static_cast<int>(n) / 2;
-    int secants = most_secants; // steps since the Jacobian was differenced
-    bool exact = false;         // it belongs to the present numbers
+    const int max_secants = n < min_for_secants ? 0 : static_cast<int>(n) / 2;
+    int secants = max_secants; // steps since the Jacobian was differenced
+    bool exact = false;        // it belongs to the present numbers
     for (int iteration = 0; iteration < options.iterations && n > 0; ++iteration) {
-        if (!exact && secants >= most_secants) {
+        if (!exact && secants >= max_secants) {
             differentiate();
             exact = true;
             secants = 0;
@@ -318,7 +318,7 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
         }
         if (improved) exact = false;
         // What a carried Jacobian finds no way down from is looked at anew.
-        secants = settled ? most_secants : secants + 1;
+        secants = settled ? max_secants : secants + 1;
     }
     if (!options.standard_errors || n == 0) return;
     if (!exact) differentiate();

@@ -45,7 +45,7 @@ struct Hypothesis {
     std::vector<double> standard_errors; // of values, where they were asked for
 
     std::size_t parameter_count() const { return values.size(); }
-    double deviation() const; // sum of squares of the fields' standard deviations
+    double sum_of_squares() const; // sum of squares of the fields' standard deviations
     // Whether the fields lie as such tolerances let them, but once in a thousand machines: beyond, an effect is missing.
     bool within_tolerance() const;
     std::span<const double> values_of(std::size_t effect) const;

@@ -60,14 +60,14 @@ std::optional<SimulatedSignals> simulated_signals(const MachineModel& machine, c
     // In parts, so that a loop that runs away is left early, and one whose numbers make it far stiffer than a sampled loop
     // is worth.
     constexpr std::size_t part = 500;
-    constexpr long most_steps = 60; // per sample; machines as they are take one to ten
+    constexpr long max_steps = 60; // per sample; machines as they are take one to ten
     const std::size_t last = measurement.size() - 1;
     for (std::size_t k = 0; k != last;) {
         k = std::min(k + part, last);
         const RunOutcome outcome = simulator.advance_to(static_cast<double>(k) * machine.sample_time);
         if (!outcome.ok() || !(std::abs(observer.signals.position.back()) < bound)) return std::nullopt;
         const RunStatistics work = simulator.statistics();
-        if (work.steps + work.rejected_steps > most_steps * static_cast<long>(k)) return std::nullopt;
+        if (work.steps + work.rejected_steps > max_steps * static_cast<long>(k)) return std::nullopt;
     }
     return std::move(observer.signals);
 }

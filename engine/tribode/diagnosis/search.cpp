@@ -22,7 +22,7 @@ namespace {
 constexpr std::size_t beam_width = 3;       // hypotheses on which another effect is sought
 constexpr std::size_t screened_later = 12;  // candidates that are fitted for a second effect and more
 constexpr std::size_t proven = 3;           // of the ranking, with numbers from the fitted records alone
-constexpr int most_enriched = 4;            // times that a form is made richer
+constexpr int max_enriched = 4;             // times that a form is made richer
 constexpr std::size_t lead_samples = 10000; // of the record that is looked at first, where so many show the gap
 // A candidate of many valleys is found on beginnings of the record: samples from where the gap first shows, and of the
 // points so many of the best, fitted there by so many steps.
@@ -92,7 +92,7 @@ class Search {
         prove(result_.baseline, control_.workers);
         if (adequate(result_.baseline)) return;
         std::vector<Scored> beam{result_.baseline};
-        if (result_.baseline.together.deviation() > 0) {
+        if (result_.baseline.together.sum_of_squares() > 0) {
             // The fields may be bent to do the work of the effect: it is sought beside those of the user, too, and first
             // where they left their tolerance.
             Hypothesis as_described = result_.baseline.together;
@@ -253,13 +253,13 @@ class Search {
 
     // Chi square per sample, without that of the fields.
     double per_sample(const Hypothesis& h, const std::vector<Evidence>& records) const {
-        return (ModelFit(machine_, records).chi_square(h) - h.deviation()) / static_cast<double>(count(records));
+        return (ModelFit(machine_, records).chi_square(h) - h.sum_of_squares()) / static_cast<double>(count(records));
     }
 
     Scored scored(Hypothesis h) const {
         Scored one;
         one.together_fitted = per_sample(h, result_.fitted);
-        h.chi_square = h.deviation() + one.together_fitted * static_cast<double>(count(result_.fitted));
+        h.chi_square = h.sum_of_squares() + one.together_fitted * static_cast<double>(count(result_.fitted));
         if (!result_.kept_out.empty()) {
             one.together_kept_out = per_sample(h, result_.kept_out);
             h.chi_square += one.together_kept_out * static_cast<double>(count(result_.kept_out));
@@ -324,7 +324,7 @@ class Search {
     // The baseline has bent uncertain fields to do the work of an effect that was not there yet; next to it they may stay
     // bent, since the way back gains little of chi square or leads over a ridge. All is fitted from where the user has them.
     void straighten(Scored& one) const {
-        if (one.together.deviation() == 0) return;
+        if (one.together.sum_of_squares() == 0) return;
         Hypothesis again = one.together;
         std::ranges::fill(again.nominal, 0.0);
         again.converged = false;
@@ -459,7 +459,7 @@ class Search {
 
     // Richer forms of the last effect, as long as more than noise is left and they take a good part of it.
     void enrich(Hypothesis& h) const {
-        for (int more = 0; more < most_enriched; ++more) {
+        for (int more = 0; more < max_enriched; ++more) {
             if (!h.effects.back()->richer || adequate(scored(h))) return;
             const std::size_t before = h.values.size() - h.effects.back()->parameters.size();
             const auto candidate = h.effects.back()->richer(std::span(h.values).subspan(before));

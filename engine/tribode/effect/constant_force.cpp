@@ -7,7 +7,7 @@ const EffectKind constant_force = {
     .equation = "+ F",
     .parameters =
         {
-            {.name = "F", .unit = "N", .meaning = "the force", .plausible_least = 0.05, .plausible_most = 50},
+            {.name = "F", .unit = "N", .meaning = "the force", .plausible_min = 0.05, .plausible_max = 50},
         },
     .affine = true,
     .drawn_against = DrawnAgainst::velocity,

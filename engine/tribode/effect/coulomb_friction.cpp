@@ -8,11 +8,7 @@ const EffectKind coulomb_friction = {
     .equation = "dry level += dF, set-valued at v = 0",
     .parameters =
         {
-            {.name = "dF",
-             .unit = "N",
-             .meaning = "added to the dry level",
-             .plausible_least = 0.1,
-             .plausible_most = 50},
+            {.name = "dF", .unit = "N", .meaning = "added to the dry level", .plausible_min = 0.1, .plausible_max = 50},
         },
     .affine = true,
     .drawn_against = DrawnAgainst::velocity,

@@ -30,12 +30,12 @@ const EffectKind cubic_stiffness = {
     .equation = "- k3 (y - y0)^3",
     .parameters =
         {
-            {.name = "k3", .unit = "N/m^3", .meaning = "stiffness", .plausible_least = 1, .plausible_most = 1e8},
+            {.name = "k3", .unit = "N/m^3", .meaning = "stiffness", .plausible_min = 1, .plausible_max = 1e8},
             {.name = "y0",
              .unit = "m",
              .meaning = "where it is relaxed",
-             .plausible_least = 0,
-             .plausible_most = 0.5,
+             .plausible_min = 0,
+             .plausible_max = 0.5,
              .fallback = 0},
         },
     .affine = false,

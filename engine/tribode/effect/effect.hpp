@@ -22,8 +22,8 @@ struct EffectParameter {
     std::string meaning = {};
     Type type = Type::number;
     Allowed allowed = Allowed::finite; // numbers
-    double plausible_least = 0; // what one meets in practice; numbers. Where a parameter may be negative, the range
-    double plausible_most = 0;  // is that of its magnitude, unless it begins below zero
+    double plausible_min = 0; // what one meets in practice; numbers. Where a parameter may be negative, the range
+    double plausible_max = 0; // is that of its magnitude, unless it begins below zero
     std::optional<double> fallback = {};      // value where it is left out; a flag: 0 or 1; a choice: its index
     std::vector<std::string> choices = {};    // choices
     std::vector<EffectParameter> fields = {}; // records; all numbers. A record is required to be there once or more

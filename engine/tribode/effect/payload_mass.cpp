@@ -12,7 +12,7 @@ const EffectKind payload_mass = {
     .equation = "k0 / (1 + ratio)",
     .parameters =
         {
-            {.name = "ratio", .meaning = "added mass by the mass", .plausible_least = -0.5, .plausible_most = 2},
+            {.name = "ratio", .meaning = "added mass by the mass", .plausible_min = -0.5, .plausible_max = 2},
         },
     .affine = true,
     .drawn_against = DrawnAgainst::frequency,

@@ -27,7 +27,7 @@ const EffectKind quadratic_drag = {
     .equation = "- c v abs(v)",
     .parameters =
         {
-            {.name = "c", .unit = "N s^2/m^2", .meaning = "drag", .plausible_least = 0.1, .plausible_most = 2000},
+            {.name = "c", .unit = "N s^2/m^2", .meaning = "drag", .plausible_min = 0.1, .plausible_max = 2000},
         },
     .affine = false,
     .drawn_against = DrawnAgainst::velocity,

@@ -13,12 +13,12 @@ static void require_not_below_zero(double value, const char* what, const char* u
 
 void ServoAxis::require_possible() const {
     // Far from where products of gains underflow or overflow.
-    constexpr double least_gain = 1e-100, most_gain = 1e100;
+    constexpr double min_gain = 1e-100, max_gain = 1e100;
     double gain = plant.rigid_gain;
     for (const auto& mode : plant.modes) gain += mode.gain;
-    if (!(gain >= least_gain && gain <= most_gain)) {
+    if (!(gain >= min_gain && gain <= max_gain)) {
         throw InputError(fmt::format("the gains sum up to {} m/(N s^2), must be from {} to {}", to_text(gain),
-                                     to_text(least_gain), to_text(most_gain)));
+                                     to_text(min_gain), to_text(max_gain)));
     }
     for (const auto& [level, viscous] : {plant.forward, plant.backward}) {
         require_not_below_zero(plant.viscous + viscous, "viscous friction", "N s/m");

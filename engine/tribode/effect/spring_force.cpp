@@ -7,12 +7,12 @@ const EffectKind spring_force = {
     .equation = "- k (y - y0)",
     .parameters =
         {
-            {.name = "k", .unit = "N/m", .meaning = "stiffness", .plausible_least = 1, .plausible_most = 1e4},
+            {.name = "k", .unit = "N/m", .meaning = "stiffness", .plausible_min = 1, .plausible_max = 1e4},
             {.name = "y0",
              .unit = "m",
              .meaning = "where it is relaxed",
-             .plausible_least = 0,
-             .plausible_most = 0.5,
+             .plausible_min = 0,
+             .plausible_max = 0.5,
              .fallback = 0},
         },
     .affine = true,

@@ -28,8 +28,8 @@ void check(const MachineModel& machine, const MoveTask& task, const PositioningO
             fmt::format("positioning: the feedforward has the sample time {} s, must be the machine's {} s",
                         to_text(task.sample_time), to_text(machine.sample_time)));
     }
-    constexpr double least_tail = 4; // samples after the move, for its spectrum
-    if (options.duration < task.duration + least_tail * task.sample_time) {
+    constexpr double min_tail = 4; // samples after the move, for its spectrum
+    if (options.duration < task.duration + min_tail * task.sample_time) {
         throw InputError(
             fmt::format("positioning: duration_s = {} s, must be longer than the move of {} s by 4 samples",
                         to_text(options.duration), to_text(task.duration)));

@@ -12,7 +12,7 @@ namespace tribode {
 
 namespace {
 
-constexpr double most_rows = 1e7;
+constexpr double max_rows = 1e7;
 
 class SystemRecorder final : public Observer {
   public:
@@ -53,10 +53,10 @@ class SystemRecorder final : public Observer {
     }
 
     void output(const SystemState& state) override {
-        if (static_cast<double>(table_.rows()) >= 2 * most_rows) {
+        if (static_cast<double>(table_.rows()) >= 2 * max_rows) {
             throw InputError(fmt::format("the results have more than {} rows at t = {:.9g} s; output_events gives two "
                                          "for each event and each jump",
-                                         2 * most_rows, state.t));
+                                         2 * max_rows, state.t));
         }
         auto column = table_.columns.begin();
         (column++)->values.push_back(state.t);
@@ -140,8 +140,8 @@ std::vector<double> grid_of(double start, const SystemRunOptions& options) {
     const double duration = options.end - start;
     const double step = options.output_step > 0 ? options.output_step : duration / 1000;
     const double count = std::floor(duration / step * (1 + 1e-12));
-    if (!(count < most_rows)) {
-        throw InputError(fmt::format("{} s in steps of {} s are more than {} rows", duration, step, most_rows));
+    if (!(count < max_rows)) {
+        throw InputError(fmt::format("{} s in steps of {} s are more than {} rows", duration, step, max_rows));
     }
     std::vector<double> grid;
     for (double k = 0; k <= count; ++k) grid.push_back(std::min(start + k * step, options.end));

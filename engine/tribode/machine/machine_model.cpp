@@ -10,7 +10,7 @@ namespace tribode {
 
 namespace {
 
-constexpr int most_delayed_samples = 100000;
+constexpr int max_delayed_samples = 100000;
 
 DryFriction read_dry_friction(FieldReader& friction) {
     DryFriction dry;
@@ -48,7 +48,7 @@ ControllerSettings read_controller(FieldReader& machine) {
         cascade.kp = fields.number("kp", "1/s", Allowed::finite);
         cascade.kv = fields.number("kv", "N s/m", Allowed::finite);
         cascade.limit = fields.optional_number("limit", "N", Allowed::positive);
-        cascade.delay_samples = fields.integer("delay_samples", 0, most_delayed_samples, 0);
+        cascade.delay_samples = fields.integer("delay_samples", 0, max_delayed_samples, 0);
         settings = cascade;
     }
     fields.finish();
@@ -92,9 +92,9 @@ MachineModel MachineModel::from_description(const Json& description, const std::
     m.input_delay = fields.number("input_delay_s", "s", Allowed::non_negative, 0);
     m.output_delay = fields.number("output_delay_s", "s", Allowed::non_negative, 0);
     for (const auto& [key, delay] : {std::pair{"input_delay_s", m.input_delay}, {"output_delay_s", m.output_delay}}) {
-        if (delay > most_delayed_samples * m.sample_time) {
+        if (delay > max_delayed_samples * m.sample_time) {
             fields.fail(key,
-                        fmt::format("= {} s, must be {} sample times at most", to_text(delay), most_delayed_samples));
+                        fmt::format("= {} s, must be {} sample times at most", to_text(delay), max_delayed_samples));
         }
     }
     m.current_loop_hz = fields.optional_number("current_loop_hz", "Hz", Allowed::positive).value_or(0);
@@ -137,9 +137,9 @@ ServoAxis MachineModel::axis() const {
     axis.encoder_resolution = encoder_resolution;
     for (const auto& effect : effects) effect.apply(axis);
     axis.require_possible();
-    if (axis.input_delay > most_delayed_samples * sample_time) {
+    if (axis.input_delay > max_delayed_samples * sample_time) {
         throw InputError(fmt::format("they leave an input delay of {} s, must be {} sample times at most",
-                                     to_text(axis.input_delay), most_delayed_samples));
+                                     to_text(axis.input_delay), max_delayed_samples));
     }
     return axis;
 }

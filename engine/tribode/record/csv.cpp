@@ -70,7 +70,7 @@ std::string shown(std::string_view cell) {
 }
 
 // Names are compared with one another, which for many more of them would take minutes.
-constexpr std::size_t most_columns = 10000;
+constexpr std::size_t max_columns = 10000;
 
 std::vector<std::string> read_header(LineReader& lines) {
     std::string_view line;
@@ -88,8 +88,7 @@ std::vector<std::string> read_header(LineReader& lines) {
         if (name.size() >= 2 && name.starts_with('"') && name.ends_with('"')) {
             name = name.substr(1, name.size() - 2);
         }
-        if (index == most_columns)
-            lines.fail(fmt::format("there are more than {} columns, must be fewer", most_columns));
+        if (index == max_columns) lines.fail(fmt::format("there are more than {} columns, must be fewer", max_columns));
         if (name.empty()) lines.fail(fmt::format("column {} has no name in the header line", index + 1));
         if (parse_number(name)) {
             lines.fail(fmt::format("the header line has the number {}, must have column names", name));

@@ -14,7 +14,7 @@ namespace tribode {
 namespace {
 
 // Of tables and lists within one another. What reads, prints or compares them goes down by a call for each.
-constexpr int most_levels = 64;
+constexpr int max_levels = 64;
 
 // The reader's sentence without its prefix: `[json.exception...] parse error at line 3, column 14: syntax error
 // while parsing value - unexpected '}'` becomes `while parsing value - unexpected '}'`.
@@ -52,7 +52,7 @@ Json parse_json(const std::string& text, const std::string& source) {
     std::vector<std::set<std::string>> keys; // of the tables that are open, the innermost last
     const auto watch = [&](int depth, Json::parse_event_t event, Json& value) {
         const bool opens = event == Json::parse_event_t::object_start || event == Json::parse_event_t::array_start;
-        if (opens && depth >= most_levels) fail(fmt::format("is nested deeper than {} levels", most_levels));
+        if (opens && depth >= max_levels) fail(fmt::format("is nested deeper than {} levels", max_levels));
         if (event == Json::parse_event_t::object_start) keys.emplace_back();
         if (event == Json::parse_event_t::object_end) keys.pop_back();
         if (event == Json::parse_event_t::key && !keys.back().insert(value.get<std::string>()).second) {

@@ -249,11 +249,11 @@ std::string to_mat(const Table& table) {
         if (table.find(column.name) != &column) {
             throw InputError(fmt::format("column {} stands twice, each name must stand once", column.name));
         }
-        constexpr std::size_t most_rows = (std::size_t{1} << 28) - 32; // 2 GiB with the head of the array
-        if (column.values.size() > most_rows) {
+        constexpr std::size_t max_rows = (std::size_t{1} << 28) - 32; // 2 GiB with the head of the array
+        if (column.values.size() > max_rows) {
             throw InputError(fmt::format("column {} has {} values, a MAT file of version 5 can hold {} at most; "
                                          "write HDF5",
-                                         column.name, column.values.size(), most_rows));
+                                         column.name, column.values.size(), max_rows));
         }
         const std::string element = element_of(column);
         append_tag(bytes, matrix, element.size());

@@ -99,7 +99,7 @@ Content content_of(std::string_view bytes, std::size_t packed, const std::string
         return content;
     }
     if (is_mat5(bytes)) {
-        content.variables = mat_variables(bytes, most_unpacked_of(packed), source);
+        content.variables = mat_variables(bytes, max_unpacked_of(packed), source);
         return content;
     }
     constexpr std::size_t beginning = 4096;

@@ -29,9 +29,9 @@ TimeGrid time_grid(const Table& table, std::string_view column) {
     std::vector<double> place(t.size()); // n_k
     for (std::size_t k = 1; k < t.size(); ++k) {
         // What nobody can count is not counted further.
-        constexpr double most_missing = 1e15;
+        constexpr double max_missing = 1e15;
         const double ratio = steps[k - 1] / median;
-        const double missing = ratio > 1.5 ? std::min(std::round(ratio) - 1, most_missing) : 0;
+        const double missing = ratio > 1.5 ? std::min(std::round(ratio) - 1, max_missing) : 0;
         place[k] = place[k - 1] + 1 + missing;
         if (missing == 0) continue;
         grid.gaps.push_back({k, static_cast<std::size_t>(missing)});

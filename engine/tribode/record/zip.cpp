@@ -12,7 +12,7 @@ namespace tribode {
 namespace {
 
 // A few kilobytes can unpack to gigabytes. Numbers of a measurement unpack to some ten times their packed size.
-constexpr std::size_t always_unpacked = std::size_t{64} << 20, most_times = 256, most_unpacked = std::size_t{4} << 30;
+constexpr std::size_t always_unpacked = std::size_t{64} << 20, max_times = 256, max_unpacked = std::size_t{4} << 30;
 constexpr int window_bits = 15, gzip_wrapper = 16;
 
 // Feeds a zlib stream with input in pieces that fit its counters and collects what comes out.
@@ -79,13 +79,13 @@ std::string unpack(std::string_view bytes, int bits, std::size_t most, const std
 
 bool is_gzip(std::string_view bytes) { return bytes.starts_with("\x1f\x8b\x08"); }
 
-std::size_t most_unpacked_of(std::size_t packed) {
-    return packed > most_unpacked / most_times ? most_unpacked
-                                               : std::min(most_unpacked, always_unpacked + most_times * packed);
+std::size_t max_unpacked_of(std::size_t packed) {
+    return packed > max_unpacked / max_times ? max_unpacked
+                                             : std::min(max_unpacked, always_unpacked + max_times * packed);
 }
 
 std::string gunzip(std::string_view bytes, const std::string& source) {
-    return unpack(bytes, window_bits + gzip_wrapper, most_unpacked_of(bytes.size()), source);
+    return unpack(bytes, window_bits + gzip_wrapper, max_unpacked_of(bytes.size()), source);
 }
 
 std::string inflate_zlib(std::string_view bytes, std::size_t most, const std::string& source) {

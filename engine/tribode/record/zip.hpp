@@ -9,10 +9,10 @@ bool is_gzip(std::string_view bytes);
 
 // How many bytes a file of so many packed ones may unpack to: 64 MiB and 256 times its size, 4 GiB at most. Files made to
 // fill the memory unpack to a thousand times their size and more.
-std::size_t most_unpacked_of(std::size_t packed);
+std::size_t max_unpacked_of(std::size_t packed);
 
 // Unpacks a gzip file, also one of several members. `source` begins the messages.
-// Throws InputError where the bytes are damaged, cut short or unpack to more than most_unpacked_of.
+// Throws InputError where the bytes are damaged, cut short or unpack to more than max_unpacked_of.
 std::string gunzip(std::string_view bytes, const std::string& source);
 
 // Unpacks a zlib stream (RFC 1950), as it stands inside MAT files, to `most` bytes; as above.

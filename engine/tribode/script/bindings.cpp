@@ -172,7 +172,7 @@ Json to_json(const EffectParameter& p) {
     if (p.type == EffectParameter::Type::number) {
         json["unit"] = p.unit;
         json["allowed"] = allowed_names[static_cast<std::size_t>(p.allowed)];
-        json["plausible"] = {p.plausible_least, p.plausible_most};
+        json["plausible"] = {p.plausible_min, p.plausible_max};
     }
     if (!p.choices.empty()) json["choices"] = p.choices;
     if (p.fallback) json["default"] = *p.fallback;

@@ -10,7 +10,7 @@ namespace tribode {
 
 namespace {
 
-constexpr long most_at_once = 10'000'000; // points in one list
+constexpr long max_at_once = 10'000'000; // points in one list
 
 // The options of tb.grid and the like are the description without its kind.
 LuaState::Function design_function(const std::string& kind) {
@@ -29,7 +29,7 @@ Json points_of(const Json& arguments) {
     const long first = fields.integer("first", 1, count, 1);
     const long wanted = fields.integer("count", 1, count - first + 1, count - first + 1);
     fields.finish();
-    if (wanted > most_at_once) throw InputError("tb.points: more than 1e7 points at once; use first and count");
+    if (wanted > max_at_once) throw InputError("tb.points: more than 1e7 points at once; use first and count");
     Json points = Json::array();
     for (long i = first - 1; i < first - 1 + wanted; ++i) points.push_back(design.point(static_cast<std::uint64_t>(i)));
     return points;
@@ -172,7 +172,7 @@ Json tornado_of(const Json& arguments) {
 Json worst(const Json& arguments) {
     FieldReader fields(arguments, "tb.worst_cases");
     const auto values = values_of(fields, "values");
-    const long count = fields.integer("count", 1, most_at_once, 5);
+    const long count = fields.integer("count", 1, max_at_once, 5);
     const std::string which = fields.choice("which", {"greatest", "least"}, "greatest");
     fields.finish();
     Json rows = Json::array();

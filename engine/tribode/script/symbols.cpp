@@ -360,7 +360,7 @@ void add_symbols(LuaState& lua, const std::shared_ptr<Symbols>& symbols) {
     lua.add_stack_function("any", connective(symbols, Op::any, "tb.any"));
     lua.add_stack_function("negation", [symbols](lua_State* state) {
         auto& graph = *symbols->graph;
-        push_boolean_or_symbol(state, graph, graph.make(Op::no, condition_at(state, 1, graph, "tb.negation")));
+        push_boolean_or_symbol(state, graph, graph.make(Op::logical_not, condition_at(state, 1, graph, "tb.negation")));
         return 1;
     });
     lua.add_stack_function("where", [symbols](lua_State* state) { return choose(symbols, state); });

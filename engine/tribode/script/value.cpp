@@ -12,7 +12,7 @@ namespace tribode {
 
 namespace {
 
-constexpr int most_levels = 64;
+constexpr int max_levels = 64;
 constexpr std::size_t bytes_per_value = 16; // as in a Lua list
 
 // Where the reader is: a chain of these lies on the C++ stack, so that a path is written for messages only.
@@ -47,7 +47,7 @@ class Reader {
     Reader(lua_State* lua, const std::string& name)
         : lua_(lua),
           name_(name),
-          most_bytes_(host_of(lua).limits.memory_bytes),
+          max_bytes_(host_of(lua).limits.memory_bytes),
           control_(host_of(lua).control) {}
 
     Json value(int index, const Place* place) {
@@ -79,7 +79,7 @@ class Reader {
     // A table that is shared many times costs nothing in Lua and its full size here.
     void spend(std::size_t bytes, const Place* place) {
         bytes_ += bytes;
-        if (bytes_ > most_bytes_) fail(place, "is part of a value larger than the memory limit of the script");
+        if (bytes_ > max_bytes_) fail(place, "is part of a value larger than the memory limit of the script");
     }
 
     std::string text(int index, const Place* place) {
@@ -96,8 +96,8 @@ class Reader {
         for (const Place* above = parent; above; above = above->parent) {
             if (above->table == place.table) fail(parent, "is a table that contains itself");
         }
-        if (place.level > most_levels || !lua_checkstack(lua_, 3)) {
-            fail(parent, fmt::format("is nested deeper than {} levels", most_levels));
+        if (place.level > max_levels || !lua_checkstack(lua_, 3)) {
+            fail(parent, fmt::format("is nested deeper than {} levels", max_levels));
         }
         const int at = lua_absindex(lua_, index);
         const auto [numbered, named] = count_keys(at, parent);
@@ -161,7 +161,7 @@ class Reader {
 
     lua_State* lua_;
     const std::string& name_;
-    std::size_t most_bytes_;
+    std::size_t max_bytes_;
     const RunControl& control_;
     std::size_t bytes_ = 0, values_ = 0;
 };
@@ -198,8 +198,8 @@ void push_fields(lua_State* lua, const Json& object, int level) {
 }
 
 void push_value(lua_State* lua, const Json& value, int level) {
-    if (level > most_levels || !lua_checkstack(lua, 3)) {
-        throw InputError(fmt::format("the value is nested deeper than {} levels", most_levels));
+    if (level > max_levels || !lua_checkstack(lua, 3)) {
+        throw InputError(fmt::format("the value is nested deeper than {} levels", max_levels));
     }
     switch (value.type()) {
     case Json::value_t::null: lua_pushnil(lua); break;

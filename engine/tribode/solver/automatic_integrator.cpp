@@ -27,7 +27,7 @@ Integrator::Progress AutomaticIntegrator::step(double t_stop) {
     // Not before the next step is asked for: until then the last one is to be interpolated.
     if (!stiff_ && stiff_looks_ == stiff_looks_needed) go_on_as_stiff();
     const Progress progress = active().step(t_stop);
-    if (progress == Progress::guard_fell) fallen_ = active().fallen();
+    if (progress == Progress::crossing) crossed_ = active().crossed();
     if (progress == Progress::failed) failure_ = active().failure();
     if (!stiff_ && ++steps_ % steps_between_looks == 0) {
         stiff_looks_ = explicit_.stability_number() > stiff_above ? stiff_looks_ + 1 : 0;

@@ -79,7 +79,7 @@ CollocationIntegrator::CollocationIntegrator(const HybridSystem& system, const S
       forcing_count_(system.forcing_count()),
       relative_tolerance_(options.relative_tolerance),
       longest_(std::numeric_limits<double>::infinity()),
-      terms_((most_terms + 1) * height_),
+      terms_((max_terms + 1) * height_),
       slope_(height_),
       w0_(forcing_count_),
       w_(forcing_count_),
@@ -90,8 +90,8 @@ CollocationIntegrator::CollocationIntegrator(const HybridSystem& system, const S
       largest_(height_),
       tolerance_(height_),
       guards0_(guard_count_),
-      guard_terms_((most_terms + 1) * guard_count_),
-      polynomial_(most_terms + 1) {
+      guard_terms_((max_terms + 1) * guard_count_),
+      polynomial_(max_terms + 1) {
     if (const auto reason = system.why_not_nearly_affine()) {
         throw InputError(fmt::format("solver \"collocation\" cannot be used: {}; choose erk, adams or cvode", *reason));
     }
@@ -109,7 +109,7 @@ void CollocationIntegrator::restart(SystemState& state) {
     auto known = patterns_.find(key_);
     if (known == patterns_.end()) {
         // Patterns that never come again must not fill the memory.
-        if (patterns_.size() == most_patterns) patterns_.clear();
+        if (patterns_.size() == max_patterns) patterns_.clear();
         known = patterns_.emplace(key_, make_pattern()).first;
     }
     pattern_ = &known->second;
@@ -123,7 +123,7 @@ CollocationIntegrator::Pattern CollocationIntegrator::make_pattern() const {
     pattern.a.resize(size_ * height_);
     pattern.g.assign(guard_count_, std::vector<double>(size_));
     // A coefficient beyond those of any input.
-    constexpr int far = most_terms;
+    constexpr int far = max_terms;
     for (std::size_t j = 0; j < size_; ++j) {
         unit[j] = 1;
         system_.affine_derivative(far, 0, 1, unit, d, {pattern.a.data() + j * height_, size_});
@@ -233,7 +233,7 @@ const CollocationIntegrator::Prepared* CollocationIntegrator::prepared_for(doubl
 bool CollocationIntegrator::is_regular(double h) {
     const auto same = [&](double length) { return same_length(length, h); };
     if (std::any_of(regular_.begin(), regular_.end(), same)) return true;
-    if (regular_.size() == most_regular) return false;
+    if (regular_.size() == max_regular) return false;
     if (std::any_of(recent_.begin(), recent_.end(), same)) {
         regular_.push_back(h);
         return true;
@@ -291,7 +291,7 @@ bool CollocationIntegrator::settle(double h, const Prepared* prepared, double& e
     if (!pattern_->forced) return true;
 
     double last_change = 0;
-    for (int round = 0; round < most_rounds; ++round) {
+    for (int round = 0; round < max_rounds; ++round) {
         before_.swap(dw_);
         double change = 0, bend = 0; // effect on x(1) over the tolerance
         for (std::size_t k = 0; k < nodes; ++k) {
@@ -370,7 +370,7 @@ bool CollocationIntegrator::expand(double h) {
     const Columns& zero = work_;
     std::fill(work_.begin(), work_.end(), 0.0);
     bool last_was_small = false;
-    for (int n = 1; n < most_terms; ++n) {
+    for (int n = 1; n < max_terms; ++n) {
         double* next = term(n + 1);
         if (varies_) {
             system_.affine_derivative(n, t0_, h, {term(n), size_}, *state_->discrete, {next, size_});
@@ -399,13 +399,13 @@ bool CollocationIntegrator::expand(double h) {
     return false;
 }
 
-// The earliest fall of a guard within the step; which ones fall there goes to fallen_.
-double CollocationIntegrator::first_fall() {
+// The earliest fall of a guard within the step; which ones fall there goes to crossed_.
+double CollocationIntegrator::first_crossing() {
     const auto row = [&](int n) { return guard_terms_.data() + static_cast<std::size_t>(n) * guard_count_; };
     for (int n = 1; n <= order_ && varies_; ++n) {
         system_.affine_guards(n, t0_, h_, {term(n), size_}, *state_->discrete, {row(n), guard_count_});
     }
-    fallen_.clear();
+    crossed_.clear();
     double first = none;
     for (GuardId guard = 0; guard < guard_count_; ++guard) {
         polynomial_[0] = guards0_[guard];
@@ -418,11 +418,11 @@ double CollocationIntegrator::first_fall() {
             }
             polynomial_[static_cast<std::size_t>(n)] = g;
         }
-        const double s = first_fall_below_zero({polynomial_.data(), static_cast<std::size_t>(order_) + 1});
+        const double s = first_crossing_below_zero({polynomial_.data(), static_cast<std::size_t>(order_) + 1});
         if (s == none || s > first) continue;
-        if (s < first) fallen_.clear();
+        if (s < first) crossed_.clear();
         first = s;
-        fallen_.push_back(guard);
+        crossed_.push_back(guard);
     }
     return first;
 }
@@ -478,7 +478,7 @@ Integrator::Progress CollocationIntegrator::step(double t_stop) {
     fit_cubics();
     if (!(prepared && clear_of_guards(*prepared))) {
         if (order_ == 0 && !expand(h)) order_ = 0; // cannot be: the response was made of the same terms
-        const double s = first_fall();
+        const double s = first_crossing();
         if (s != none) {
             evaluate(s, work_.data());
             std::copy_n(work_.begin(), size_, x.begin());
@@ -486,7 +486,7 @@ Integrator::Progress CollocationIntegrator::step(double t_stop) {
             state_->t = t0_ + std::max(span, 0.0);
             behind_ = std::max(-span, 0.0);
             if (s == 1 && whole_way) state_->t = t_stop;
-            return Progress::guard_fell;
+            return Progress::crossing;
         }
     }
     std::copy_n(at_[nodes - 1].begin(), size_, x.begin());

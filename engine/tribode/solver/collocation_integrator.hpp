@@ -33,10 +33,10 @@ class CollocationIntegrator final : public Integrator {
     RunStatistics statistics() const override { return counts_; }
 
   private:
-    static constexpr int most_terms = 30;
+    static constexpr int max_terms = 30;
     static constexpr std::size_t nodes = 3; // besides s = 0
-    static constexpr std::size_t most_patterns = 2000, most_regular = 12, most_recent = 8;
-    static constexpr int most_rounds = 6;
+    static constexpr std::size_t max_patterns = 2000, max_regular = 12, most_recent = 8;
+    static constexpr int max_rounds = 6;
 
     // Padded to `height_` numbers, a multiple of eight.
     using Columns = std::vector<double>;
@@ -78,7 +78,7 @@ class CollocationIntegrator final : public Integrator {
     bool settle(double h, const Prepared* prepared, double& error);
     bool clear_of_guards(const Prepared& prepared) const;
     bool expand(double h);
-    double first_fall();
+    double first_crossing();
     void fit_cubics();
     void evaluate(double s, double* x) const;
     double* term(int n) { return terms_.data() + static_cast<std::size_t>(n) * height_; }
@@ -101,7 +101,7 @@ class CollocationIntegrator final : public Integrator {
     // x counts as that of the time state.t - behind_, as in ExactIntegrator.
     double behind_ = 0, lag_ = 0;
     int order_ = 0;                            // of its series; 0: there is none yet
-    Columns terms_;                            // (height x most_terms + 1): c_n
+    Columns terms_;                            // (height x max_terms + 1): c_n
     Columns slope_;                            // f at t0_
     std::array<Columns, nodes> free_, at_;     // x at the nodes with w as at the beginning, and as it is
     std::vector<double> w0_, w_, dw_, before_; // (w), (w), (nodes x w): w at the nodes less w0_

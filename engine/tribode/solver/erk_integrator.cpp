@@ -101,8 +101,8 @@ long ErkIntegrator::native_rejected_steps() const {
 // proposes to the stop time, so the proposal is kept from here.
 int ErkIntegrator::choose_step(N_Vector, double, double h, double, double, double error, double, double, int,
                                int embedded_order, double* proposed, void* self) {
-    constexpr double safety = 0.9, least_error = 1e-6; // chosen; at most 16 times the last step
-    *proposed = safety * h * std::pow(std::max(error, least_error), -1.0 / (embedded_order + 1));
+    constexpr double safety = 0.9, min_error = 1e-6; // chosen; at most 16 times the last step
+    *proposed = safety * h * std::pow(std::max(error, min_error), -1.0 / (embedded_order + 1));
     static_cast<ErkIntegrator*>(self)->proposed_step_ = *proposed;
     return 0;
 }

@@ -74,9 +74,9 @@ EventSearch::Piece& EventSearch::piece(std::size_t level) {
     return pieces_[level];
 }
 
-EventSearch::Found EventSearch::first_fall(const StepPolynomial& step, const DiscreteState& d,
-                                           std::vector<GuardId>& fallen) {
-    fallen.clear();
+EventSearch::Found EventSearch::first_crossing(const StepPolynomial& step, const DiscreteState& d,
+                                               std::vector<GuardId>& crossed) {
+    crossed.clear();
     step_ = &step;
     only_time_ = false;
     pieces_left_ = max_pieces;
@@ -84,10 +84,10 @@ EventSearch::Found EventSearch::first_fall(const StepPolynomial& step, const Dis
     Piece& whole = piece(0);
     whole.open.clear();
     for (GuardId guard = 0; guard < guard_count_; ++guard) {
-        if (g_[guard] < 0) fallen.push_back(guard);
+        if (g_[guard] < 0) crossed.push_back(guard);
         whole.open.push_back(guard);
     }
-    if (!fallen.empty()) return {0, true};
+    if (!crossed.empty()) return {0, true};
     searched_to_ = 0;
     if (encloses_) {
         // b_i = sum_{k <= i} C(i,k)/C(n,k) c_k
@@ -102,25 +102,25 @@ EventSearch::Found EventSearch::first_fall(const StepPolynomial& step, const Dis
             }
         }
     }
-    if (const auto s = search(0, 0, 1, d, fallen)) return {*s, true};
+    if (const auto s = search(0, 0, 1, d, crossed)) return {*s, true};
     if (pieces_left_ > 0) return {1, false};
     // A guard that stays within rounding of zero is followed no further than that.
-    constexpr double least_part = 1e-3;
-    if (searched_to_ > least_part) return {searched_to_, false};
-    if (const auto s = look_at_points(d, fallen)) return {*s, true};
+    constexpr double min_part = 1e-3;
+    if (searched_to_ > min_part) return {searched_to_, false};
+    if (const auto s = look_at_points(d, crossed)) return {*s, true};
     return {1, false};
 }
 
 // By signs at equal distances.
-std::optional<double> EventSearch::look_at_points(const DiscreteState& d, std::vector<GuardId>& fallen) {
+std::optional<double> EventSearch::look_at_points(const DiscreteState& d, std::vector<GuardId>& crossed) {
     constexpr int points = 64;
     for (int i = 1; i <= points; ++i) {
         const double high = static_cast<double>(i) / points, low = static_cast<double>(i - 1) / points;
         guards_at(high, d);
         const auto below = std::find_if(g_.begin(), g_.end(), [](double g) { return g < 0; });
         if (below == g_.end()) continue;
-        fallen.push_back(static_cast<GuardId>(below - g_.begin()));
-        return locate(fallen.front(), low, high, d);
+        crossed.push_back(static_cast<GuardId>(below - g_.begin()));
+        return locate(crossed.front(), low, high, d);
     }
     return std::nullopt;
 }
@@ -133,13 +133,13 @@ EventSearch::Found EventSearch::next_time_event(double t, double t_end, std::spa
     ahead.h = t_end - t;
     ahead.resize(x.size(), 0);
     std::copy(x.begin(), x.end(), ahead.terms.begin());
-    std::vector<GuardId> fallen; // the step that ends there finds them again
+    std::vector<GuardId> crossed; // the step that ends there finds them again
     step_ = &ahead;
     only_time_ = true;
     pieces_left_ = usual_pieces;
     searched_to_ = 0;
     piece(0).open = time_guards_;
-    const auto s = search(0, 0, 1, d, fallen);
+    const auto s = search(0, 0, 1, d, crossed);
     if (s) return {std::min(ahead.time(*s), t_end), true};
     if (pieces_left_ > 0) return {t_end, false};
     return {ahead.time(searched_to_), false};
@@ -230,7 +230,7 @@ void EventSearch::bound_by_samples(double low, double high, const DiscreteState&
 
 // The first fall in [low, high] of the guards that are open there; they are not below zero at low.
 std::optional<double> EventSearch::search(std::size_t level, double low, double high, const DiscreteState& d,
-                                          std::vector<GuardId>& fallen) {
+                                          std::vector<GuardId>& crossed) {
     if (--pieces_left_ <= 0) return std::nullopt;
     Piece& here = piece(level);
     bound(here, low, high, d);
@@ -243,7 +243,7 @@ std::optional<double> EventSearch::search(std::size_t level, double low, double 
         const bool decided = std::all_of(open.begin(), open.end(), falls_throughout) ||
                              (high - low) * step_->h <= 4 * time_resolution(step_->time(high));
         if (decided) {
-            // One that is still falling where it is zero at the very end has fallen there.
+            // One that is still falling where it is zero at the very end has crossed there.
             guards_at(high, d);
             std::erase_if(open, [&](GuardId guard) {
                 return g_[guard] > 0 || (g_[guard] == 0 && !(high == 1 && bounds_[guard].rate.high < 0));
@@ -256,7 +256,7 @@ std::optional<double> EventSearch::search(std::size_t level, double low, double 
             const double first = *std::min_element(instants.begin(), instants.end());
             const double together = step_->time(first) + 2 * time_resolution(step_->time(first));
             for (std::size_t i = 0; i < open.size(); ++i) {
-                if (step_->time(instants[i]) <= together) fallen.push_back(open[i]);
+                if (step_->time(instants[i]) <= together) crossed.push_back(open[i]);
             }
             return first;
         }
@@ -281,11 +281,11 @@ std::optional<double> EventSearch::search(std::size_t level, double low, double 
                     }
                 }
             }
-            if (const auto found = search(level + 1, low, middle, d, fallen)) return found;
+            if (const auto found = search(level + 1, low, middle, d, crossed)) return found;
             if (pieces_left_ > 0) {
                 pieces_[level + 1].open = pieces_[level].open;
                 pieces_[level + 1].control = std::move(right);
-                return search(level + 1, middle, high, d, fallen);
+                return search(level + 1, middle, high, d, crossed);
             }
             return std::nullopt;
         }

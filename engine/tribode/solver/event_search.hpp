@@ -40,9 +40,9 @@ class EventSearch {
         bool falls;
     };
 
-    // Of a step, s in [0, 1]. The guards that fall there, to rounding of the time, go to `fallen`, in declared order. A
+    // Of a step, s in [0, 1]. The guards that fall there, to rounding of the time, go to `crossed`, in declared order. A
     // step whose guards take very many pieces to follow is searched in part, so that it can be shortened.
-    Found first_fall(const StepPolynomial& step, const DiscreteState& d, std::vector<GuardId>& fallen);
+    Found first_crossing(const StepPolynomial& step, const DiscreteState& d, std::vector<GuardId>& crossed);
 
     // Guards that depend on the time alone, before any step is taken; an instant in (t, t_end].
     Found next_time_event(double t, double t_end, std::span<const double> x, const DiscreteState& d);
@@ -60,12 +60,12 @@ class EventSearch {
     };
 
     std::optional<double> search(std::size_t level, double low, double high, const DiscreteState& d,
-                                 std::vector<GuardId>& fallen);
+                                 std::vector<GuardId>& crossed);
     void bound(const Piece& piece, double low, double high, const DiscreteState& d);
     void bound_by_samples(double low, double high, const DiscreteState& d);
     void guards_at(double s, const DiscreteState& d);
     void tighten(std::vector<GuardId>& open, double low, double high, const DiscreteState& d);
-    std::optional<double> look_at_points(const DiscreteState& d, std::vector<GuardId>& fallen);
+    std::optional<double> look_at_points(const DiscreteState& d, std::vector<GuardId>& crossed);
     double locate(GuardId guard, double low, double high, const DiscreteState& d);
     Piece& piece(std::size_t level);
 

@@ -53,13 +53,13 @@ constexpr auto reciprocals = [] {
 }();
 
 // From c_0 and c_1 on, c_{n+1} = h/(n+1) A c_n, until two terms in a row are below half a unit in the last place of
-// the largest, as a rule one of the first five, `least` at least. Returns the last n, or 0 where most_terms, an even
+// the largest, as a rule one of the first five, `least` at least. Returns the last n, or 0 where max_terms, an even
 // number, do not do. Even and odd terms go each their own way by the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two
 // chains that do not wait for one another. Where nothing is left of two terms but an eigenvector of A, of eigenvalue
 // `rate`, numbers take its place.
 template <std::size_t Fixed>
 [[gnu::always_inline]] inline int expand(const double* a, const double* square, double rate, const double* least,
-                                         std::size_t states, std::size_t any_height, double h, int most_terms,
+                                         std::size_t states, std::size_t any_height, double h, int max_terms,
                                          double* terms, double* limit) {
     const std::size_t height = Fixed ? Fixed : any_height;
     const auto term = [&](int n) { return terms + static_cast<std::size_t>(n) * height; };
@@ -91,7 +91,7 @@ template <std::size_t Fixed>
     };
     multiply<Fixed, Fixed>(a, height, height, term(1), h / 2, term(2));
     bool only_decay = false;
-    for (int n = 1; n + 3 <= most_terms; n += 2) {
+    for (int n = 1; n + 3 <= max_terms; n += 2) {
         const double even = h * h * reciprocals[static_cast<std::size_t>(n)];
         const double odd = h * h * reciprocals[static_cast<std::size_t>(n) + 1];
         if (only_decay) {
@@ -109,8 +109,8 @@ template <std::size_t Fixed>
         if (!only_decay && rate != 0) only_decay = decays(n, rate * rate * even) && decays(n + 1, rate * rate * odd);
     }
     // States at the end of a long chain have their largest terms later.
-    set_limits(most_terms);
-    return small(most_terms - 1) && small(most_terms) ? most_terms : 0;
+    set_limits(max_terms);
+    return small(max_terms - 1) && small(max_terms) ? max_terms : 0;
 }
 
 // The sum of all terms, x at the step's end, and of the sizes of those after the first; small ones come first.
@@ -174,10 +174,10 @@ multiply_columns(const double* matrix, std::size_t height, std::size_t columns, 
 
 [[gnu::target_clones("avx512f", "avx2", "default")]] int
 expand_columns(const double* a, const double* square, double rate, const double* least, std::size_t states,
-               std::size_t height, double h, int most_terms, double* terms, double* limit) {
+               std::size_t height, double h, int max_terms, double* terms, double* limit) {
     switch (height) {
-    case 8: return expand<8>(a, square, rate, least, states, 8, h, most_terms, terms, limit);
-    default: return expand<0>(a, square, rate, least, states, height, h, most_terms, terms, limit);
+    case 8: return expand<8>(a, square, rate, least, states, 8, h, max_terms, terms, limit);
+    default: return expand<0>(a, square, rate, least, states, height, h, max_terms, terms, limit);
     }
 }
 
@@ -206,19 +206,19 @@ ExactIntegrator::ExactIntegrator(const HybridSystem& system)
       size_(system.states().size()),
       height_(padded(size_)),
       guard_count_(system.guard_count()),
-      leap_height_(height_ + padded(2 * guard_count_)),
+      propagator_height_(height_ + padded(2 * guard_count_)),
       rest_height_(padded(guard_count_)),
-      terms_((most_terms + 1) * height_),
+      terms_((max_terms + 1) * height_),
       work_(height_),
       least_(height_),
       limit_(height_),
       end_(height_),
       travel_(height_),
-      moved_(leap_height_),
+      moved_(propagator_height_),
       speed_(height_),
       rest_(rest_height_),
-      guard_terms_((most_terms + 1) * guard_count_),
-      polynomial_(most_terms + 1) {
+      guard_terms_((max_terms + 1) * guard_count_),
+      polynomial_(max_terms + 1) {
     if (const auto reason = system.why_not_affine()) {
         throw InputError(fmt::format("solver \"exact\" cannot be used: {}; choose erk, adams or cvode", *reason));
     }
@@ -240,12 +240,12 @@ void ExactIntegrator::restart(SystemState& state) {
     key_ = key;
     auto known = patterns_.find(key_);
     if (known == patterns_.end()) {
-        if (patterns_.size() < most_patterns) {
+        if (patterns_.size() < max_patterns) {
             known = patterns_.try_emplace(key_).first;
             oldest_.push_back(key_);
         } else {
             // Patterns that never come again must not fill the memory, nor keep it busy: the oldest gives its place.
-            Key& oldest = oldest_[replaced_++ % most_patterns];
+            Key& oldest = oldest_[replaced_++ % max_patterns];
             auto node = patterns_.extract(oldest);
             node.key() = oldest = key_;
             known = patterns_.insert(std::move(node)).position;
@@ -300,19 +300,19 @@ double ExactIntegrator::fastest_decay(const Columns& a) const {
 
 // Column by column, as the responses to f = e_j: a step's series from zero with that slope.
 ExactIntegrator::Prepared ExactIntegrator::prepare(const Pattern& pattern, double h) const {
-    Prepared made{h, Columns(height_ * leap_height_), Columns(height_ * rest_height_)};
+    Prepared made{h, Columns(height_ * propagator_height_), Columns(height_ * rest_height_)};
     Columns terms(terms_.size()), none(height_), limit(height_), end(height_), travel(height_); // the last step's stay
     for (std::size_t j = 0; j < size_; ++j) {
         std::fill_n(terms.begin() + static_cast<std::ptrdiff_t>(height_), height_, 0.0);
         terms[height_ + j] = h;
         const int order = expand_columns(pattern.a.data(), pattern.square.data(), pattern.decay, none.data(), size_,
-                                         height_, h, most_terms, terms.data(), limit.data());
+                                         height_, h, max_terms, terms.data(), limit.data());
         // From rest any length comes to an end at once; from elsewhere this one does not.
         if (order == 0) {
-            made.leap.clear();
+            made.propagator.clear();
             return made;
         }
-        double* column = made.leap.data() + j * leap_height_;
+        double* column = made.propagator.data() + j * propagator_height_;
         sum_columns(terms.data(), order, height_, column, travel.data());
         for (std::size_t guard = 0; guard < guard_count_; ++guard) {
             const auto along = [&](int n) {
@@ -347,7 +347,7 @@ const ExactIntegrator::Prepared* ExactIntegrator::prepared_for(double h) const {
 bool ExactIntegrator::is_regular(double h) {
     const auto same = [&](double length) { return same_length(length, h); };
     if (std::any_of(regular_.begin(), regular_.end(), same)) return true;
-    if (regular_.size() == most_regular) return false;
+    if (regular_.size() == max_regular) return false;
     if (std::any_of(recent_.begin(), recent_.end(), same)) {
         regular_.push_back(h);
         return true;
@@ -383,8 +383,8 @@ void ExactIntegrator::end(double span) {
 }
 
 // Goes over the whole step at once, if no guard can fall in it.
-bool ExactIntegrator::leap(const Prepared& prepared) {
-    if (prepared.leap.empty()) return false;
+bool ExactIntegrator::propagate(const Prepared& prepared) {
+    if (prepared.propagator.empty()) return false;
     auto& x = state_->x;
     const std::span<double> f(work_.data(), size_);
     system_.derivative(t0_, x, *state_->discrete, f);
@@ -392,7 +392,7 @@ bool ExactIntegrator::leap(const Prepared& prepared) {
     ++counts_.derivative_evaluations;
     ++counts_.guard_evaluations;
     for (std::size_t i = 0; i < size_; ++i) speed_[i] = std::abs(f[i]);
-    multiply_columns(prepared.leap.data(), leap_height_, height_, f.data(), moved_.data());
+    multiply_columns(prepared.propagator.data(), propagator_height_, height_, f.data(), moved_.data());
     multiply_columns(prepared.rest.data(), rest_height_, height_, speed_.data(), rest_.data());
     for (std::size_t guard = 0; guard < guard_count_; ++guard) {
         if (pattern_->g[guard].empty()) continue; // it does not move
@@ -403,7 +403,7 @@ bool ExactIntegrator::leap(const Prepared& prepared) {
         const double margin = 1e-12 * (std::abs(first) + std::abs(second) + rest);
         if (!(least > margin)) return false;
     }
-    // A machine without guards that move would leap on and on where its loop is unstable.
+    // A machine without guards that move would propagate on and on where its loop is unstable.
     for (std::size_t i = 0; i < size_; ++i) {
         if (!std::isfinite(x[i] + moved_[i])) return false;
     }
@@ -423,13 +423,13 @@ bool ExactIntegrator::expand(double h) {
     derive(0);
     if (pattern_) {
         order_ = expand_columns(pattern_->a.data(), pattern_->square.data(), pattern_->decay, least_.data(), size_,
-                                height_, h, most_terms, terms_.data(), limit_.data());
+                                height_, h, max_terms, terms_.data(), limit_.data());
         // A comparison with what is not a number hides it; in the last term it still stands.
         return order_ > 0 && std::all_of(term(order_), term(order_) + size_, [](double c) { return std::isfinite(c); });
     }
     work_ = least_;
     bool last_was_small = false;
-    for (int n = 1; n < most_terms; ++n) {
+    for (int n = 1; n < max_terms; ++n) {
         derive(n);
         bool small = true;
         for (std::size_t i = 0; i < size_; ++i) {
@@ -448,8 +448,8 @@ bool ExactIntegrator::expand(double h) {
     return false;
 }
 
-// The earliest fall of a guard within the step; which ones fall there goes to fallen_.
-double ExactIntegrator::first_fall() {
+// The earliest fall of a guard within the step; which ones fall there goes to crossed_.
+double ExactIntegrator::first_crossing() {
     const DiscreteState& d = *state_->discrete;
     const auto row = [&](int n) { return guard_terms_.data() + static_cast<std::size_t>(n) * guard_count_; };
     system_.guards(t0_, {term(0), size_}, d, {row(0), guard_count_});
@@ -457,7 +457,7 @@ double ExactIntegrator::first_fall() {
         system_.affine_guards(n, t0_, h_, {term(n), size_}, d, {row(n), guard_count_});
     }
     ++counts_.guard_evaluations;
-    fallen_.clear();
+    crossed_.clear();
     double first = none;
     for (GuardId guard = 0; guard < guard_count_; ++guard) {
         if (pattern_ && pattern_->g[guard].empty()) continue; // it does not move
@@ -477,11 +477,11 @@ double ExactIntegrator::first_fall() {
         } else {
             for (std::size_t n = 1; n <= last; ++n) polynomial_[n] = guard_terms_[n * guard_count_ + guard];
         }
-        const double s = first_fall_below_zero({polynomial_.data(), last + 1});
+        const double s = first_crossing_below_zero({polynomial_.data(), last + 1});
         if (s == none || s > first) continue;
-        if (s < first) fallen_.clear();
+        if (s < first) crossed_.clear();
         first = s;
-        fallen_.push_back(guard);
+        crossed_.push_back(guard);
     }
     return first;
 }
@@ -495,7 +495,7 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
     const double whole = begin(t_stop);
     ++counts_.steps;
     const Prepared* prepared = prepared_for(whole);
-    if (prepared && leap(*prepared)) {
+    if (prepared && propagate(*prepared)) {
         state_->t = t_stop;
         behind_ = whole - prepared->h;
         return Progress::stopped;
@@ -510,12 +510,12 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
         return Progress::failed;
     }
     sum_columns(terms_.data(), order_, height_, end_.data(), travel_.data());
-    const double s = first_fall();
+    const double s = first_crossing();
     if (s != none) {
         evaluate(s, state_->x);
         end(s * h - lag_);
         if (s == 1 && h == whole) state_->t = t_stop;
-        return Progress::guard_fell;
+        return Progress::crossing;
     }
     std::copy_n(end_.begin(), size_, state_->x.begin());
     end(h - lag_);
@@ -526,7 +526,7 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
 }
 
 void ExactIntegrator::interpolate(double t, std::span<double> x) {
-    // A leap left no series; it converges, because Psi was made of the same terms.
+    // A propagated step left no series; it converges, because Psi was made of the same terms.
     if (order_ == 0) expand(h_);
     evaluate((t - t0_ + lag_) / h_, x);
 }

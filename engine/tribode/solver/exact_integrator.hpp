@@ -1,5 +1,5 @@
 #pragma once
-#include "tribode/solver/first_fall.hpp"
+#include "tribode/solver/first_crossing.hpp"
 #include "tribode/solver/integrator.hpp"
 
 #include <array>
@@ -32,8 +32,8 @@ class ExactIntegrator final : public Integrator {
     RunStatistics statistics() const override { return counts_; }
 
   private:
-    static constexpr int most_terms = 30;
-    static constexpr std::size_t most_patterns = 2000, most_regular = 4, most_recent = 8;
+    static constexpr int max_terms = 30;
+    static constexpr std::size_t max_patterns = 2000, max_regular = 4, most_recent = 8;
 
     // Columns of states are padded with zeros to `height_` numbers, a multiple of eight, which the processor adds and
     // multiplies at one time.
@@ -50,7 +50,7 @@ class ExactIntegrator final : public Integrator {
         double h;
         // Times f: how far x moves, Psi f, then for each guard its first and second coefficient. Empty: h is too long
         // for its series.
-        Columns leap; // (leap_height x height)
+        Columns propagator; // (propagator_height x height)
         // Times abs(f): a bound for all further coefficients of each guard together.
         Columns rest; // (rest_height x height)
     };
@@ -78,16 +78,16 @@ class ExactIntegrator final : public Integrator {
     void learn(double h);
     double begin(double t_stop);
     void end(double span);
-    bool leap(const Prepared& prepared);
+    bool propagate(const Prepared& prepared);
     bool expand(double h);
-    double first_fall();
+    double first_crossing();
     void evaluate(double s, std::span<double> x);
     double* term(int n) { return terms_.data() + static_cast<std::size_t>(n) * height_; }
     const double* term(int n) const { return terms_.data() + static_cast<std::size_t>(n) * height_; }
 
     const HybridSystem& system_;
-    const std::size_t size_, height_, guard_count_; // states, length of a padded column, guards
-    const std::size_t leap_height_, rest_height_;   // see Prepared
+    const std::size_t size_, height_, guard_count_;     // states, length of a padded column, guards
+    const std::size_t propagator_height_, rest_height_; // see Prepared
     SystemState* state_ = nullptr;
     std::unordered_map<Key, Pattern, Hash> patterns_;
     std::vector<Key> oldest_; // keys of patterns_, as they came
@@ -97,20 +97,20 @@ class ExactIntegrator final : public Integrator {
     std::vector<double> regular_, recent_; // step lengths that come again, and those met last [s]
     std::size_t next_recent_ = 0;
     double t0_ = 0, h_ = 0; // of the last step [s]
-    // A leap takes a length for one that differs by rounding. Lest these differences add up, x counts as that of the time
+    // A propagated step takes a length for one that differs by rounding. Lest these differences add up, x counts as that of the time
     // state.t - behind_, and the next step makes up for it; lag_ is what the last step began with.
     double behind_ = 0, lag_ = 0;     // [s]
-    int order_ = 0;                   // of its series; 0: it was a leap
-    Columns terms_;                   // (height x most_terms + 1): c_n
+    int order_ = 0;                   // of its series; 0: a propagated step
+    Columns terms_;                   // (height x max_terms + 1): c_n
     std::vector<double> work_;        // (height)
     std::vector<double> least_;       // (height): sizes of the states below which nothing counts
     std::vector<double> limit_;       // (height): sizes of terms below which they do not count
     std::vector<double> end_;         // (height): x where the series ends
     std::vector<double> travel_;      // (height): how far each state can go in the step
-    std::vector<double> moved_;       // (leap_height): leap times f
+    std::vector<double> moved_;       // (propagator_height): propagator times f
     std::vector<double> speed_;       // (height): abs(f)
     std::vector<double> rest_;        // (rest_height): rest times abs(f)
-    std::vector<double> guard_terms_; // (most_terms + 1) x guards
+    std::vector<double> guard_terms_; // (max_terms + 1) x guards
     std::vector<double> polynomial_;
     RunStatistics counts_;
 };

@@ -95,8 +95,8 @@ const std::vector<double>& FixedStepIntegrator::propagator(double h) {
     for (const auto& known : propagators_) {
         if (std::abs(known.h - h) <= 1e-9 * h) return known.psi;
     }
-    constexpr std::size_t most_lengths = 16;
-    if (propagators_.size() == most_lengths) propagators_.clear();
+    constexpr std::size_t max_lengths = 16;
+    if (propagators_.size() == max_lengths) propagators_.clear();
     return propagators_.emplace_back(Propagator{h, integral_of_exponential(linear_, next_.size(), h)}).psi;
 }
 
@@ -141,11 +141,11 @@ Integrator::Progress FixedStepIntegrator::step(double t_stop) {
 
     system_.guards(state_->t, state_->x, *state_->discrete, guards_);
     ++counts_.guard_evaluations;
-    fallen_.clear();
+    crossed_.clear();
     for (GuardId guard = 0; guard < guards_.size(); ++guard) {
-        if (guards_[guard] < 0) fallen_.push_back(guard);
+        if (guards_[guard] < 0) crossed_.push_back(guard);
     }
-    if (!fallen_.empty()) return Progress::guard_fell;
+    if (!crossed_.empty()) return Progress::crossing;
     return last ? Progress::stopped : Progress::stepped;
 }
 

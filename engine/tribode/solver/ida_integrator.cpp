@@ -73,9 +73,9 @@ void IdaIntegrator::native_restart(double t, double h) {
 }
 
 SundialsIntegrator::Native IdaIntegrator::native_step(double t_stop, double& t) {
-    constexpr int most_low_steps = 50;
+    constexpr int max_low_steps = 50;
     constexpr double shorter = 0.01;
-    if (low_steps_ > most_low_steps) {
+    if (low_steps_ > max_low_steps) {
         check(IDAGetLastStep(memory_, &kept_step_), "IDAGetLastStep");
         kept_step_ *= shorter;
         restart(*state_);

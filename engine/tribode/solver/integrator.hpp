@@ -21,15 +21,15 @@ class Integrator {
     // x jumped, or the derivative changed, at state.t. What is known of a good step size survives.
     virtual void restart(SystemState& state) = 0;
 
-    // The guards changed at state.t, where one has just fallen; x and the derivative did not.
+    // The guards changed at state.t, where one has just crossed; x and the derivative did not.
     virtual void change_guards(SystemState& state) { restart(state); }
 
-    enum class Progress { stepped, stopped, guard_fell, failed };
+    enum class Progress { stepped, stopped, crossing, failed };
 
     // One step, to t_stop at most:
     //   stepped     state.t < t_stop
     //   stopped     state.t == t_stop exactly, and no guard fell
-    //   guard_fell  state is at the first fall of a guard, as exactly as the method locates it; fallen() tells which
+    //   crossing  state is at the first fall of a guard, as exactly as the method locates it; crossed() tells which
     //   failed      failure() tells why; state is the last good one
     virtual Progress step(double t_stop) = 0;
 
@@ -44,13 +44,13 @@ class Integrator {
     // From when on [s] a run by `automatic` has gone on by BDF, the problem being stiff; nothing: it has not.
     virtual std::optional<double> stiff_from() const { return std::nullopt; }
 
-    const std::vector<GuardId>& fallen() const { return fallen_; }
+    const std::vector<GuardId>& crossed() const { return crossed_; }
     const RunOutcome& failure() const { return failure_; }
     // Steps, evaluations; the counts of events and samples are the simulator's.
     virtual RunStatistics statistics() const = 0;
 
   protected:
-    std::vector<GuardId> fallen_;
+    std::vector<GuardId> crossed_;
     RunOutcome failure_;
 };
 

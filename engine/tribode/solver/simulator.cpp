@@ -142,7 +142,7 @@ RunOutcome Simulator::advance_to(double t_end) {
         }
         if (next_output_ < output_grid_.size()) emit_outputs(state_.t);
         if (progress != Integrator::Progress::stepped) {
-            try_instant(progress == Integrator::Progress::guard_fell);
+            try_instant(progress == Integrator::Progress::crossing);
         }
     }
     if (outcome_.end == RunEnd::reached && check_divergence()) outcome_.t = state_.t;
@@ -178,7 +178,7 @@ void Simulator::handle_instant(bool guards_fell) {
     collect_due_clocks();
     if (observer_ && !due_.empty()) observer_->left_limit(state_);
 
-    const bool ok = !guards_fell || settle_guards(integrator_->fallen());
+    const bool ok = !guards_fell || settle_guards(integrator_->crossed());
     bool guards_changed = false;
     for (const auto& [id, k] : due_) {
         const EventEffect effect = system_.on_sample(id, k, state_);
@@ -193,8 +193,8 @@ void Simulator::handle_instant(bool guards_fell) {
 }
 
 // Handles the guards that fell, then all that are below zero, until none is.
-bool Simulator::settle_guards(std::span<const GuardId> fallen) {
-    if (!fallen.empty() && !handle_guards(fallen)) return false;
+bool Simulator::settle_guards(std::span<const GuardId> crossed) {
+    if (!crossed.empty() && !handle_guards(crossed)) return false;
     const std::size_t max_rounds = 10 + 2 * system_.guard_count();
     for (std::size_t round = 0; round < max_rounds; ++round) {
         system_.guards(state_.t, state_.x, *state_.discrete, guard_values_);

@@ -70,7 +70,7 @@ class Simulator {
 
     void try_instant(bool guards_fell);
     void handle_instant(bool guards_fell);
-    bool settle_guards(std::span<const GuardId> fallen);
+    bool settle_guards(std::span<const GuardId> crossed);
     bool handle_guards(std::span<const GuardId> guards);
     bool went_anywhere(GuardId guard);
     bool check_divergence();

@@ -247,7 +247,7 @@ Integrator::Progress SundialsIntegrator::look_for_falls(double t_stop) {
     std::copy(x.begin(), x.end(), state_->x.begin());
     ahead_ = false;
     if (has_guards_ && t_native_ > t_before_) {
-        const auto found = search_.first_fall(polynomial(), *state_->discrete, fallen_);
+        const auto found = search_.first_crossing(polynomial(), *state_->discrete, crossed_);
         // A fall within rounding of the step's end is one at its end.
         const double at = polynomial_.time(found.at);
         ahead_ = found.at < 1 && at < t_native_;
@@ -256,7 +256,7 @@ Integrator::Progress SundialsIntegrator::look_for_falls(double t_stop) {
             polynomial_.evaluate(found.at, state_->x);
         }
         fell_ = found.falls;
-        if (fell_) return Progress::guard_fell;
+        if (fell_) return Progress::crossing;
         if (ahead_) return Progress::stepped;
     }
     return t_native_ == t_stop ? Progress::stopped : Progress::stepped;

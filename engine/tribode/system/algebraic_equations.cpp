@@ -141,10 +141,10 @@ std::vector<std::vector<std::size_t>> algebraic_blocks(const Equations& equation
     }
     // Very many small ones are taken together: each costs a tape of its own.
     constexpr std::size_t most = 64;
-    const std::size_t least_size = components.size() <= most ? 1 : count / most;
+    const std::size_t min_size = components.size() <= most ? 1 : count / most;
     std::vector<std::vector<std::size_t>> blocks;
     for (auto& component : components) {
-        if (!blocks.empty() && blocks.back().size() < least_size) {
+        if (!blocks.empty() && blocks.back().size() < min_size) {
             blocks.back().insert(blocks.back().end(), component.begin(), component.end());
         } else {
             blocks.push_back(std::move(component));

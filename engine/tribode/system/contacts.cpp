@@ -328,7 +328,8 @@ class Closing {
             const Term hit = all(rest, jumped(v, negative(struck)));
             add(contact, "rests", all(closes, stays), impulse(i, zero), 1);
             add(contact, "impact", closes, impulse(i, back), 0);
-            add(contact, "impact", all(hit, graph_.make(Op::no, jumped(back, rest_speed))), impulse(i, back), 0);
+            add(contact, "impact", all(hit, graph_.make(Op::logical_not, jumped(back, rest_speed))), impulse(i, back),
+                0);
             add(contact, "rests", hit, impulse(i, zero), 1);
             add(contact, "leaves", all(rest, jumped(struck, v)), {}, 0);
             add(contact, "leaves", all(rest, less(contact.force, zero)), {}, 0);

@@ -230,7 +230,7 @@ Enclosure apply(Op op, const Enclosure& a, const Enclosure& b, const Enclosure& 
                          a.value.high < b.value.low || b.value.high < a.value.low);
     case Op::all: return condition(is_true(a) && is_true(b), is_false(a) || is_false(b));
     case Op::any: return condition(is_true(a) || is_true(b), is_false(a) && is_false(b));
-    case Op::no: return condition(is_false(a), is_true(a));
+    case Op::logical_not: return condition(is_false(a), is_true(a));
     case Op::select:
         if (is_true(a)) return b;
         if (is_false(a)) return c;

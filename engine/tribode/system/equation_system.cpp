@@ -205,7 +205,7 @@ void EquationSystem::mark_active() {
         if (node.op == Op::select && !moving.contains(node.a)) {
             open(node.a, here);
             open(node.b, graph.make(Op::all, here, node.a));
-            open(node.c, graph.make(Op::all, here, graph.make(Op::no, node.a)));
+            open(node.c, graph.make(Op::all, here, graph.make(Op::logical_not, node.a)));
             continue;
         }
         if (node.op == Op::all) {
@@ -488,16 +488,16 @@ void EquationSystem::recognize_affine() {
 
     // What is left of them without x: polynomials in t, or not.
     const auto in_time = [&](std::vector<Term> rows, std::vector<Tape>& tapes, const auto& name) {
-        for (int n = 1; n <= most_degree + 1 && !why_not_affine_; ++n) {
+        for (int n = 1; n <= max_degree + 1 && !why_not_affine_; ++n) {
             rows = graph.derivatives(rows, equations_.time);
             for (std::size_t row = 0; row < rows.size() && !why_not_affine_; ++row) {
                 if (graph.is_constant(rows[row], 0)) continue;
                 if (n == 1) varies_ = true;
-                if (n > most_degree) {
-                    why_not_affine_ = fmt::format("{} is no polynomial of degree {} in t", name(row), most_degree);
+                if (n > max_degree) {
+                    why_not_affine_ = fmt::format("{} is no polynomial of degree {} in t", name(row), max_degree);
                 }
             }
-            if (n <= most_degree) tapes.push_back(tape_of(rows));
+            if (n <= max_degree) tapes.push_back(tape_of(rows));
         }
     };
     if (!why_not_affine_) in_time(rates_, rate_by_time_, rate_name);
@@ -556,9 +556,9 @@ void EquationSystem::compile(const CCompiler& compiler) {
     const auto name = [](std::size_t i) { return fmt::format("tape{}", i); };
     for (std::size_t i = 0; i < tapes.size(); ++i) {
         instructions += tapes[i]->instruction_count();
-        if (instructions > most_compiled) {
+        if (instructions > max_compiled) {
             throw Error(fmt::format("{}: more than {} instructions, which a C compiler takes too long for",
-                                    equations_.name, most_compiled));
+                                    equations_.name, max_compiled));
         }
         text += tapes[i]->c_function(name(i));
     }
@@ -1204,7 +1204,7 @@ void EquationSystem::affine_coefficient(const Sparse& matrix, const std::vector<
                                         std::span<double> coefficient) const {
     thread_local std::vector<double> values;
     std::fill(coefficient.begin(), coefficient.end(), 0.0);
-    if (varies_ && n <= most_degree) {
+    if (varies_ && n <= max_degree) {
         by_time[static_cast<std::size_t>(n) - 1].evaluate({std::span(&t0, 1), c, memory(d).values}, coefficient);
         double factor = 1;
         for (int i = 1; i <= n; ++i) factor *= h / i;

@@ -89,8 +89,8 @@ class EquationSystem final : public HybridSystem {
     std::string guard_name(GuardId guard, const SystemState& state) const override;
 
     // From now on what a run evaluates most often is machine code, with the same bits. Throws Error where that cannot
-    // be had; then the tapes stay. Above most_compiled instructions it is not tried: a compiler takes many seconds then.
-    static constexpr std::size_t most_compiled = 5'000;
+    // be had; then the tapes stay. Above max_compiled instructions it is not tried: a compiler takes many seconds then.
+    static constexpr std::size_t max_compiled = 5'000;
     void compile(const CCompiler& compiler);
 
     // One value per output of the equations.
@@ -265,8 +265,8 @@ class EquationSystem final : public HybridSystem {
     std::vector<Reach> reach_;               // of the clocks
 
     std::optional<std::string> why_not_affine_;
-    static constexpr int most_degree = 3;
-    std::vector<Tape> rate_by_time_, guard_by_time_; // n-th derivatives by t, n = 1 .. most_degree
+    static constexpr int max_degree = 3;
+    std::vector<Tape> rate_by_time_, guard_by_time_; // n-th derivatives by t, n = 1 .. max_degree
     bool varies_ = false;                            // b or h depend on t
     // What A and G depend on: relations, modes and numbers, as places in values, and which number of the pattern each is
     // in: as its next digit to this base, or alone where that is 0.

@@ -41,13 +41,13 @@ int operand_count(Op op) {
     case Op::log:
     case Op::sqrt:
     case Op::floor:
-    case Op::no:
+    case Op::logical_not:
     case Op::no_event: break;
     }
     return 1;
 }
 
-bool is_condition(Op op) { return op >= Op::less && op <= Op::no; }
+bool is_condition(Op op) { return op >= Op::less && op <= Op::logical_not; }
 
 double apply(Op op, double a, double b, double c) {
     switch (op) {
@@ -77,7 +77,7 @@ double apply(Op op, double a, double b, double c) {
     case Op::equal: return a == b;
     case Op::all: return a != 0 && b != 0;
     case Op::any: return a != 0 || b != 0;
-    case Op::no: return a == 0;
+    case Op::logical_not: return a == 0;
     case Op::select: return a != 0 ? b : c;
     case Op::delay:
     case Op::no_event: break;
@@ -97,9 +97,9 @@ std::size_t Expressions::Hash::operator()(const Node& node) const {
 Term Expressions::keep(const Node& node) {
     // Two numbers that are no numbers are not equal, so they are not looked for.
     if (const auto known = places_.find(node); known != places_.end()) return known->second;
-    if (nodes_.size() >= most_terms) {
+    if (nodes_.size() >= max_terms) {
         throw InputError(
-            fmt::format("the equations have more than {} terms; is there a loop without an end?", most_terms));
+            fmt::format("the equations have more than {} terms; is there a loop without an end?", max_terms));
     }
     nodes_.push_back(node);
     const auto place = static_cast<Term>(nodes_.size() - 1);
@@ -221,8 +221,8 @@ Term Expressions::make(Op op, Term a, Term b, Term c) {
         if (is_number(b)) return number(b) != 0 ? constant(1) : a;
         if (a == b) return a;
         break;
-    case Op::no:
-        if (nodes_[a].op == Op::no) return nodes_[a].a;
+    case Op::logical_not:
+        if (nodes_[a].op == Op::logical_not) return nodes_[a].a;
         break;
     case Op::delay:
         if (is_number(a) || is(b, 0)) return a;
@@ -350,7 +350,7 @@ Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
     case Op::equal:
     case Op::all:
     case Op::any:
-    case Op::no: break;
+    case Op::logical_not: break;
     }
     return constant(0);
 }
@@ -464,7 +464,7 @@ Notation notation_of(Op op) {
     case Op::equal: return {" == ", 3};
     case Op::all: return {" and ", 2};
     case Op::any: return {" or ", 1};
-    case Op::no: return {"not", 0};
+    case Op::logical_not: return {"not", 0};
     case Op::sin: return {"sin", 0};
     case Op::cos: return {"cos", 0};
     case Op::tan: return {"tan", 0};

@@ -42,11 +42,11 @@ enum class Op : std::uint8_t {
     less,
     less_equal,
     equal,
-    all,     // a and b
-    any,     // a or b
-    no,      // not a
-    select,  // a != 0: b, else c
-    no_event // a; relations below it are no events (see EquationSystem)
+    all,         // a and b
+    any,         // a or b
+    logical_not, // not a
+    select,      // a != 0: b, else c
+    no_event     // a; relations below it are no events (see EquationSystem)
 };
 
 // How many operands an operation has.
@@ -61,10 +61,10 @@ double apply(Op op, double a, double b, double c);
 // A graph of expressions in real variables. Each expression is held once (common terms are shared), operations on
 // constants are carried out, and the neutral and absorbing cases of sums and products are taken out: x + 0, 1 x, 0 x,
 // x - x, x / 1, x^1, x^2 as x x. So 0 times what is not finite is 0. Operands come before what is made of them.
-// Throws InputError above most_terms.
+// Throws InputError above max_terms.
 class Expressions {
   public:
-    static constexpr std::size_t most_terms = 4'000'000; // some 200 MB: a script that runs away
+    static constexpr std::size_t max_terms = 4'000'000; // some 200 MB: a script that runs away
 
     struct Node {
         Op op = Op::constant;

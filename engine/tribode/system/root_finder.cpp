@@ -13,8 +13,8 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double epsilon = std::numeric_limits<double>::epsilon();
-constexpr Index most_dense = 64;
-constexpr double least_condition = 1e-14; // reciprocal, of the scaled matrix
+constexpr Index max_dense = 64;
+constexpr double min_condition = 1e-14; // reciprocal, of the scaled matrix
 
 } // namespace
 
@@ -42,11 +42,11 @@ Factors::Factors(const std::vector<MatrixPlace>& places, const std::vector<doubl
     }
     sizes_ = sizes_.cwiseQuotient(columns);
     const auto scaled = [&](std::size_t k) { return values[k] * sizes_(column(k)) / rows_(row(k)); };
-    if (n <= most_dense) {
+    if (n <= max_dense) {
         MatrixXd matrix = MatrixXd::Zero(n, n);
         for (std::size_t k = 0; k < places.size(); ++k) matrix(row(k), column(k)) += scaled(k);
         dense_.compute(matrix);
-        singular_ = !(dense_.rcond() > least_condition);
+        singular_ = !(dense_.rcond() > min_condition);
         return;
     }
     std::vector<Eigen::Triplet<double>> entries;
@@ -60,18 +60,18 @@ Factors::Factors(const std::vector<MatrixPlace>& places, const std::vector<doubl
 VectorXd Factors::solve(const VectorXd& b) const {
     const VectorXd scaled = b.cwiseQuotient(rows_);
     const VectorXd solved =
-        sizes_.size() <= most_dense ? VectorXd(dense_.solve(scaled)) : VectorXd(sparse_.solve(scaled));
+        sizes_.size() <= max_dense ? VectorXd(dense_.solve(scaled)) : VectorXd(sparse_.solve(scaled));
     return solved.cwiseProduct(sizes_);
 }
 
 VectorXd Factors::amplify(const VectorXd& b) const {
-    if (sizes_.size() > most_dense) return solve(b).cwiseAbs();
+    if (sizes_.size() > max_dense) return solve(b).cwiseAbs();
     return (dense_.inverse().cwiseAbs() * b.cwiseQuotient(rows_)).cwiseProduct(sizes_);
 }
 
 Root find_root(const RootProblem& problem, VectorXd z) {
-    constexpr int most_iterations = 500; // a diode may take one for every 25 mV
-    constexpr double near = 1e-8;        // steps below this are at the root, and are made until they get no shorter
+    constexpr int max_iterations = 500; // a diode may take one for every 25 mV
+    constexpr double near = 1e-8;       // steps below this are at the root, and are made until they get no shorter
     const Index n = z.size();
     Root root;
     VectorXd f(n), there(n);
@@ -84,7 +84,7 @@ Root find_root(const RootProblem& problem, VectorXd z) {
         root.z = z;
         return root;
     };
-    for (int iteration = 0; iteration < most_iterations; ++iteration) {
+    for (int iteration = 0; iteration < max_iterations; ++iteration) {
         for (Index i = 0; i < n; ++i) {
             root.worst = i;
             root.residual = f(i);

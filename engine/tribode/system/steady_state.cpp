@@ -16,7 +16,7 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr int most_iterations = 200;
+constexpr int max_iterations = 200;
 constexpr double at_rest = 1e-9; // derivatives over their nominal values and their sizes, below which the point rests
 
 // The derivatives, their Jacobian and the conditions as functions of the free variables, all of them over their nominal
@@ -139,7 +139,7 @@ SteadyState find_steady_state(const Equations& equations, const OperatingPoint& 
     double damping = 0;
     MatrixXd jacobian = problem.jacobian(z);
     // Down to rounding: as long as the derivatives fall.
-    for (int rejected = 0; found.iterations < most_iterations && rejected < 60 && rates.norm() > 0;) {
+    for (int rejected = 0; found.iterations < max_iterations && rejected < 60 && rates.norm() > 0;) {
         ++found.iterations;
         if (!jacobian.allFinite()) break;
         VectorXd step;

@@ -370,7 +370,7 @@ std::string c_text(Op op, const std::string& a, const std::string& b, const std:
     case Op::equal: return fmt::format("{} == {}", a, b);
     case Op::all: return fmt::format("{} != 0 && {} != 0", a, b);
     case Op::any: return fmt::format("{} != 0 || {} != 0", a, b);
-    case Op::no: return fmt::format("{} == 0", a);
+    case Op::logical_not: return fmt::format("{} == 0", a);
     case Op::select: return fmt::format("{} != 0 ? {} : {}", a, b, c);
     case Op::constant:
     case Op::variable:

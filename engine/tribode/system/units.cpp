@@ -242,7 +242,7 @@ Dimension Units::combined(Term term) const {
     case Op::no_event: return at(node.a);
     case Op::all:
     case Op::any:
-    case Op::no: break;
+    case Op::logical_not: break;
     }
     return std::nullopt;
 }

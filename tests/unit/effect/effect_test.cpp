@@ -34,7 +34,7 @@ TEST(Effect, kinds_have_names_of_their_own_and_say_all_of_themselves) {
         const auto check = [&](const EffectParameter& p) {
             EXPECT_FALSE(p.meaning.empty()) << kind->name << "." << p.name;
             if (p.type == EffectParameter::Type::number) {
-                EXPECT_LT(p.plausible_least, p.plausible_most) << kind->name << "." << p.name;
+                EXPECT_LT(p.plausible_min, p.plausible_max) << kind->name << "." << p.name;
             }
         };
         for (const auto& p : kind->parameters) {

@@ -150,7 +150,7 @@ TEST(Comparison, an_unstable_loop_or_a_stop_ends_it_early) {
 // ---- events ------------------------------------------------------------------------------------------------------
 
 // The largest number of pairs of one element and kind at most `window` apart: augmenting paths over all choices.
-long most_pairs(const EventLog& exact, const EventLog& own, double window) {
+long max_pairs(const EventLog& exact, const EventLog& own, double window) {
     std::vector<long> partner(own.size(), -1);
     std::vector<bool> seen;
     std::function<bool(std::size_t)> place = [&](std::size_t i) {
@@ -183,7 +183,7 @@ TEST(ComparisonOfEvents, pairs_as_many_as_there_can_be) {
     long missed = 0;
     for (const auto& m : c.methods) {
         const auto own = simulate(machine, record, m.solver, 0).events;
-        EXPECT_EQ(m.events_found, most_pairs(exact, own, ts)) << m.name;
+        EXPECT_EQ(m.events_found, max_pairs(exact, own, ts)) << m.name;
         EXPECT_EQ(m.events_found + m.events_missed, static_cast<long>(exact.size())) << m.name;
         EXPECT_EQ(m.events_found + m.events_extra, static_cast<long>(own.size())) << m.name;
         missed += m.events_missed;
@@ -212,7 +212,7 @@ TEST(ComparisonOfEvents, a_step_too_long_misses_reversals_and_a_short_one_none) 
     const auto record = open_loop(Values(count, 1.0));
     const auto exact = simulate(machine, record, {.method = Method::exact}, 0).events;
     const auto own = simulate(machine, record, of(c, Method::zoh, 1).solver, 0).events;
-    EXPECT_EQ(of(c, Method::zoh, 1).events_found, most_pairs(exact, own, ts));
+    EXPECT_EQ(of(c, Method::zoh, 1).events_found, max_pairs(exact, own, ts));
     EXPECT_LT(of(c, Method::zoh, 1).max_difference, 1e-11); // 1e-12 N on the whole for 15 ms
     EXPECT_EQ(of(c, Method::zoh, 100).events_missed, 0);
     EXPECT_EQ(of(c, Method::zoh, 100).events_extra, 0);

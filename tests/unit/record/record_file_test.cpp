@@ -364,11 +364,11 @@ TEST(RecordFile, WhatUnpacksToFarMoreThanItsSizeIsRefused) {
     // 100 MiB of one letter become 100 KiB, packed twice a few hundred bytes.
     const std::string packed = gzip(std::string(std::size_t{100} << 20, '1'));
     EXPECT_EQ(problem(packed), "input: x: unpacks to more than " +
-                                   std::to_string(most_unpacked_of(packed.size()) >> 20) +
+                                   std::to_string(max_unpacked_of(packed.size()) >> 20) +
                                    " MiB, which is more than a file of this size may; it is not read");
-    EXPECT_LT(most_unpacked_of(packed.size()), std::size_t{100} << 20);
-    EXPECT_EQ(most_unpacked_of(0), std::size_t{64} << 20);
-    EXPECT_EQ(most_unpacked_of(std::size_t{1} << 40), std::size_t{4} << 30);
+    EXPECT_LT(max_unpacked_of(packed.size()), std::size_t{100} << 20);
+    EXPECT_EQ(max_unpacked_of(0), std::size_t{64} << 20);
+    EXPECT_EQ(max_unpacked_of(std::size_t{1} << 40), std::size_t{4} << 30);
     // A record of which all but the time stands still.
     std::string text = "t,u,y\n";
     for (int k = 0; k < 100'000; ++k) text += std::to_string(k) + ",0,0\n";

@@ -14,7 +14,7 @@
 namespace tribode {
 namespace {
 
-// ---- first_fall_below_zero
+// ---- first_crossing_below_zero
 
 constexpr double none = 2;
 
@@ -36,80 +36,80 @@ Polynomial with_roots(const std::vector<double>& roots, double factor) {
     return p;
 }
 
-TEST(FirstFall, a_polynomial_that_stays_above_has_none) {
+TEST(FirstCrossing, a_polynomial_that_stays_above_has_none) {
     for (const Polynomial& p : {Polynomial{1}, {0}, {0, 0, 0}, {1, -0.5}, {1, 2, 3}, {0, 1}, {0, 0, 1}, {1, -2, 1.5}}) {
-        EXPECT_EQ(first_fall_below_zero(p), none);
+        EXPECT_EQ(first_crossing_below_zero(p), none);
     }
 }
 
-TEST(FirstFall, a_line_falls_at_its_root) {
+TEST(FirstCrossing, a_line_falls_at_its_root) {
     for (const double root : {1e-9, 0.1, 0.5, 0.75, 0.999}) {
-        EXPECT_NEAR(first_fall_below_zero(Polynomial{root, -1}), root, 1e-16);
-        EXPECT_NEAR(first_fall_below_zero(Polynomial{1e6 * root, -1e6}), root, 1e-16);
+        EXPECT_NEAR(first_crossing_below_zero(Polynomial{root, -1}), root, 1e-16);
+        EXPECT_NEAR(first_crossing_below_zero(Polynomial{1e6 * root, -1e6}), root, 1e-16);
     }
 }
 
-TEST(FirstFall, a_fall_right_in_the_middle_is_found_exactly) {
-    EXPECT_EQ(first_fall_below_zero(Polynomial{1, -2}), 0.5);
-    EXPECT_EQ(first_fall_below_zero(with_roots({0.5, 1.5, 2.5}, -1)), 0.5);           // degree 3
-    EXPECT_EQ(first_fall_below_zero(with_roots({0.5, 0, -1}, -1)), 0.5);              // begins at zero and rises
-    EXPECT_DOUBLE_EQ(first_fall_below_zero(with_roots({0.25, 0.5, 0.75}, -1)), 0.25); // rounding of the evaluation
+TEST(FirstCrossing, a_fall_right_in_the_middle_is_found_exactly) {
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{1, -2}), 0.5);
+    EXPECT_EQ(first_crossing_below_zero(with_roots({0.5, 1.5, 2.5}, -1)), 0.5);           // degree 3
+    EXPECT_EQ(first_crossing_below_zero(with_roots({0.5, 0, -1}, -1)), 0.5);              // begins at zero and rises
+    EXPECT_DOUBLE_EQ(first_crossing_below_zero(with_roots({0.25, 0.5, 0.75}, -1)), 0.25); // rounding of the evaluation
 }
 
-TEST(FirstFall, one_that_begins_below_zero_falls_at_once) {
-    EXPECT_EQ(first_fall_below_zero(Polynomial{-1e-300, 1}), 0);
-    EXPECT_EQ(first_fall_below_zero(Polynomial{-1, 0.5, 3}), 0);
+TEST(FirstCrossing, one_that_begins_below_zero_falls_at_once) {
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{-1e-300, 1}), 0);
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{-1, 0.5, 3}), 0);
 }
 
-TEST(FirstFall, one_that_begins_at_zero_falls_at_once_or_rises_first) {
-    EXPECT_EQ(first_fall_below_zero(Polynomial{0, -1}), 0);
-    EXPECT_EQ(first_fall_below_zero(Polynomial{0, 0, -1}), 0);
-    EXPECT_EQ(first_fall_below_zero(Polynomial{0, -1, 4}), 0); // above again at the end
-    EXPECT_EQ(first_fall_below_zero(Polynomial{0, -1e-12, 1}), 0);
-    EXPECT_EQ(first_fall_below_zero(Polynomial{0, 1, -4}), 0.25);
-    EXPECT_NEAR(first_fall_below_zero(Polynomial{0, 0, 1, -1.6}), 0.625, 1e-16);
-    EXPECT_EQ(first_fall_below_zero(Polynomial{0, 1, -0.9}), none);
+TEST(FirstCrossing, one_that_begins_at_zero_falls_at_once_or_rises_first) {
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{0, -1}), 0);
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{0, 0, -1}), 0);
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{0, -1, 4}), 0); // above again at the end
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{0, -1e-12, 1}), 0);
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{0, 1, -4}), 0.25);
+    EXPECT_NEAR(first_crossing_below_zero(Polynomial{0, 0, 1, -1.6}), 0.625, 1e-16);
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{0, 1, -0.9}), none);
 }
 
-TEST(FirstFall, touching_zero_from_above_is_no_fall) {
-    EXPECT_EQ(first_fall_below_zero(Polynomial{0.25, -1, 1}), none);     // (s - 1/2)^2
-    EXPECT_EQ(first_fall_below_zero(Polynomial{0.0625, -0.5, 1}), none); // (s - 1/4)^2
-    EXPECT_EQ(first_fall_below_zero(with_roots({0.5, 0.5, 0.75, 0.75}, 1)), none);
-    EXPECT_EQ(first_fall_below_zero(Polynomial{1, -2, 1}), none); // at the end
-    EXPECT_EQ(first_fall_below_zero(Polynomial{0, 0, 1}), none);  // at the beginning
+TEST(FirstCrossing, touching_zero_from_above_is_no_fall) {
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{0.25, -1, 1}), none);     // (s - 1/2)^2
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{0.0625, -0.5, 1}), none); // (s - 1/4)^2
+    EXPECT_EQ(first_crossing_below_zero(with_roots({0.5, 0.5, 0.75, 0.75}, 1)), none);
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{1, -2, 1}), none); // at the end
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{0, 0, 1}), none);  // at the beginning
     // A little above zero is no fall whatever the rounding, a touch before a fall does not hide it.
     for (double lift = 1e-15; lift < 1e-3; lift *= 10) {
         Polynomial p = with_roots({0.375, 0.375, -0.5, 2}, -1);
         p[0] += lift;
-        EXPECT_EQ(first_fall_below_zero(p), none) << lift;
+        EXPECT_EQ(first_crossing_below_zero(p), none) << lift;
         p = with_roots({0.25, 0.25, 0.75}, -1);
         p[0] += lift;
-        EXPECT_GT(first_fall_below_zero(p), 0.74) << lift;
+        EXPECT_GT(first_crossing_below_zero(p), 0.74) << lift;
     }
 }
 
-TEST(FirstFall, arriving_at_zero_at_the_end_is_no_fall) {
-    EXPECT_EQ(first_fall_below_zero(Polynomial{1, -1}), none);
-    EXPECT_EQ(first_fall_below_zero(Polynomial{1, 0, -1}), none);
+TEST(FirstCrossing, arriving_at_zero_at_the_end_is_no_fall) {
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{1, -1}), none);
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{1, 0, -1}), none);
 }
 
 // Below zero for a short while only, down to -depth: shorter than any scan would see.
-TEST(FirstFall, two_roots_near_each_other_are_told_apart) {
+TEST(FirstCrossing, two_roots_near_each_other_are_told_apart) {
     for (const double gap : {1e-2, 1e-4, 1e-6, 1e-7}) {
         for (const double middle : {0.3, 0.5, 0.7531}) {
             const double low = middle - gap / 2, high = middle + gap / 2;
             // The coefficients round to 1e-16; with the slope `gap` there, the root to 1e-16/gap.
-            EXPECT_NEAR(first_fall_below_zero(with_roots({low, high}, 1)), low, 4e-16 / gap) << gap;
-            EXPECT_NEAR(first_fall_below_zero(with_roots({low, high, -1, 3}, -1)), low, 4e-15 / gap) << gap;
+            EXPECT_NEAR(first_crossing_below_zero(with_roots({low, high}, 1)), low, 4e-16 / gap) << gap;
+            EXPECT_NEAR(first_crossing_below_zero(with_roots({low, high, -1, 3}, -1)), low, 4e-15 / gap) << gap;
         }
     }
 }
 
-TEST(FirstFall, the_degree_may_be_thirty) {
+TEST(FirstCrossing, the_degree_may_be_thirty) {
     Polynomial p(31, 0.0); // 1 - 2^30 s^30 falls at 1/2
     p[0] = 1;
     p[30] = -std::ldexp(1.0, 30);
-    EXPECT_NEAR(first_fall_below_zero(p), 0.5, 1e-15);
+    EXPECT_NEAR(first_crossing_below_zero(p), 0.5, 1e-15);
     // cos(9 s) in powers of s, as the series of an oscillation gives them, falls at pi/18 and not at 5 pi/18 first.
     Polynomial wave(31, 0.0);
     double term = 1;
@@ -118,7 +118,7 @@ TEST(FirstFall, the_degree_may_be_thirty) {
         term *= -81.0 / ((n + 1) * (n + 2));
     }
     // Terms up to 81^4/8! = 1068 round to 1e-13, divided by the slope, 9.
-    EXPECT_NEAR(first_fall_below_zero(wave), std::numbers::pi / 18, 1e-13);
+    EXPECT_NEAR(first_crossing_below_zero(wave), std::numbers::pi / 18, 1e-13);
 }
 
 struct Scan {
@@ -142,7 +142,7 @@ Scan scan(const Polynomial& p) {
 }
 
 // Random polynomials of all degrees: no fall is missed, and where one is found the sign does change there.
-TEST(FirstFall, is_that_of_a_fine_scan_on_thousands_of_random_polynomials) {
+TEST(FirstCrossing, is_that_of_a_fine_scan_on_thousands_of_random_polynomials) {
     std::mt19937_64 random(11);
     std::normal_distribution<double> normal;
     std::uniform_real_distribution<double> uniform(0, 1);
@@ -168,7 +168,7 @@ TEST(FirstFall, is_that_of_a_fine_scan_on_thousands_of_random_polynomials) {
             size += std::abs(p[n]);
             largest_slope += static_cast<double>(n) * std::abs(p[n]);
         }
-        const double s = first_fall_below_zero(p);
+        const double s = first_crossing_below_zero(p);
         const Scan seen = scan(p);
         if (s == none) {
             EXPECT_EQ(seen.first_below, none) << "draw " << draw;

@@ -229,8 +229,8 @@ TEST_P(OneStep, that_ends_with_a_guard_below_zero_says_so_at_its_end) {
     Particle p = falling_hyperbola();
     p.guard = [](double t, double) { return 0.1 - t; };
     take(p, 0.25);
-    EXPECT_EQ(progress, Integrator::Progress::guard_fell);
-    EXPECT_EQ(integrator->fallen(), std::vector<GuardId>{0});
+    EXPECT_EQ(progress, Integrator::Progress::crossing);
+    EXPECT_EQ(integrator->crossed(), std::vector<GuardId>{0});
     EXPECT_EQ(state.t, 0.25);
 }
 
@@ -239,7 +239,7 @@ TEST_P(OneStep, does_not_see_what_a_guard_does_meanwhile) {
     p.guard = [](double t, double) { return std::abs(t - 0.125) - 0.1; };
     take(p, 0.25);
     EXPECT_EQ(progress, Integrator::Progress::stepped);
-    EXPECT_TRUE(integrator->fallen().empty());
+    EXPECT_TRUE(integrator->crossed().empty());
 }
 
 TEST(FixedSteps, handle_an_event_up_to_one_step_late) {

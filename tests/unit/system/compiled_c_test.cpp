@@ -73,7 +73,7 @@ TEST_F(CompiledC, RandomExpressionsHaveTheBitsOfTheirTape) {
         for (int i = 0; i < 20; ++i) roots.push_back(source.next());
         const Term less = graph.make(Op::less_equal, roots[3], roots[4]),
                    more = graph.make(Op::less, roots[5], roots[6]);
-        roots.push_back(graph.make(Op::all, less, graph.make(Op::no, more)));
+        roots.push_back(graph.make(Op::all, less, graph.make(Op::logical_not, more)));
         roots.push_back(graph.make(Op::any, less, graph.make(Op::equal, roots[7], roots[8])));
         roots.push_back(graph.make(Op::subtract, graph.constant(0.7), graph.make(Op::multiply, roots[9], roots[10])));
         roots.push_back(graph.make(Op::floor, graph.make(Op::multiply, graph.constant(10), roots[11])));

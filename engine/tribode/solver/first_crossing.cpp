@@ -1,4 +1,4 @@
-#include "tribode/solver/first_fall.hpp"
+#include "tribode/solver/first_crossing.hpp"
 
 #include <array>
 #include <cmath>
@@ -96,7 +96,7 @@ double search(std::span<const double> p, const Bernstein& b, double low, double 
 
 } // namespace
 
-double first_fall_below_zero(std::span<const double> p) {
+double first_crossing_below_zero(std::span<const double> p) {
     // p and its slope differ from their first terms by at most these.
     double end = p[0], others = 0, work_others = 0;
     for (std::size_t n = 1; n < p.size(); ++n) {
