@@ -13,7 +13,9 @@
 #include <cstring>
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <map>
 #include <poll.h>
+#include <set>
 #include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -25,10 +27,11 @@ namespace tribode {
 
 namespace {
 
-// Okabe-Ito: told apart by eyes that do not see all colours.
-constexpr std::array palette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f"};
+// Okabe and Ito's colors, which color-blind readers can distinguish, then those of Tol that differ from them.
+constexpr std::array palette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f",
+                                "#332288", "#882255", "#999933", "#000000", "#44aa99", "#ee3377", "#8c564b"};
 
-const std::vector<std::string> style_names = {"line", "dashed", "points", "line_points"};
+const std::vector<std::string> style_names = {"line", "dashed", "points", "line_points", "steps", "band"};
 
 // A text in gnuplot's double quotes: letters, digits, blanks and what is not ASCII as they are, control characters as blanks,
 // everything else by its octal number. So nothing in a text ends its quotes or its line (gnuplot reads lines as C strings),
@@ -72,10 +75,16 @@ Range shown_range(const Panel& panel, bool of_x) {
     double low = INFINITY, high = -INFINITY;
     for (const auto& series : panel.series) {
         for (std::size_t i = 0; i < series.x.size(); ++i) {
-            if (!shown(panel, series.x[i], series.y[i])) continue;
-            const double value = of_x ? series.x[i] : series.y[i];
-            low = std::min(low, value);
-            high = std::max(high, value);
+            const auto include = [&](double y) {
+                if (!shown(panel, series.x[i], y)) return;
+                const double value = of_x ? series.x[i] : y;
+                low = std::min(low, value);
+                high = std::max(high, value);
+            };
+            include(series.y[i]);
+            if (series.low.empty()) continue;
+            include(series.low[i]);
+            include(series.high[i]);
         }
     }
     const bool log = of_x ? panel.x_log : panel.y_log;
@@ -108,15 +117,104 @@ int shown_height(const Plot& plot) {
     return plot.height > 0 ? plot.height : 200 + 380 * static_cast<int>(std::max<std::size_t>(plot.panels.size(), 1));
 }
 
+Plot with_readable_units(Plot plot) {
+    const std::set<std::string_view> scaled_units = {"m",   "s", "N", "m/s", "m/s^2", "N/m", "N s/m", "N m",
+                                                     "rad", "V", "A", "W",   "rad/s", "Pa",  "J",     "m/N"};
+    struct Axis {
+        double largest = 0;
+        bool linear = true;
+    };
+    // The unit in brackets at the end of a label; empty where it is not one that takes prefixes.
+    const auto unit_of = [&](std::string_view label) -> std::string_view {
+        const auto open = label.rfind('[');
+        if (open == label.npos || !label.ends_with("]")) return {};
+        const auto unit = label.substr(open + 1, label.size() - open - 2);
+        return scaled_units.contains(unit) ? unit : std::string_view{};
+    };
+    std::map<std::string, Axis> axes; // by label
+    for (const auto& panel : plot.panels) {
+        for (const bool of_x : {true, false}) {
+            const auto& label = of_x ? panel.x_label : panel.y_label;
+            if (unit_of(label).empty()) continue;
+            auto& axis = axes[label];
+            const Range range = shown_range(panel, of_x);
+            axis.largest = std::max({axis.largest, std::abs(range[0]), std::abs(range[1])});
+            axis.linear = axis.linear && !(of_x ? panel.x_log : panel.y_log) && (of_x || panel.y_names.empty());
+        }
+    }
+    // x of the panels below one another is read together, with the label under the last of them alone.
+    const bool one_x = std::all_of(plot.panels.begin(), plot.panels.end(), [&](const Panel& panel) {
+        return panel.x_label.empty() || panel.x_label == plot.panels.back().x_label;
+    });
+    for (auto& panel : plot.panels) {
+        for (const bool of_x : {true, false}) {
+            std::string& own = of_x ? panel.x_label : panel.y_label;
+            const std::string label = of_x && one_x ? plot.panels.back().x_label : own;
+            const auto found = axes.find(label);
+            if (found == axes.end() || !found->second.linear) continue;
+            const double largest = found->second.largest;
+            if (!(largest > 0) || (largest >= 0.01 && largest < 1e5)) continue;
+            const int third = static_cast<int>(std::floor(std::log10(largest) / 3 + 1e-9));
+            if (third < -5 || third > 3) continue;
+            const char* prefix =
+                std::array{"f", "p", "n", "u", "m", "", "k", "M", "G"}[static_cast<std::size_t>(third + 5)];
+            const double factor = std::pow(10.0, -3 * third);
+            if (!own.empty()) own.insert(own.rfind('[') + 1, prefix);
+            const auto scale = [&](std::vector<double>& values) {
+                for (double& value : values) value *= factor;
+            };
+            auto& asked = of_x ? panel.x_range : panel.y_range;
+            if (asked) *asked = {(*asked)[0] * factor, (*asked)[1] * factor};
+            scale(of_x ? panel.map.x_edges : panel.map.y_edges);
+            for (auto& series : panel.series) {
+                scale(of_x ? series.x : series.y);
+                if (of_x) continue;
+                scale(series.low);
+                scale(series.high);
+            }
+        }
+    }
+    return plot;
+}
+
 namespace {
 
+// Whether the pieces of the line have two points each, as bars made of lines do.
+bool is_segments(const Panel& panel, const Series& series) {
+    if (series.style != SeriesStyle::line) return false;
+    std::size_t run = 0;
+    for (std::size_t i = 0; i <= series.x.size(); ++i) {
+        if (i < series.x.size() && shown(panel, series.x[i], series.y[i])) {
+            if (++run > 2) return false;
+        } else {
+            if (run == 1) return false;
+            run = 0;
+        }
+    }
+    return true;
+}
+
+// One point to a line, an empty line where the curve breaks; segments as a point and the way to the next.
 std::string datablock(const std::string& name, const Panel& panel, const Series& series) {
     std::string text = "$" + name + " << EOD\n";
+    const auto append = [&](double value) {
+        append_text(text, value);
+        text += ' ';
+    };
+    const bool segments = is_segments(panel, series);
     for (std::size_t i = 0; i < series.x.size(); ++i) {
         if (shown(panel, series.x[i], series.y[i])) {
-            append_text(text, series.x[i]);
-            text += ' ';
-            append_text(text, series.y[i]);
+            append(series.x[i]);
+            append(series.y[i]);
+            if (segments) {
+                ++i;
+                append(series.x[i] - series.x[i - 1]);
+                append(series.y[i] - series.y[i - 1]);
+            } else if (!series.low.empty()) {
+                for (const double end : {series.low[i], series.high[i]}) {
+                    append(shown(panel, series.x[i], end) ? end : series.y[i]);
+                }
+            }
         }
         text += '\n'; // an empty line breaks the curve
     }
@@ -152,26 +250,65 @@ std::string named_ticks(const std::vector<std::string>& names) {
     return text + ") noenhanced\n";
 }
 
-std::string legend(const std::string& place) {
-    if (place == "none") return "unset key\n";
-    const std::string text = "noenhanced Left reverse samplen 2.5 spacing 1.15";
-    if (place == "above") return "set key at graph 0, graph 1.015 left bottom horizontal maxrows 1 " + text + "\n";
-    return fmt::format("set key inside {} vertical maxrows auto opaque {}\n", place, text);
+constexpr double legend_row = 22; // [pixel]
+
+// Rows and columns of a legend above its panel: as many columns as the longest name lets stand beside one another.
+struct LegendGrid {
+    std::size_t rows = 0, columns = 1;
+};
+LegendGrid legend_grid(const Panel& panel, double width) {
+    if (panel.legend != "above") return {};
+    std::size_t names = 0, longest = 0;
+    for (const auto& series : panel.series) {
+        if (series.name.empty()) continue;
+        ++names;
+        longest = std::max(longest, series.name.size());
+    }
+    // About 8.5 pixels for a letter, and 90 for the sample of the line.
+    const double room = width / (8.5 * static_cast<double>(longest) + 90);
+    const auto columns = std::clamp<std::size_t>(static_cast<std::size_t>(room), 1, std::max<std::size_t>(names, 1));
+    return {(names + columns - 1) / columns, columns};
 }
 
-std::string curve(const std::string& block, const Series& series, const std::string& color) {
+std::string legend(const Panel& panel, double width) {
+    if (panel.legend == "none") return "unset key\n";
+    const std::string text = "noenhanced Left reverse samplen 2.5 spacing 1.15";
+    if (panel.legend == "above") {
+        return fmt::format("set key at graph 0, graph 1.015 left bottom horizontal maxcols {} maxrows auto {}\n",
+                           legend_grid(panel, width).columns, text);
+    }
+    return fmt::format("set key inside {} vertical maxrows auto opaque {}\n", panel.legend, text);
+}
+
+std::string curve(const std::string& block, const Panel& panel, const Series& series, const std::string& color) {
     const std::string title = series.name.empty() ? "notitle" : "title " + quoted(series.name);
     const std::string line = fmt::format("lc rgb '{}' lw {}", color, to_text(series.width));
+    const bool ends = !series.low.empty();
+    const std::string bars =
+        ends ? fmt::format("${} using 1:2:3:4 with yerrorbars pt 0 lc rgb '{}' lw 1 notitle, ", block, color) : "";
     switch (series.style) {
     case SeriesStyle::dashed: return fmt::format("${} with lines dt (12,6) {} {}", block, line, title);
-    case SeriesStyle::points: return fmt::format("${} with points pt 7 ps 0.5 {} {}", block, line, title);
-    case SeriesStyle::line_points: return fmt::format("${} with linespoints pt 7 ps 0.5 {} {}", block, line, title);
+    case SeriesStyle::points:
+        return fmt::format("{}${} using 1:2 with points pt 7 ps 0.5 {} {}", bars, block, line, title);
+    case SeriesStyle::line_points:
+        return fmt::format("{}${} using 1:2 with linespoints pt 7 ps 0.5 {} {}", bars, block, line, title);
+    case SeriesStyle::steps: return fmt::format("${} with steps {} {}", block, line, title);
+    case SeriesStyle::band: {
+        const std::string area =
+            ends ? fmt::format(
+                       "${} using 1:3:4 with filledcurves fc rgb '{}' fs transparent solid 0.25 noborder notitle, ",
+                       block, color)
+                 : "";
+        return fmt::format("{}${} using 1:2 with lines {} {}", area, block, line, title);
+    }
     case SeriesStyle::line: break;
     }
-    return fmt::format("${} with lines {} {}", block, line, title);
+    // gnuplot joins the end of a wide segment with the beginning of the next one by a wedge; arrows stand alone.
+    const bool segments = is_segments(panel, series);
+    return fmt::format("${} with {} {} {}", block, segments ? "vectors nohead" : "lines", line, title);
 }
 
-// The cells with their colours, one to a line: centre, edges, value.
+// The cells with their colors, one to a line: centre, edges, value.
 std::string datablock(const std::string& name, const ColorMap& map) {
     std::string text = "$" + name + " << EOD\n";
     const std::size_t columns = map.x_edges.size() - 1;
@@ -220,25 +357,37 @@ std::string script_of(const Plot& plot, double height, const std::string& termin
     for (const auto& panel : plot.panels) {
         for (const auto& name : panel.y_names) longest = std::max(longest, name.size());
     }
-    // A title above a panel stands clear of the label below the one before.
+    // A title above a panel stands clear of the label below the one before; so does a legend of several rows.
     const bool titled =
         std::any_of(plot.panels.begin(), plot.panels.end(), [](const auto& p) { return !p.title.empty(); });
+    std::size_t later_rows = 1, first_rows = 1;
+    for (std::size_t p = 0; p < plot.panels.size(); ++p) {
+        auto& rows = p == 0 ? first_rows : later_rows;
+        rows = std::max(rows, legend_grid(plot.panels[p], 0.88 * plot.width).rows);
+    }
+    const double above = 90 + legend_row * static_cast<double>(first_rows - 1);
+    const double between = (titled ? 105 : 85) + legend_row * static_cast<double>(later_rows - 1);
     const double left = std::clamp((60 + 8 * static_cast<double>(longest)) / plot.width, 0.095, 0.5);
     const bool mapped =
         std::any_of(plot.panels.begin(), plot.panels.end(), [](const auto& p) { return !p.map.label.empty(); });
     text += fmt::format("set multiplot layout {},1 title {} noenhanced font ',15' margins {},{},{},{} "
                         "spacing 0,{}\n",
                         panels, quoted(plot.title), to_text(left), mapped ? 0.885 : 0.975, to_text(60 / height),
-                        to_text(1 - 90 / height), to_text(panels > 1 ? (titled ? 105 : 85) / height : 0));
+                        to_text(1 - above / height), to_text(panels > 1 ? between / height : 0));
     for (std::size_t p = 0; p < plot.panels.size(); ++p) {
         const auto& panel = plot.panels[p];
         text += panel.title.empty() ? "unset title\n" : fmt::format("set title {} noenhanced\n", quoted(panel.title));
-        text += fmt::format("set xlabel {} noenhanced\nset ylabel {} noenhanced\n", quoted(panel.x_label),
-                            quoted(panel.y_label));
+        // At the same place in every panel, whatever room its numbers take.
+        text += fmt::format("set xlabel {} noenhanced\nunset label 1\n", quoted(panel.x_label));
+        if (!panel.y_label.empty()) {
+            text +=
+                fmt::format("set label 1 {} at screen {}, graph 0.5 rotate center noenhanced\n", quoted(panel.y_label),
+                            to_text(longest > 0 ? 18.0 / plot.width : left - 100.0 / plot.width));
+        }
         text += axis("x", panel.x_log, shown_range(panel, true));
         text += axis("y", panel.y_log, shown_range(panel, false));
         if (!panel.y_names.empty()) text += named_ticks(panel.y_names);
-        text += legend(panel.legend);
+        text += legend(panel, 0.88 * plot.width);
         std::string curves;
         const bool any_cell = std::any_of(panel.map.values.begin(), panel.map.values.end(),
                                           [](double value) { return std::isfinite(value); });
@@ -253,7 +402,7 @@ std::string script_of(const Plot& plot, double height, const std::string& termin
                 return shown(panel, x, series.y[i++]);
             });
             if (!any) continue; // gnuplot takes a curve without points for an error
-            curves += (curves.empty() ? "" : ", ") + curve(fmt::format("d{}_{}", p, s), series, colors[s]);
+            curves += (curves.empty() ? "" : ", ") + curve(fmt::format("d{}_{}", p, s), panel, series, colors[s]);
         }
         // An empty panel still shows its axes.
         text += "plot " + (curves.empty() ? "NaN notitle" : curves) + "\n";
@@ -345,6 +494,13 @@ void check(const Plot& plot) {
             }
         }
         for (const auto& series : panel.series) {
+            const bool ends = !series.low.empty() || !series.high.empty();
+            if (ends && (series.low.size() != series.x.size() || series.high.size() != series.x.size())) {
+                throw InputError(fmt::format("plot \"{}\", series \"{}\": low has {} values, high {} and x {}, must be "
+                                             "equal",
+                                             plot.title, series.name, series.low.size(), series.high.size(),
+                                             series.x.size()));
+            }
             if (series.x.size() == series.y.size()) continue;
             throw InputError(fmt::format("plot \"{}\", series \"{}\": x has {} values and y {}, must be equal",
                                          plot.title, series.name, series.x.size(), series.y.size()));
@@ -360,8 +516,9 @@ const std::vector<std::string>& Panel::legend_places() {
     return places;
 }
 
-std::string plot_png(const Plot& plot) {
-    check(plot);
+std::string plot_png(const Plot& given) {
+    check(given);
+    const Plot plot = with_readable_units(given);
     const int height = shown_height(plot);
     return run_gnuplot(
         script_of(plot, height,
@@ -369,8 +526,9 @@ std::string plot_png(const Plot& plot) {
                               plot.width, height)));
 }
 
-std::string plot_svg(const Plot& plot) {
-    check(plot);
+std::string plot_svg(const Plot& given) {
+    check(given);
+    const Plot plot = with_readable_units(given);
     const int height = shown_height(plot);
     return run_gnuplot(script_of(
         plot, height,
@@ -425,13 +583,15 @@ Plot plot_from_json(const Json& json, const std::string& where) {
             panel.map.values = values(map, "values");
             panel.map.strongest = map.number("strongest", "", Allowed::non_negative, 0);
             map.finish();
-            if (panel.map.label.empty()) entry.fail("map", "must have a label: what the colours show");
+            if (panel.map.label.empty()) entry.fail("map", "must have a label: what the colors show");
         }
         entry.each("series", [&](FieldReader& curve_fields) {
             Series series;
             series.name = curve_fields.text("name", "");
             series.x = values(curve_fields, "x");
             series.y = values(curve_fields, "y");
+            series.low = values(curve_fields, "low");
+            series.high = values(curve_fields, "high");
             const std::string style = curve_fields.choice("style", style_names, "line");
             series.style = static_cast<SeriesStyle>(std::find(style_names.begin(), style_names.end(), style) -
                                                     style_names.begin());

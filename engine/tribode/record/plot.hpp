@@ -9,25 +9,28 @@
 
 namespace tribode {
 
-enum class SeriesStyle { line, dashed, points, line_points };
+// steps: a value holds until the next one, as of a sampled signal or a relay. band: the area between low and high, with
+// the line of y over it.
+enum class SeriesStyle { line, dashed, points, line_points, steps, band };
 const std::string& name_of(SeriesStyle style);
 
 struct Series {
     std::string name;         // in the legend; empty: not there
     std::vector<double> x, y; // equal lengths; a point that is not finite breaks the line
     SeriesStyle style = SeriesStyle::line;
-    std::string color;  // "#rrggbb"; empty: the next of the palette
-    double width = 1.6; // of the line [points]
+    std::string color = {};                  // "#rrggbb"; empty: the next of the palette
+    double width = 1.6;                      // of the line [points]
+    std::vector<double> low = {}, high = {}; // empty, or as long: error bars of points, the ends of a band
 };
 
 using Range = std::array<double, 2>; // lowest and highest value shown
 
-// A quantity over x and y as colours, cell by cell: from white, or, where it has both signs, from blue over white to red.
+// A quantity over x and y as colors, cell by cell: from white, or, where it has both signs, from blue over white to red.
 struct ColorMap {
-    std::string label;                    // of the colours, with the unit; empty: no map
+    std::string label;                    // of the colors, with the unit; empty: no map
     std::vector<double> x_edges, y_edges; // ascending, of the cells
     std::vector<double> values;           // row by row from the lowest y; what is not finite leaves its cell empty
-    double strongest = 0;                 // value of the full colour; 0: the largest there is
+    double strongest = 0;                 // value of the full color; 0: the largest there is
 };
 
 struct Panel {
@@ -63,13 +66,17 @@ inline constexpr const char* plot_data_extension = ".plot.json";
 std::string plot_png(const Plot& plot);
 std::string plot_svg(const Plot& plot);
 
-// What a drawing shows where the plot leaves it open: the ends of an axis, the colour of each series, the height
+// What a drawing shows where the plot leaves it open: the ends of an axis, the color of each series, the height
 // [pixel]. Any other drawing of a plot takes them from here, so that both agree.
 Range shown_range(const Panel& panel, bool of_x);
 std::vector<std::string> shown_colors(const Panel& panel);
 int shown_height(const Plot& plot);
 
-// A plot as a table with the fields above (styles: "line", "dashed", "points", "line_points"); `where` begins the
+// The same plot in units that need few digits: a linear axis labeled "... [m]" that shows no more than 5e-6 becomes
+// "... [um]". Axes with the same label keep the same unit. Drawings show this.
+Plot with_readable_units(Plot plot);
+
+// A plot as a table with the fields above (styles: "line", "dashed", "points", "line_points", "steps", "band"); `where` begins the
 // messages. Throws InputError.
 Plot plot_from_json(const Json& json, const std::string& where);
 

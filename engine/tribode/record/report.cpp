@@ -83,69 +83,74 @@ std::string policy_hash(const std::string& text) {
 // Seven digits: more than a screen shows, and a short text.
 double rounded(double value) { return std::isfinite(value) ? *parse_number(fmt::format("{:.6e}", value)) : value; }
 
-struct Curve {
-    std::vector<double> x, y;
-};
+constexpr std::size_t a_break = static_cast<std::size_t>(-1); // among the indices of a thinned curve
 
-// The least and the greatest value of each column of the panel, and where the curve enters and leaves the column.
-Curve thinned_over_x(const Series& series, double low, double high, bool log) {
+// The lowest and the highest point of each column of the panel, and where the curve enters and leaves the column.
+std::vector<std::size_t> thinned_over_x(const Series& series, double low, double high, bool log) {
     const auto place = [&](double x) { return log ? std::log(x) : x; };
     const double scale = static_cast<double>(thinned_columns) / (place(high) - place(low));
-    Curve curve;
-    const auto take = [&](std::size_t i) {
-        curve.x.push_back(series.x[i]);
-        curve.y.push_back(series.y[i]);
-    };
+    std::vector<std::size_t> kept;
     for (std::size_t begin = 0; begin < series.x.size();) {
         const auto gap = [&](std::size_t i) {
             return !std::isfinite(series.x[i]) || !std::isfinite(series.y[i]) || (log && series.x[i] <= 0);
         };
         if (gap(begin)) {
             // One break is as good as many.
-            if (!curve.y.empty() && std::isfinite(curve.y.back())) {
-                curve.x.push_back(curve.x.back());
-                curve.y.push_back(NAN);
-            }
+            if (!kept.empty() && kept.back() != a_break) kept.push_back(a_break);
             ++begin;
             continue;
         }
         const double column = std::floor((place(series.x[begin]) - place(low)) * scale);
-        std::size_t end = begin, least = begin, most = begin;
+        std::size_t end = begin, lowest = begin, highest = begin;
         for (; end < series.x.size() && !gap(end); ++end) {
             if (std::floor((place(series.x[end]) - place(low)) * scale) != column) break;
-            if (series.y[end] < series.y[least]) least = end;
-            if (series.y[end] > series.y[most]) most = end;
+            if (series.y[end] < series.y[lowest]) lowest = end;
+            if (series.y[end] > series.y[highest]) highest = end;
         }
-        for (const std::size_t i : std::set<std::size_t>{begin, least, most, end - 1}) take(i);
+        for (const std::size_t i : std::set<std::size_t>{begin, lowest, highest, end - 1}) kept.push_back(i);
         begin = end;
     }
-    return curve;
+    return kept;
 }
 
 // A loop: the points that are visibly away from the last one kept.
-Curve thinned_loop(const Series& series, const Panel& panel) {
+std::vector<std::size_t> thinned_loop(const Series& series, const Panel& panel) {
     const Range xr = shown_range(panel, true), yr = shown_range(panel, false);
     const auto part = [](double v, const Range& range, bool log) {
         return log ? std::log(v / range[0]) / std::log(range[1] / range[0]) : (v - range[0]) / (range[1] - range[0]);
     };
-    Curve curve;
+    std::vector<std::size_t> kept;
     double px = NAN, py = NAN;
     for (std::size_t i = 0; i < series.x.size(); ++i) {
         const double x = part(series.x[i], xr, panel.x_log), y = part(series.y[i], yr, panel.y_log);
         if (std::hypot(x - px, y - py) < 1.0 / thinned_columns) continue; // never where one of them is no number
-        curve.x.push_back(series.x[i]);
-        curve.y.push_back(series.y[i]);
+        kept.push_back(i);
         px = x;
         py = y;
     }
-    return curve;
+    return kept;
 }
 
+struct Curve {
+    std::vector<double> x, y, low, high;
+};
+
 Curve thinned(const Series& series, const Panel& panel) {
-    if (series.x.size() <= thinned_above) return {series.x, series.y};
+    if (series.x.size() <= thinned_above) return {series.x, series.y, series.low, series.high};
     const Range range = shown_range(panel, true);
     const bool ascends = std::is_sorted(series.x.begin(), series.x.end());
-    return ascends ? thinned_over_x(series, range[0], range[1], panel.x_log) : thinned_loop(series, panel);
+    Curve curve;
+    for (const std::size_t i :
+         ascends ? thinned_over_x(series, range[0], range[1], panel.x_log) : thinned_loop(series, panel)) {
+        const auto take = [i](std::vector<double>& to, const std::vector<double>& from) {
+            if (!from.empty()) to.push_back(i == a_break ? NAN : from[i]);
+        };
+        curve.x.push_back(i == a_break ? curve.x.back() : series.x[i]);
+        take(curve.y, series.y);
+        take(curve.low, series.low);
+        take(curve.high, series.high);
+    }
+    return curve;
 }
 
 // Whether the x axes of two panels agree, apart from a rest that nobody sees.
@@ -160,7 +165,8 @@ bool same_axis(const Panel& a, const Panel& b) {
 }
 
 // The data of the interactive plot, for a script element of the page.
-std::string data_of(const Plot& plot) {
+std::string data_of(const Plot& given) {
+    const Plot plot = with_readable_units(given);
     Json lists = Json::array();
     std::map<std::vector<double>, std::size_t> places; // curves mostly share their x
     Json panels = Json::array();
@@ -183,7 +189,9 @@ std::string data_of(const Plot& plot) {
             all += series.x.size();
             kept += curve.x.size();
             for (double& x : curve.x) x = rounded(x);
-            for (double& y : curve.y) y = rounded(y);
+            for (auto* values : {&curve.y, &curve.low, &curve.high}) {
+                for (double& value : *values) value = rounded(value);
+            }
             // Where x is no number the curve breaks, too; a map needs numbers that can be compared.
             for (std::size_t i = 0; i < curve.x.size(); ++i) {
                 if (std::isfinite(curve.x[i])) continue;
@@ -198,6 +206,10 @@ std::string data_of(const Plot& plot) {
                               {"width", series.width},
                               {"x", it->second},
                               {"y", curve.y}}); // what is not finite becomes null
+            if (!curve.low.empty()) {
+                curves.back()["low"] = curve.low;
+                curves.back()["high"] = curve.high;
+            }
         }
         panels.push_back({{"title", clean(panel.title)},
                           {"xlabel", clean(panel.x_label)},

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <cstdlib>
 #include <gtest/gtest.h>
+#include <set>
+#include <string>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -83,7 +85,85 @@ TEST(Plot, AMapColoursItsCells) {
     EXPECT_EQ(problem_of([] {
                   plot_from_json({{"panels", {{{"map", {{"label", ""}}}}}}}, "tb.plot");
               }),
-              "input: tb.plot: panels[1].map must have a label: what the colours show");
+              "input: tb.plot: panels[1].map must have a label: what the colors show");
+}
+
+// The heights at which texts of the drawing begin.
+double height_of(const std::string& svg, const std::string& text) {
+    const auto at = svg.find(text);
+    const auto transform = svg.rfind("translate(", at);
+    if (at == svg.npos || transform == svg.npos) return NAN;
+    return std::stod(svg.substr(svg.find(',', transform) + 1));
+}
+
+TEST(Plot, ALegendOfManyRowsLeavesTheTitleFree) {
+    Plot plot{.title = "A title", .panels = {{.y_label = "y"}, {.y_label = "z"}}};
+    for (Panel& panel : plot.panels) {
+        for (int i = 0; i < 11; ++i) {
+            panel.series.push_back(
+                {.name = "a curve with a long name " + std::to_string(i), .x = {1, 2}, .y = {1.0 * i, 2}});
+        }
+    }
+    const std::string svg = plot_svg(plot);
+    const double title = height_of(svg, ">A title<");
+    ASSERT_TRUE(std::isfinite(title));
+    EXPECT_GT(height_of(svg, "long name 0<"), title + 18);
+    const auto colors = shown_colors(plot.panels[0]);
+    EXPECT_EQ(std::set<std::string>(colors.begin(), colors.end()).size(), colors.size());
+}
+
+TEST(Plot, SmallQuantitiesAreShownInSmallUnits) {
+    Plot plot{.panels = {{.y_label = "Error [m]"}, {.x_label = "Time [s]", .y_label = "Error [m]"}}};
+    plot.panels[0].series.push_back({.x = {0, 2e-3}, .y = {0, 5e-6}, .low = {0, 4e-6}, .high = {0, 8e-6}});
+    plot.panels[1].series.push_back({.x = {0, 2e-3}, .y = {0, 9e-9}});
+    const Plot shown = with_readable_units(plot);
+    EXPECT_EQ(shown.panels[0].y_label, "Error [um]");
+    EXPECT_EQ(shown.panels[1].y_label, "Error [um]") << "the same label has the same unit";
+    EXPECT_EQ(shown.panels[1].x_label, "Time [ms]");
+    EXPECT_DOUBLE_EQ(shown.panels[0].series[0].x[1], 2) << "x of the panel above has the label below";
+    EXPECT_DOUBLE_EQ(shown.panels[0].series[0].y[1], 5);
+    EXPECT_DOUBLE_EQ(shown.panels[0].series[0].high[1], 8);
+    EXPECT_DOUBLE_EQ(shown.panels[1].series[0].y[1], 9e-3);
+    // As they are: what needs few digits, logarithms, units without prefixes.
+    Plot kept{.panels = {{.x_label = "Gain [dB]", .y_label = "Position [m]"}, {.x_label = "Time [s]", .x_log = true}}};
+    kept.panels[0].series.push_back({.x = {1e-6, 2e-6}, .y = {0.02, 0.3}});
+    kept.panels[1].series.push_back({.x = {1e-6, 2e-6}, .y = {1, 2}});
+    const Plot same = with_readable_units(kept);
+    EXPECT_EQ(same.panels[0].x_label, "Gain [dB]");
+    EXPECT_EQ(same.panels[0].y_label, "Position [m]");
+    EXPECT_EQ(same.panels[1].x_label, "Time [s]");
+    EXPECT_EQ(same.panels[0].series[0].x, kept.panels[0].series[0].x);
+    EXPECT_EQ(same.panels[1].series[0].x, kept.panels[1].series[0].x);
+}
+
+TEST(Plot, DrawsStepsBandsErrorBarsAndSegments) {
+    const double none = std::nan("");
+    Plot plot{.panels = {{.series = {{.name = "line", .x = {0, 1, 2}, .y = {0, 1, 0}}}}}};
+    const std::string line = plot_svg(plot);
+    Series& series = plot.panels[0].series[0];
+    series.style = SeriesStyle::steps;
+    const std::string steps = plot_svg(plot);
+    series.style = SeriesStyle::band;
+    series.low = {-1, 0, -1};
+    series.high = {1, 2, 1};
+    const std::string band = plot_svg(plot);
+    EXPECT_NE(band.find("<polygon"), std::string::npos);
+    EXPECT_EQ(line.find("<polygon"), std::string::npos);
+    series.style = SeriesStyle::points;
+    EXPECT_NE(plot_svg(plot), band);
+    EXPECT_NE(steps, line);
+    EXPECT_EQ(shown_range(plot.panels[0], false), (Range{-1.18, 2.18}));
+    series.low.pop_back();
+    EXPECT_EQ(problem_of([&] { plot_svg(plot); }),
+              "input: plot \"\", series \"line\": low has 2 values, high 3 and x 3, must be equal");
+    // Wide segments of one series look like those of several, without wedges between the end of one and the next.
+    Panel& bars = plot.panels[0];
+    bars.x_range = bars.y_range = Range{0, 4};
+    bars.series = {{.x = {3, 4, none, 3, 2.9}, .y = {2, 2, none, 1, 1}, .color = "#0072b2", .width = 9}};
+    const std::string together = plot_png(plot);
+    bars.series = {{.x = {3, 4}, .y = {2, 2}, .color = "#0072b2", .width = 9},
+                   {.x = {3, 2.9}, .y = {1, 1}, .color = "#0072b2", .width = 9}};
+    EXPECT_EQ(together, plot_png(plot));
 }
 
 TEST(Plot, RefusesWhatDoesNotFit) {

@@ -82,20 +82,50 @@
         ctx.lineWidth = s.width * ratio;
         ctx.setLineDash(s.style === "dashed" ? [8 * ratio, 4 * ratio] : []);
         const positive = (v, log) => v !== null && (!log || v > 0);
-        let drawing = false;
+        const shown = (i, y) => positive(s.x[i], spec.xlog) && positive(y[i], spec.ylog);
+        const at = (i, y) => [u.valToPos(s.x[i], "x", true), u.valToPos(y[i], "y", true)];
+        if (s.low && s.style === "band") {
+          // Piece by piece, along the high ends and back along the low ones.
+          ctx.globalAlpha = 0.25;
+          for (let begin = 0; begin < s.x.length; begin++) {
+            let end = begin;
+            while (end < s.x.length && shown(end, s.low) && shown(end, s.high)) end++;
+            if (end === begin) continue;
+            ctx.beginPath();
+            for (let i = begin; i < end; i++) ctx.lineTo(...at(i, s.high));
+            for (let i = end - 1; i >= begin; i--) ctx.lineTo(...at(i, s.low));
+            ctx.fill();
+            begin = end;
+          }
+          ctx.globalAlpha = 1;
+        } else if (s.low) {
+          ctx.lineWidth = ratio;
+          for (let i = 0; i < s.x.length; i++) {
+            if (!shown(i, s.low) || !shown(i, s.high)) continue;
+            const [px, low] = at(i, s.low), high = at(i, s.high)[1], half = 3 * ratio;
+            ctx.beginPath();
+            for (const end of [low, high]) { ctx.moveTo(px - half, end); ctx.lineTo(px + half, end); }
+            ctx.moveTo(px, low);
+            ctx.lineTo(px, high);
+            ctx.stroke();
+          }
+          ctx.lineWidth = s.width * ratio;
+        }
+        let drawing = false, before = 0;
         if (s.style !== "points") ctx.beginPath();
         for (let i = 0; i < s.x.length; i++) {
-          if (!positive(s.x[i], spec.xlog) || !positive(s.y[i], spec.ylog)) { drawing = false; continue; }
-          const px = u.valToPos(s.x[i], "x", true), py = u.valToPos(s.y[i], "y", true);
+          if (!shown(i, s.y)) { drawing = false; continue; }
+          const [px, py] = at(i, s.y);
           if (s.style === "points") { dot(px, py, 2 * ratio); continue; }
+          if (drawing && s.style === "steps") ctx.lineTo(px, before);
           if (drawing) ctx.lineTo(px, py); else ctx.moveTo(px, py);
           drawing = true;
+          before = py;
         }
         if (s.style !== "points") ctx.stroke();
         if (s.style !== "line_points") continue;
         for (let i = 0; i < s.x.length; i++) {
-          if (!positive(s.x[i], spec.xlog) || !positive(s.y[i], spec.ylog)) continue;
-          dot(u.valToPos(s.x[i], "x", true), u.valToPos(s.y[i], "y", true), 3 * ratio);
+          if (shown(i, s.y)) dot(...at(i, s.y), 3 * ratio);
         }
       }
       ctx.restore();
