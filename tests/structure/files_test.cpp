@@ -13,7 +13,7 @@ namespace fs = std::filesystem;
 
 std::vector<fs::path> files_of_the_project(const std::set<std::string>& extensions) {
     std::vector<fs::path> all;
-    for (const auto* folder : {"engine", "tests", "benchmarks", "models", "scripts", "docs"}) {
+    for (const auto* folder : {"engine", "tests", "benchmarks", "models", "scripts", "docs", "examples"}) {
         const auto more = files_below(folder, extensions);
         all.insert(all.end(), more.begin(), more.end());
     }

@@ -55,7 +55,7 @@ Modules Modules::from_markdown(std::string_view text) {
 std::set<std::string> Modules::reachable(const std::string& module) const {
     std::set<std::string> found;
     std::vector<std::string> open = {module};
-    if (module == "main.cpp") {
+    if (module == "main.cpp" || module == "tribode.hpp") {
         for (const auto& [name, used] : may_use) open.push_back(name);
     }
     while (!open.empty()) {

@@ -36,6 +36,23 @@ ServoSystem::Start fitted_start(const DriveRecord& record, const MachineModel& m
     return moves ? ServoSystem::Start{fit[0], fit[1]} : ServoSystem::Start{y.mean(), 0.0};
 }
 
+// Every column has a value for each instant.
+void require_complete(const DriveRecord& record) {
+    if (record.t.empty())
+        throw InputError("the record that drives the machine has no instants, must have one at least");
+    const std::pair<const char*, const std::vector<double>*> columns[] = {{"u", &record.u},
+                                                                          {"reference", &record.reference},
+                                                                          {"excitation", &record.excitation},
+                                                                          {"measured", &record.measured}};
+    for (const auto& [name, values] : columns) {
+        if (values->empty() || values->size() == record.t.size()) continue;
+        throw InputError(
+            fmt::format("the record that drives the machine has {} values of {}, must have {}, one for each "
+                        "instant",
+                        values->size(), name, record.t.size()));
+    }
+}
+
 Drive drive_of(const MachineModel& machine, const DriveRecord& record, double friction_feedback) {
     const auto last = record.t.size() - 1;
     const auto at = [last](const std::vector<double>& values, long k) {
@@ -107,6 +124,7 @@ Method resolved(Method method, const MachineModel& machine) {
 
 ServoSystem driven_system(const MachineModel& machine, const DriveRecord& record, std::uint64_t seed,
                           double friction_feedback) {
+    require_complete(record);
     if (friction_feedback != 0 && !record.closed_loop()) {
         throw InputError("friction_feedback belongs to a closed loop, and the input is u, an open loop; give r or exc");
     }

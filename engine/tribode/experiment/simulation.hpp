@@ -44,14 +44,17 @@ struct Simulation {
 Method resolved(Method method, const MachineModel& machine);
 
 // The machine under the record, from the start that its description says; in closed loop with the share friction_feedback
-// of the modelled friction added to u (ClosedLoop). The record must outlive it.
+// of the modelled friction added to u (ClosedLoop). The record must outlive it. Throws InputError where the record has no
+// instants, or a column with another number of values.
 ServoSystem driven_system(const MachineModel& machine, const DriveRecord& record, std::uint64_t seed,
                           double friction_feedback = 0);
 
 // Runs the machine under the record. The first sample is t = 0 of the machine; there it rests, or moves as the first
-// samples of the measured position do where its description says "fitted".
-Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver,
-                    std::uint64_t seed, const RunControl& control = {}, double friction_feedback = 0);
+// samples of the measured position do where its description says "fitted". The noise of sensor and force follows from the
+// seed. Throws InputError as driven_system does, and where the solver cannot run the machine; a run that ends early is
+// told by the outcome, and the trace goes as far as it came.
+Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver = {},
+                    std::uint64_t seed = 0, const RunControl& control = {}, double friction_feedback = 0);
 
 // Columns t,r,u,y,x,v,f, as `tribode simulate` writes them.
 Table to_table(const ServoTrace& trace);

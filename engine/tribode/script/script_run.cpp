@@ -142,9 +142,19 @@ void ScriptRun::confine(const std::filesystem::path& writable) const {
     sandbox.enter();
 }
 
+// Beside an installed program, wherever it was moved to, bin/tribode and share/tribode; of a program in the folder of its
+// build, in the source tree.
 std::filesystem::path ScriptRun::home() {
-    const std::filesystem::path source = TRIBODE_SOURCE_DIR;
-    return std::filesystem::exists(source / "models") ? source : std::filesystem::path(TRIBODE_DATA_DIR);
+    static const std::filesystem::path found = [] {
+        std::error_code none;
+        const auto program = std::filesystem::read_symlink("/proc/self/exe", none);
+        const auto beside = program.parent_path().parent_path() / "share/tribode";
+        for (const std::filesystem::path& folder : {beside, std::filesystem::path(TRIBODE_SOURCE_DIR)}) {
+            if (std::filesystem::exists(folder / "models", none)) return folder;
+        }
+        return std::filesystem::path(TRIBODE_DATA_DIR);
+    }();
+    return found;
 }
 
 std::filesystem::path ScriptRun::find_file(const std::string& name) const {
