@@ -20,7 +20,7 @@ def copy_pages():
     """The pages and whatever else of the project they may link to, at the same places."""
     shutil.rmtree(pages, ignore_errors=True)
     listed = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", "--", "*.md", "LICENSE",
-                             "docs", "models", "scripts", "third_party"],
+                             "docs", "examples", "models", "scripts", "third_party"],
                             cwd=project, check=True, capture_output=True, text=True).stdout
     for name in filter(None, listed.split("\0")):
         if name.startswith(("docs/site/", "tests/", "benchmarks/")) or not (project / name).exists():
@@ -28,7 +28,8 @@ def copy_pages():
         (pages / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(project / name, pages / name)
     # Folders that pages link to: on the site, a list of what is in them.
-    for folder, title, kind in [("docs/decisions", "Decisions", "*.md"), ("docs/samples", "Samples", "*.lua")]:
+    for folder, title, kind in [("docs/decisions", "Decisions", "*.md"), ("docs/samples", "Samples", "*.lua"),
+                                ("examples/library", "Example of the library", "*.*")]:
         lines = [f"# {title}\n"]
         for file in sorted((pages / folder).glob(kind)):
             head = file.read_text().splitlines()[0].lstrip("# ") if kind == "*.md" else file.name

@@ -42,8 +42,8 @@ std::vector<std::string> relative_links(const std::string& page) {
     return targets;
 }
 
-// The blocks of a page between ```lua and ```.
-std::vector<std::string> lua_blocks(const std::string& page) {
+// The blocks of a page between ```language and ```.
+std::vector<std::string> blocks_of(const std::string& page, const std::string& language) {
     std::vector<std::string> blocks;
     std::istringstream lines(page);
     bool inside = false;
@@ -52,7 +52,7 @@ std::vector<std::string> lua_blocks(const std::string& page) {
             inside = false;
         } else if (inside) {
             blocks.back() += line + "\n";
-        } else if (line == "```lua") {
+        } else if (line == "```" + language) {
             inside = true;
             blocks.emplace_back();
         }
@@ -127,13 +127,13 @@ TEST(Files, EveryRelativeLinkOfAPageLeadsToAFile) {
 // Every file in docs/samples is run by other tests. So the blocks of the tutorial and of the how-to guides, and those of other
 // pages that begin like a script, must be text of one of these files.
 TEST(Files, ScriptsOnPagesAreTextOfSamples) {
-    EXPECT_EQ(lua_blocks("a\n```lua\nb\nc\n```\n```\nd\n```\n"), std::vector<std::string>{"b\nc\n"});
+    EXPECT_EQ(blocks_of("a\n```lua\nb\nc\n```\n```\nd\n```\n", "lua"), std::vector<std::string>{"b\nc\n"});
     std::vector<std::string> samples;
     for (const auto& file : files_below("docs/samples", {".lua"})) samples.push_back(read(file));
     int found = 0;
     for (const auto& page : pages()) {
         const bool is_guide = page.filename() == "tutorial.md" || page.parent_path().filename() == "how-to";
-        for (const auto& block : lua_blocks(read(page))) {
+        for (const auto& block : blocks_of(read(page), "lua")) {
             if (!is_guide && block.find("require \"tribode\"") == std::string::npos) continue;
             const auto has_block = [&](const std::string& sample) { return sample.find(block) != std::string::npos; };
             EXPECT_TRUE(std::any_of(samples.begin(), samples.end(), has_block)) << page << ":\n" << block;
@@ -141,6 +141,19 @@ TEST(Files, ScriptsOnPagesAreTextOfSamples) {
         }
     }
     EXPECT_GT(found, 10);
+}
+
+// The example is built and run against the installed package.
+TEST(Files, TheCodeOfTheLibraryPageIsTextOfTheExample) {
+    const std::string page = read(project() / "docs/library.md");
+    const auto example = [](const char* file) { return read(project() / "examples/library" / file); };
+    EXPECT_EQ(blocks_of(page, "cpp").size(), 2u);
+    for (const auto& block : blocks_of(page, "cpp"))
+        EXPECT_NE(example("example.cpp").find(block), std::string::npos) << block;
+    EXPECT_EQ(blocks_of(page, "cmake").size(), 1u);
+    for (const auto& block : blocks_of(page, "cmake")) {
+        EXPECT_NE(example("CMakeLists.txt").find(block), std::string::npos) << block;
+    }
 }
 
 TEST(Files, EveryCitedSourceIsInTheReferences) {

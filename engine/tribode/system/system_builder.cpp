@@ -23,6 +23,8 @@ Expression Expression::make(Op op, const Expression& a, const Expression& b, con
     return {std::move(graph), term};
 }
 
+Term Expression::in(Expressions& graph) const { return graph_ ? term_ : graph.constant(number_); }
+
 SystemBuilder::SystemBuilder(std::string name) {
     equations_.name = std::move(name);
     equations_.graph = std::make_shared<Expressions>();

@@ -19,7 +19,7 @@ class Expression {
     static Expression make(Op op, const Expression& a, const Expression& b = 0, const Expression& c = 0);
 
     const std::shared_ptr<Expressions>& graph() const { return graph_; } // null: a number
-    Term in(Expressions& graph) const { return graph_ ? term_ : graph.constant(number_); }
+    Term in(Expressions& graph) const;                                   // in its own graph, where it has one
 
     // Hidden friends, so that a number may stand on either side.
     friend Expression operator+(const Expression& a, const Expression& b) { return make(Op::add, a, b); }

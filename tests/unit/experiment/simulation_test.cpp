@@ -276,7 +276,7 @@ TEST(BandLimited, drives_a_machine_without_the_lag_of_the_hold) {
     EXPECT_GT(error_held, 0.07 * amplitude); // w Ts/2 = 0.079
 }
 
-TEST(Simulation, ARecordWithoutInstantsOrWithColumnsOfOtherLengthsIsRefused) {
+TEST(Simulate, ARecordWithoutInstantsOrWithColumnsOfOtherLengthsIsRefused) {
     EXPECT_THROW(simulate(bare_mass(), {}), InputError);
     DriveRecord record{.t = times(3), .u = {1, 2}, .reference = {}, .excitation = {}, .measured = {}};
     EXPECT_THROW(simulate(bare_mass(), record), InputError);
