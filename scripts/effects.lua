@@ -16,45 +16,28 @@ local option = tb.options {
   duration = { default = tb.quick and 1 or 3, unit = "s", help = "of each run" },
 }
 
--- Every kind with values one could meet, in groups that share a plot.
-local groups = {
-  { name = "friction", thrust = true, effects = {
-    { "coulomb_friction", { dF = 5 } },
-    { "viscous_friction", { dD = 40 } },
-    { "stribeck_friction", { dFs = 3, velocity = 0.01 } },
-    { "presliding_hysteresis", { elements = { { K = 1e5, F = 2 }, { K = 1e4, F = 2 } } } },
-    { "asymmetric_friction", { dF_pos = 4, dF_neg = 1 } },
-    { "position_dependent_friction", { mode = "sine", a = 0.5, period_m = 0.02 } },
-    { "time_varying_friction", { kind = "exp", a = 0.8, T = 1 } },
-  } },
-  { name = "forces", thrust = true, effects = {
-    { "force_ripple", { harmonics = { { F = 3, period_m = 0.012 } } } },
-    { "constant_force", { F = 4 } },
-    { "spring_force", { k = 300 } },
-    { "cubic_stiffness", { k3 = 1e6 } },
-    { "quadratic_drag", { c = 300 } },
-    { "periodic_disturbance", { F = 2, freq_hz = 7 } },
-  } },
-  { name = "amplifier", effects = {
-    { "dead_zone", { half_width = 1.5 } },
-    { "thrust_saturation", { limit = 6 } },
-    { "thrust_gain", { gain = 1.2 } },
-  } },
-  { name = "dynamics", effects = {
-    { "backlash", { gap_m = 5e-5, load_fraction = 0.4, contact_hz = 200, contact_zeta = 0.2, sensor = "load" } },
-    { "payload_mass", { ratio = 0.3 } },
-    { "input_delay", { extra_s = 1e-3 } },
-    { "actuator_lag", { current_loop_hz = 120 } },
-    { "resonant_mode", { gain = 0.01, freq_hz = 60, zeta = 0.02 } },
-  } },
-  { name = "encoder", effects = {
-    { "encoder_quantization", { resolution_m = 5e-6 } },
-    { "encoder_periodic_error", { A = 2e-6, period_m = 1e-3, A2 = 5e-7 } },
-  } },
-}
-
 local described = {}
 for _, kind in ipairs(tb.effects {}) do described[kind.name] = kind end
+
+-- Every kind with the values of its example, in groups that share a plot.
+local groups = {
+  { name = "friction", thrust = true, effects = { "coulomb_friction", "viscous_friction", "stribeck_friction",
+    "presliding_hysteresis", "asymmetric_friction", "position_dependent_friction", "time_varying_friction" } },
+  { name = "forces", thrust = true, effects = { "force_ripple", "constant_force", "spring_force", "cubic_stiffness",
+    "quadratic_drag", "periodic_disturbance" } },
+  { name = "amplifier", effects = { "dead_zone", "thrust_saturation", "thrust_gain" } },
+  { name = "dynamics", effects = { "backlash", "payload_mass", "input_delay", "actuator_lag", "resonant_mode" } },
+  { name = "encoder", effects = { "encoder_quantization", "encoder_periodic_error" } },
+}
+local others = { name = "others", effects = {} }
+local grouped = { own_force = true } -- whatever you write
+for _, group in ipairs(groups) do
+  for _, name in ipairs(group.effects) do grouped[name] = true end
+end
+for _, kind in ipairs(tb.effects {}) do
+  if not grouped[kind.name] then table.insert(others.effects, kind.name) end
+end
+if #others.effects > 0 then table.insert(groups, others) end
 
 local reference, excitation = {}, {}
 local machine = tb.machine(option.machine)
@@ -100,11 +83,10 @@ end
 local names, rms_y, peak_y, rms_u, group_of = {}, {}, {}, {}, {}
 for number, group in ipairs(groups) do
   local panels = {}
-  for _, entry in ipairs(group.effects) do
-    local name, parameters = entry[1], entry[2]
+  for _, name in ipairs(group.effects) do
     local base = base_of(name)
     local before = run(base)
-    base[#base + 1] = { name = name, parameters = parameters }
+    base[#base + 1] = { name = name, parameters = described[name].example }
     local after = run(base)
     local x, label = along(described[name].drawn_against, after)
     local begin = label == "Time [s]" and 1 or #after.y // 3

@@ -29,57 +29,36 @@ local plant = require "servo.plant"
 
 local servo = {}
 
--- A factor on all friction, never below zero.
-local function scale_by_position(p)
-  if p.mode == "sine" then
-    return function(_, y) return 1 + p.a * math.sin(2 * math.pi / p.period_m * y + (p.phase or 0)) end
-  end
-  return function(_, y) return 1 + p.a * math.max(-1, math.min(1, y / p.period_m)) end
-end
-local function scale_by_time(p)
-  local forms = {
-    exp = function(x) return 1 - math.exp(-x) end,
-    ramp = function(x) return x end,
-    sine = function(x) return math.sin(2 * math.pi * x) end,
-  }
-  return function(t) return 1 + p.a * forms[p.kind](t / p.T) end
+-- What each kind of effect does to the settings `m` of the parts, with its parameters `p`: the Lua text of its
+-- description (engine/tribode/effect/kinds), compiled. It changes fields of m, or calls m.add_force or m.scale_friction.
+local kinds = {}
+for _, kind in ipairs(tb.effects {}) do
+  local change, message = load("local m, p, tb = ...\n" .. kind.lua, "=" .. kind.name)
+  kinds[kind.name] = { change = assert(change, message), parameters = kind.parameters, has_text = kind.lua ~= "" }
 end
 
--- What each effect does to the settings `m` of the parts; those that are forces are collected beside.
-local effects = {
-  coulomb_friction = function(m, p)
-    m.friction.coulomb = m.friction.coulomb + p.dF
-    m.friction.static = m.friction.static + p.dF
-  end,
-  viscous_friction = function(m, p) m.friction.viscous = m.friction.viscous + p.dD end,
-  stribeck_friction = function(m, p)
-    m.friction.static = m.friction.coulomb + p.dFs
-    m.friction.velocity, m.friction.exponent = p.velocity, p.exponent or 1
-  end,
-  presliding_hysteresis = function(m, p)
-    for _, e in ipairs(p.elements) do table.insert(m.friction.elements, e) end
-    if p.replace_coulomb == true or p.replace_coulomb == 1 then
-      m.friction.static, m.friction.coulomb = m.friction.static - m.friction.coulomb, 0
+-- Parameters with the default numbers of those that are left out.
+local function with_defaults(fields, values)
+  local all = {}
+  for name, value in pairs(values or {}) do all[name] = value end
+  for _, field in ipairs(fields) do
+    local name = field.name
+    if field.type == "number" and all[name] == nil then
+      all[name] = field.default
+    elseif field.type == "records" then
+      local list = {}
+      for i, record in ipairs(all[name]) do list[i] = with_defaults(field.fields, record) end
+      all[name] = list
     end
-  end,
-  asymmetric_friction = function(m, p)
-    local ahead, behind = m.friction.forward, m.friction.backward
-    ahead.level, ahead.viscous = ahead.level + (p.dF_pos or 0), ahead.viscous + (p.dD_pos or 0)
-    behind.level, behind.viscous = behind.level + (p.dF_neg or 0), behind.viscous + (p.dD_neg or 0)
-  end,
-  position_dependent_friction = function(m, p) table.insert(m.scales, scale_by_position(p)) end,
-  time_varying_friction = function(m, p) table.insert(m.scales, scale_by_time(p)) end,
-  backlash = function(m, p) m.backlash = p end,
-  dead_zone = function(m, p) m.amplifier.half_width = m.amplifier.half_width + p.half_width end,
-  thrust_saturation = function(m, p) m.amplifier.limit = math.min(m.amplifier.limit or math.huge, p.limit) end,
-  thrust_gain = function(m, p) m.amplifier.gain = m.amplifier.gain * p.gain end,
-  payload_mass = function(m, p) m.plant.rigid_gain = m.plant.rigid_gain / (1 + p.ratio) end,
-  input_delay = function(m, p) m.amplifier.delay = m.amplifier.delay + p.extra_s end,
-  actuator_lag = function(m, p) m.amplifier.lag_hz = p.current_loop_hz end,
-  resonant_mode = function(m, p) table.insert(m.plant.modes, p) end,
-  encoder_quantization = function(m, p) m.encoder.resolution = p.resolution_m end,
-  encoder_periodic_error = function(m, p) table.insert(m.encoder.errors, p) end,
-}
+  end
+  return all
+end
+
+local function add_effect(m, effect)
+  local kind = kinds[effect.name]
+  if not kind.has_text then error("servo.parts: the effect " .. effect.name .. " has no equations in Lua", 0) end
+  kind.change(m, with_defaults(kind.parameters, effect.parameters), tb)
+end
 
 local function copied(list) return { table.unpack(list or {}) } end
 
@@ -110,13 +89,11 @@ local function settings_of(machine, options)
     },
     forces = {}, scales = {}, period = period,
   }
-  for _, effect in ipairs(machine.effects or {}) do
-    if forces.has(effect.name) then
-      table.insert(m.forces, effect)
-    else
-      effects[effect.name](m, effect.parameters)
-    end
-  end
+  -- A force on the driven point: force(s, own), and states with their rates(s, own); see servo.forces.
+  function m.add_force(force) table.insert(m.forces, force) end
+  -- A factor on all friction, a function of t and y.
+  function m.scale_friction(factor) table.insert(m.scales, factor) end
+  for _, effect in ipairs(machine.effects or {}) do add_effect(m, effect) end
   if continuous and m.amplifier.delay > 0 then
     error("servo.parts: input = \"band_limited\" goes through the amplifier undelayed; take the delay out and give " ..
       "it to the input of tb.run_system as offset_s", 0)

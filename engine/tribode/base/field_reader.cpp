@@ -8,11 +8,7 @@
 
 namespace tribode {
 
-namespace {
-
-const std::vector<std::string> notes = {"comment", "units", "conventions", "records", "equations"};
-
-bool holds(Allowed allowed, double x) {
+bool is_allowed(double x, Allowed allowed) {
     if (!std::isfinite(x)) return false;
     switch (allowed) {
     case Allowed::finite: return true;
@@ -23,7 +19,7 @@ bool holds(Allowed allowed, double x) {
     return false;
 }
 
-const char* text_of(Allowed allowed) {
+const char* requirement(Allowed allowed) {
     switch (allowed) {
     case Allowed::finite: return "must be finite";
     case Allowed::positive: return "must be positive and finite";
@@ -33,8 +29,12 @@ const char* text_of(Allowed allowed) {
     return "";
 }
 
+namespace {
+
+const std::vector<std::string> notes = {"comment", "units", "conventions", "records", "equations"};
+
 std::string refusal(double x, std::string_view unit, Allowed allowed) {
-    return fmt::format("= {}{}{}, {}", to_text(x), unit.empty() ? "" : " ", unit, text_of(allowed));
+    return fmt::format("= {}{}{}, {}", to_text(x), unit.empty() ? "" : " ", unit, requirement(allowed));
 }
 
 // A value as it stands in a message: short, never a whole table.
@@ -87,7 +87,7 @@ std::optional<double> FieldReader::optional_number(std::string_view key, std::st
     if (!value) return std::nullopt;
     if (!value->is_number()) fail(key, fmt::format("= {}, must be a number", shown(*value)));
     const double x = value->get<double>();
-    if (!holds(allowed, x)) fail(key, refusal(x, unit, allowed));
+    if (!is_allowed(x, allowed)) fail(key, refusal(x, unit, allowed));
     return x;
 }
 
@@ -150,7 +150,7 @@ std::vector<double> FieldReader::numbers(std::string_view key, std::string_view 
         const std::string name = fmt::format("{}[{}]", key, list.size() + 1);
         if (!entry.is_number()) fail(name, fmt::format("= {}, must be a number", shown(entry)));
         const double x = entry.get<double>();
-        if (!holds(allowed, x)) fail(name, refusal(x, unit, allowed));
+        if (!is_allowed(x, allowed)) fail(name, refusal(x, unit, allowed));
         list.push_back(x);
     }
     return list;

@@ -9,8 +9,10 @@
 
 namespace tribode {
 
-// What a number may be; each text stands in the error message.
+// What a number may be.
 enum class Allowed { finite, positive, non_negative, fraction }; // fraction: 0 < x < 1
+bool is_allowed(double x, Allowed allowed);
+const char* requirement(Allowed allowed); // as error messages say it: "must be finite"
 
 // Reads a table of named fields (a machine description, an options table) and refuses what it does not know.
 //

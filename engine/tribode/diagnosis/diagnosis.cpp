@@ -171,9 +171,8 @@ class Verdict {
         double least = 1;
         for (std::size_t i = 0; i < best_->effects.size(); ++i) {
             NamedEffect one;
-            one.name = best_->effects[i]->effect;
-            one.parameters = best_->effects[i]->make(best_->values_of(i));
-            tidy(one.parameters);
+            one.name = best_->effects[i]->kind().name;
+            one.parameters = within_a_turn(best_->effects[i]->at(best_->values_of(i))).to_json()["parameters"];
             one.standard_errors = errors[i];
             // Alternatives: hypotheses that differ from the best one in this effect only.
             double weight = 1;
@@ -258,61 +257,41 @@ class Verdict {
     std::vector<Json> errors_of(const Hypothesis& h) const {
         std::vector<Json> list;
         std::size_t begin = 0;
-        for (const auto& effect : h.effects) {
-            const std::size_t count = effect->parameters.size();
-            Json errors = Json::object();
-            const std::vector<double> values(h.values.begin() + static_cast<std::ptrdiff_t>(begin),
-                                             h.values.begin() + static_cast<std::ptrdiff_t>(begin + count));
-            const Json base = effect->make(values);
-            // A parameter of the effect may hang on several numbers: errors add up as squares of what each moves.
-            std::vector<double> square;
-            for (std::size_t i = 0; i < count; ++i) {
-                auto moved = values;
-                const double step = h.standard_errors[begin + i];
-                moved[i] += step;
-                add_squares(errors, base, effect->make(moved));
+        for (std::size_t i = 0; i < h.effects.size(); ++i) {
+            const auto values = h.values_of(i);
+            const Effect effect = h.effects[i]->at(values);
+            const auto base = effect.numbers();
+            // A parameter of the effect may depend on several fitted ones: errors add up as squares of what each moves.
+            std::vector<double> errors(base.size(), 0.0);
+            for (std::size_t j = 0; j < values.size(); ++j) {
+                std::vector<double> moved(values.begin(), values.end());
+                moved[j] += h.standard_errors[begin + j];
+                const auto there = h.effects[i]->numbers_at(moved);
+                for (std::size_t k = 0; k < errors.size(); ++k)
+                    errors[k] += (there[k] - base[k]) * (there[k] - base[k]);
             }
-            take_roots(errors);
-            list.push_back(std::move(errors));
-            begin += count;
+            for (double& error : errors) error = std::sqrt(error);
+            Json parameters = effect.with_numbers(errors).to_json()["parameters"];
+            for (const auto& p : effect.kind().parameters) {
+                if (p.type != EffectParameter::Type::number && p.type != EffectParameter::Type::records) {
+                    parameters.erase(p.name);
+                }
+            }
+            list.push_back(std::move(parameters));
+            begin += values.size();
         }
         return list;
     }
 
-    static void add_squares(Json& sum, const Json& a, const Json& b) {
-        for (const auto& [key, value] : a.items()) {
-            if (value.is_number()) {
-                const double d = b[key].get<double>() - value.get<double>();
-                sum[key] = (sum.contains(key) ? sum[key].get<double>() : 0.0) + d * d;
-            } else if (value.is_array()) {
-                if (!sum.contains(key)) sum[key] = Json::array();
-                for (std::size_t i = 0; i < value.size(); ++i) {
-                    if (sum[key].size() <= i) sum[key].push_back(Json::object());
-                    add_squares(sum[key][i], value[i], b[key][i]);
-                }
-            }
+    // Angles between zero and one turn.
+    static Effect within_a_turn(const Effect& effect) {
+        constexpr double turn = 2 * 3.141592653589793;
+        auto numbers = effect.numbers();
+        const auto names = effect.number_names();
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            if (effect.kind().unit_of(names[i]) == "rad") numbers[i] -= turn * std::floor(numbers[i] / turn);
         }
-    }
-
-    static void take_roots(Json& sum) {
-        for (auto& [key, value] : sum.items()) {
-            if (value.is_number())
-                value = std::sqrt(value.get<double>());
-            else
-                for (auto& entry : value) take_roots(entry);
-        }
-    }
-
-    // Phases between zero and one turn.
-    static void tidy(Json& parameters) {
-        for (auto& [key, value] : parameters.items()) {
-            if (value.is_array()) {
-                for (auto& entry : value) tidy(entry);
-            } else if (value.is_number() && (key == "phase" || key == "phase2")) {
-                constexpr double turn = 2 * 3.141592653589793;
-                value = value.get<double>() - turn * std::floor(value.get<double>() / turn);
-            }
-        }
+        return effect.with_numbers(numbers);
     }
 
     void unknown() {
@@ -381,15 +360,7 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     double step = std::numeric_limits<double>::infinity();
     for (const auto& m : fitted) step = std::min(step, lattice_step(m.position(), described));
     if (described > 0 && step > 1.4 * described) {
-        encoder = Candidate{
-            "encoder_quantization",
-            "",
-            {},
-            [step](std::span<const double>) {
-                                return Json{{"resolution_m", step}}; },
-            {},
-            {},
-            {}}.at({});
+        encoder = Effect(effect_kind("encoder_quantization"), {{.number = step}});
         std::vector<Effect> effects = machine.effects;
         effects.push_back(*encoder);
         coarse = machine.with_effects(std::move(effects));

@@ -52,13 +52,13 @@ std::string sentence(const Diagnosis& d) {
         return fmt::format("What is missing is {} or {}, which these records cannot tell apart; {}.",
                            fmt::join(names, " and "), fmt::join(rivals, " or "), shrink);
     }
-    if (names == std::vector<std::string>{"encoder_quantization"}) {
+    if (names.size() == 1 && effect_kind(names.front()).is_rounding) {
         // Positions are simulated without rounding: it is the floor that differs.
         return fmt::format(
-            "What is missing is encoder_quantization: with it noise and rounding leave {:.3g} um rms on the "
+            "What is missing is {}: with it noise and rounding leave {:.3g} um rms on the "
             "record kept out of the fit, as described {:.3g} um, and measured less simulated position is "
             "{:.3g} um.",
-            1e6 * gap.floor, 1e6 * d.kept_out.front().described_floor, 1e6 * gap.after);
+            names.front(), 1e6 * gap.floor, 1e6 * d.kept_out.front().described_floor, 1e6 * gap.after);
     }
     return fmt::format("What is missing is {}; {}.", fmt::join(names, " and "), shrink);
 }
@@ -72,17 +72,6 @@ void flatten(const Json& value, const std::string& path, std::vector<std::pair<s
     } else if (value.is_array()) {
         for (std::size_t i = 0; i < value.size(); ++i) flatten(value[i], fmt::format("{}[{}]", path, i + 1), list);
     }
-}
-
-std::string unit_of(const std::string& effect, const std::string& path) {
-    const std::string name = path.substr(path.rfind('.') == std::string::npos ? 0 : path.rfind('.') + 1);
-    for (const auto& parameter : effect_kind(effect).parameters) {
-        if (parameter.name == name) return parameter.unit;
-        for (const auto& field : parameter.fields) {
-            if (field.name == name) return field.unit;
-        }
-    }
-    return "";
 }
 
 std::vector<double> times(const Compared& c) {
@@ -336,7 +325,7 @@ ReportTable parameter_table(const NamedEffect& effect) {
         for (const auto& [name, number] : errors) {
             if (name == path && number > 0) error = number;
         }
-        table.rows.push_back({path, value, error, unit_of(effect.name, path)});
+        table.rows.push_back({path, value, error, effect_kind(effect.name).unit_of(path)});
     }
     return table;
 }
@@ -366,8 +355,9 @@ Report report_of(const Diagnosis& d, const Residuals& residuals, const Json& sum
     }
     names.blocks.push_back(ranking_table(d));
     for (const auto& effect : d.effects) {
-        names.blocks.push_back(Paragraph{fmt::format("{} with probability {:.2f}: {}.", effect.name, effect.probability,
-                                                     effect_kind(effect.name).equation)});
+        const EffectKind& kind = effect_kind(effect.name);
+        names.blocks.push_back(Paragraph{fmt::format("{} with probability {:.2f}. {} Equation: {}.", effect.name,
+                                                     effect.probability, kind.summary, kind.equation)});
         names.blocks.push_back(parameter_table(effect));
         names.blocks.push_back(Paragraph{effect.evidence});
         if (!effect.rivals.empty()) {

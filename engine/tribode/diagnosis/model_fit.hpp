@@ -1,8 +1,8 @@
 #pragma once
 #include "tribode/base/run_control.hpp"
-#include "tribode/diagnosis/candidate.hpp"
 #include "tribode/diagnosis/measurement.hpp"
 #include "tribode/diagnosis/noise_floor.hpp"
+#include "tribode/effect/candidate.hpp"
 #include "tribode/machine/machine_model.hpp"
 
 #include <atomic>

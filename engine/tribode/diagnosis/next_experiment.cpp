@@ -132,7 +132,7 @@ std::optional<std::string> next_experiment(const Diagnosis& d, const RunControl&
         apart[i] = difference(m);
     });
     const auto best = static_cast<std::size_t>(std::max_element(apart.begin(), apart.end()) - apart.begin());
-    const std::string rivals = fmt::format("{} and {}", a.effects.back()->effect, b.effects.back()->effect);
+    const std::string rivals = fmt::format("{} and {}", a.effects.back()->kind().name, b.effects.back()->kind().name);
     const double here = difference(record.measurement);
     if (apart[best] < 1.2 * here) {
         return fmt::format(

@@ -24,7 +24,7 @@ MachineModel without_noise(MachineModel machine) {
     machine.noise_rms = 0;
     machine.process_noise_rms = 0;
     machine.encoder_resolution = 0;
-    const auto rounds = [](const Effect& effect) { return effect.kind().name == "encoder_quantization"; };
+    const auto rounds = [](const Effect& effect) { return effect.kind().is_rounding; };
     if (std::none_of(machine.effects.begin(), machine.effects.end(), rounds)) return machine;
     std::vector<Effect> others = machine.effects;
     std::erase_if(others, rounds);

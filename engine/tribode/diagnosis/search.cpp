@@ -8,7 +8,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <limits>
-#include <map>
 #include <optional>
 #include <set>
 #include <tuple>
@@ -336,17 +335,15 @@ class Search {
     // An effect of many numbers may have taken the place of a simpler one, which alone did less and was left: each of these
     // gives way to its simpler kin.
     std::vector<Scored> simplified(const Scored& one, std::size_t level) const {
-        static const std::map<std::string, std::set<std::string>> simpler = {
-            {"asymmetric_friction", {"coulomb_friction", "viscous_friction", "constant_force"}},
-            {"presliding_hysteresis", {"coulomb_friction"}}};
         std::vector<Scored> list;
         for (std::size_t i = 0; i < one.together.effects.size(); ++i) {
-            const auto kin = simpler.find(one.together.effects[i]->effect);
-            if (kin == simpler.end()) continue;
+            const auto& simpler = one.together.effects[i]->kind().simpler;
+            if (simpler.empty()) continue;
             Hypothesis without = one.together;
             without.remove(i);
             refine(without, all_, 4, control_.workers);
-            for (auto& next : extended(scored(std::move(without)), level, kin->second, one.together.chi_square))
+            const std::set<std::string> names(simpler.begin(), simpler.end());
+            for (auto& next : extended(scored(std::move(without)), level, names, one.together.chi_square))
                 list.push_back(std::move(next));
         }
         return list;
@@ -394,9 +391,15 @@ class Search {
         const std::vector<double> whitened = record.floor.whitened(gap);
         const auto present = base.names();
         std::vector<std::shared_ptr<const Candidate>> list;
-        for (auto& candidate : candidates({machine, record.measurement, residual, whitened, record.floor.innovation})) {
-            if (std::find(present.begin(), present.end(), candidate.effect) != present.end()) continue;
-            if (only && !only->contains(candidate.effect)) continue;
+        MachineModel described = machine;
+        described.effects.clear();
+        const ServoAxis axis = described.axis();
+        const Clues clues(axis, machine.sample_time, residual, record.measurement.position(), whitened,
+                          record.floor.innovation);
+        for (auto& candidate : candidates(clues)) {
+            const std::string& name = candidate.kind().name;
+            if (std::find(present.begin(), present.end(), name) != present.end()) continue;
+            if (only && !only->contains(name)) continue;
             list.push_back(std::make_shared<const Candidate>(std::move(candidate)));
         }
         // Where each begins.
@@ -462,7 +465,7 @@ class Search {
         for (int more = 0; more < max_enriched; ++more) {
             if (!h.effects.back()->richer || adequate(scored(h))) return;
             const std::size_t before = h.values.size() - h.effects.back()->parameters.size();
-            const auto candidate = h.effects.back()->richer(std::span(h.values).subspan(before));
+            const auto candidate = h.effects.back()->richer_near(std::span(h.values).subspan(before));
             std::vector<Hypothesis> points;
             for (const auto& start : candidate->starts) {
                 Hypothesis next = h;
@@ -672,7 +675,7 @@ std::string SearchResult::found_so_far() const {
 
 std::vector<std::string> Scored::names() const {
     std::vector<std::string> list;
-    for (const auto& effect : together.effects) list.push_back(effect->effect);
+    for (const auto& effect : together.effects) list.push_back(effect->kind().name);
     std::sort(list.begin(), list.end());
     return list;
 }

@@ -1,7 +1,7 @@
 #include "tribode/effect/effect.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
-#include "tribode/effect/kinds.hpp"
+#include "tribode/effect/built_in_kinds.hpp"
 
 #include <algorithm>
 #include <atomic>
@@ -26,36 +26,21 @@ static std::atomic<ForceCompiler> compiler = nullptr;
 void set_force_compiler(ForceCompiler now) { compiler = now; }
 ForceCompiler force_compiler() { return compiler; }
 
-const std::vector<const EffectKind*>& effect_kinds() {
-    using namespace effects;
-    static const std::vector<const EffectKind*> kinds = {
-        &coulomb_friction,
-        &viscous_friction,
-        &stribeck_friction,
-        &presliding_hysteresis,
-        &asymmetric_friction,
-        &position_dependent_friction,
-        &time_varying_friction,
-        &force_ripple,
-        &constant_force,
-        &spring_force,
-        &cubic_stiffness,
-        &quadratic_drag,
-        &periodic_disturbance,
-        &backlash,
-        &dead_zone,
-        &thrust_saturation,
-        &thrust_gain,
-        &payload_mass,
-        &input_delay,
-        &actuator_lag,
-        &resonant_mode,
-        &encoder_quantization,
-        &encoder_periodic_error,
-        &own_force,
-    };
+static void insert_in_order(std::vector<const EffectKind*>& kinds, const EffectKind& kind) {
+    const auto before = [](const EffectKind* a, const EffectKind* b) { return a->order < b->order; };
+    kinds.insert(std::upper_bound(kinds.begin(), kinds.end(), &kind, before), &kind);
+}
+
+static std::vector<const EffectKind*>& registered_kinds() {
+    static std::vector<const EffectKind*> kinds = [] {
+        std::vector<const EffectKind*> built_in;
+        for (const auto* kind : built_in_kinds()) insert_in_order(built_in, *kind);
+        return built_in;
+    }();
     return kinds;
 }
+
+const std::vector<const EffectKind*>& effect_kinds() { return registered_kinds(); }
 
 static std::vector<std::string> kind_names() {
     std::vector<std::string> names;
@@ -73,6 +58,32 @@ static const EffectKind* find_kind(std::string_view name) {
 const EffectKind& effect_kind(std::string_view name) {
     if (const auto* kind = find_kind(name)) return *kind;
     throw InputError(fmt::format("effect \"{}\" is not known{}", name, suggestion(name, kind_names())));
+}
+
+void register_effect(const EffectKind& kind) {
+    if (kind.name.empty() || find_kind(kind.name)) {
+        throw InputError(fmt::format("effect \"{}\" cannot be registered, must have a name of its own", kind.name));
+    }
+    insert_in_order(registered_kinds(), kind);
+}
+
+std::string EffectKind::unit_of(std::string_view path) const {
+    const auto dot = path.rfind('.');
+    const std::string_view last = dot == std::string_view::npos ? path : path.substr(dot + 1);
+    for (const auto& parameter : parameters) {
+        if (parameter.name == last) return parameter.unit;
+        for (const auto& field : parameter.fields) {
+            if (field.name == last) return field.unit;
+        }
+    }
+    return "";
+}
+
+Effect::Effect(const EffectKind& kind) : kind_(&kind) {
+    for (const auto& p : kind.parameters) {
+        Value& value = values_.emplace_back(Value{.number = p.fallback.value_or(0)});
+        if (p.type == EffectParameter::Type::text) value.texts = {""};
+    }
 }
 
 Effect::Effect(const EffectKind& kind, std::vector<Value> values) : kind_(&kind), values_(std::move(values)) {
@@ -147,30 +158,50 @@ const std::string& Effect::choice(std::string_view name) const {
     return kind_->parameters[index].choices[static_cast<std::size_t>(values_[index].number)];
 }
 
-// Calls visit for each number of each value, in order.
+// Calls visit(number, its parameter, its name) for each number of each value, in order.
 template <class Values, class Visit>
 static void visit_numbers(const EffectKind& kind, Values& values, Visit visit) {
     for (std::size_t i = 0; i < values.size(); ++i) {
-        if (kind.parameters[i].type == EffectParameter::Type::number) visit(values[i].number);
-        for (auto& record : values[i].records) {
-            for (auto& number : record) visit(number);
+        const EffectParameter& p = kind.parameters[i];
+        if (p.type == EffectParameter::Type::number) visit(values[i].number, p, [&] { return p.name; });
+        for (std::size_t r = 0; r < values[i].records.size(); ++r) {
+            for (std::size_t f = 0; f < p.fields.size(); ++f) {
+                visit(values[i].records[r][f], p.fields[f],
+                      [&] { return fmt::format("{}[{}].{}", p.name, r + 1, p.fields[f].name); });
+            }
         }
-        for (auto& number : values[i].constants) visit(number);
+        for (std::size_t c = 0; c < values[i].constants.size(); ++c) {
+            visit(values[i].constants[c], p, [&] { return fmt::format("{}.{}", p.name, values[i].texts[c]); });
+        }
     }
 }
 
 std::vector<double> Effect::numbers() const {
     std::vector<double> all;
-    visit_numbers(*kind_, values_, [&](double number) { all.push_back(number); });
+    visit_numbers(*kind_, values_, [&](double number, const auto&, const auto&) { all.push_back(number); });
+    return all;
+}
+
+std::vector<std::string> Effect::number_names() const {
+    std::vector<std::string> all;
+    visit_numbers(*kind_, values_, [&](double, const auto&, const auto& name) { all.push_back(name()); });
     return all;
 }
 
 Effect Effect::with_numbers(const std::vector<double>& numbers) const {
     Effect other = *this;
     std::size_t next = 0;
-    visit_numbers(*kind_, other.values_, [&](double& number) { number = numbers.at(next++); });
+    visit_numbers(*kind_, other.values_,
+                  [&](double& number, const auto&, const auto&) { number = numbers.at(next++); });
     assert(next == numbers.size());
     return other;
+}
+
+void Effect::require_allowed() const {
+    visit_numbers(*kind_, values_, [&](double number, const EffectParameter& p, const auto& name) {
+        if (is_allowed(number, p.allowed)) return;
+        throw InputError(fmt::format("{}: {} = {}, {}", kind_->name, name(), to_text(number), requirement(p.allowed)));
+    });
 }
 
 Json Effect::to_json() const {

@@ -11,6 +11,8 @@
 namespace tribode {
 
 class Effect;
+struct Clues;
+struct EffectForm;
 
 // One parameter of a kind of effect: a number, or a choice, a flag, a list of records of numbers, a
 // text, a list of texts, named numbers.
@@ -33,24 +35,49 @@ struct EffectParameter {
 enum class DrawnAgainst { position, velocity, time, thrust, distance_since_reversal, frequency };
 std::string_view name_of(DrawnAgainst axis);
 
-// A kind of effect: something a servo axis may have. Each stands in a file of its own, and in the list of
-// effect_kinds().
+// A kind of effect: something a servo axis may have. All that is known of it stands in one file of effect/kinds/, as a
+// constant of the file's name; the list of them is made from the names of the files.
 struct EffectKind {
     std::string name;
+    std::string summary;  // one sentence in plain words, for documentation and reports
+    int order;            // its place in lists of kinds
     std::string equation; // as text, in the symbols of the parameters
     std::vector<EffectParameter> parameters;
-    bool affine; // whether a piecewise-affine machine stays so
+    std::string example; // parameters one could meet, as JSON
+    bool affine;         // whether a piecewise-affine machine stays so
     DrawnAgainst drawn_against;
     // Parameters at which it does nothing, the others being what they may: name and value; empty: there are none.
-    std::vector<std::pair<std::string, double>> neutral;
+    std::vector<std::pair<std::string, double>> neutral = {};
     // Adds the effect to the axis; throws InputError where it cannot.
     void (*apply)(const Effect& effect, ServoAxis& axis);
+    // The same in Lua, for machines as systems of equations: text that changes the settings m of models/servo by the
+    // parameters p. Empty: such machines refuse it.
+    std::string lua = {};
+
+    // How a diagnosis looks for it. The forms in which it is fitted, with starts read from a record, likeliest first; none
+    // where it could do nothing there. Without this function the kind is not looked for.
+    std::vector<EffectForm> (*forms)(const Clues& clues) = nullptr;
+    int fit_order = 0; // its place among the kinds that are tried
+    // Kinds of fewer parameters that it can do the work of: where it is found beside others, each is tried in its place.
+    std::vector<std::string> simpler = {};
+    // It rounds what is measured: compared with a record, it counts as noise.
+    bool is_rounding = false;
+
+    std::string unit_of(std::string_view path) const; // of a number: "k", "harmonics[1].F"; empty: none
 };
 
-// Every kind, in the order of the documentation.
+// Every kind, in order.
 const std::vector<const EffectKind*>& effect_kinds();
+// Adds a kind that a program brings with it, which must live as long as the program. Call it before machines are read and
+// while no other thread uses effects. Throws InputError where the name is taken or empty.
+void register_effect(const EffectKind& kind);
 // Throws InputError with the nearest name where there is none of this name.
 const EffectKind& effect_kind(std::string_view name);
+
+// All kinds as data: name, summary, equation, parameters, ... as tb.effects returns them.
+Json effect_list();
+// The tables of docs/effects.md, in Markdown.
+std::string effect_tables();
 
 // An effect of a machine: its kind and the values of its parameters. A small value: fits copy and change it.
 class Effect {
@@ -64,6 +91,8 @@ class Effect {
 
     // One value for each parameter of the kind, in its order; not checked.
     Effect(const EffectKind& kind, std::vector<Value> values);
+    // With the values of parameters that are left out; 0, the first choice or an empty list where there is none.
+    explicit Effect(const EffectKind& kind);
 
     // {"name": ..., "parameters": {...}}. Throws InputError on unknown names, with the nearest, and on wrong values.
     static Effect read(FieldReader& fields);
@@ -82,7 +111,10 @@ class Effect {
 
     // All parameters that are numbers, those in records and constants too, in order: what a fit may move.
     std::vector<double> numbers() const;
+    std::vector<std::string> number_names() const;                 // of each: "k", "harmonics[1].F"
     Effect with_numbers(const std::vector<double>& numbers) const; // as many; not checked
+    // Throws InputError where a number is not what its parameter allows.
+    void require_allowed() const;
 
     void apply(ServoAxis& axis) const { kind_->apply(*this, axis); }
     Json to_json() const; // as read() takes it
@@ -95,7 +127,7 @@ class Effect {
     std::vector<Value> values_;
 };
 
-// How a user's own force, written as text, becomes a force: set once, by the room that knows the language. Without it
+// How a user's own force, written as text, becomes a force: set once, by the module that knows the language. Without it
 // own_force is refused.
 using ForceCompiler = std::shared_ptr<const PointForce> (*)(const Effect& effect);
 void set_force_compiler(ForceCompiler compiler);

@@ -165,34 +165,9 @@ Json load_machine(ScriptRun& run, const Json& arguments) {
     return run.machine(file, argument);
 }
 
-Json to_json(const EffectParameter& p) {
-    static const char* const allowed_names[] = {"finite", "positive", "not below zero", "between 0 and 1"};
-    static const char* const types[] = {"number", "choice", "flag", "records", "text", "texts", "constants"};
-    Json json = {{"name", p.name}, {"meaning", p.meaning}, {"type", types[static_cast<std::size_t>(p.type)]}};
-    if (p.type == EffectParameter::Type::number) {
-        json["unit"] = p.unit;
-        json["allowed"] = allowed_names[static_cast<std::size_t>(p.allowed)];
-        json["plausible"] = {p.plausible_min, p.plausible_max};
-    }
-    if (!p.choices.empty()) json["choices"] = p.choices;
-    if (p.fallback) json["default"] = *p.fallback;
-    for (const auto& field : p.fields) json["fields"].push_back(to_json(field));
-    return json;
-}
-
 Json list_effects(const Json& arguments) {
     FieldReader(arguments, "tb.effects").finish();
-    Json list = Json::array();
-    for (const auto* kind : effect_kinds()) {
-        Json parameters = Json::array();
-        for (const auto& p : kind->parameters) parameters.push_back(to_json(p));
-        list.push_back({{"name", kind->name},
-                        {"equation", kind->equation},
-                        {"parameters", parameters},
-                        {"affine", kind->affine},
-                        {"drawn_against", name_of(kind->drawn_against)}});
-    }
-    return list;
+    return effect_list();
 }
 
 // A record of the options `file_key`, columns and scale.

@@ -1,7 +1,13 @@
 #include "tribode/base/error.hpp"
 #include "tribode/effect/effect.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
 #include <gtest/gtest.h>
+#include <iterator>
 #include <set>
 
 namespace tribode {
@@ -29,6 +35,9 @@ TEST(Effect, kinds_have_names_of_their_own_and_say_all_of_themselves) {
     for (const auto* kind : effect_kinds()) {
         EXPECT_TRUE(names.insert(kind->name).second) << kind->name;
         EXPECT_FALSE(kind->equation.empty()) << kind->name;
+        EXPECT_TRUE(kind->summary.ends_with('.')) << kind->name;
+        EXPECT_FALSE(kind->lua.empty()) << kind->name;
+        for (const auto& simpler : kind->simpler) EXPECT_NO_THROW(effect_kind(simpler)) << kind->name;
         EXPECT_EQ(&effect_kind(kind->name), kind);
         EXPECT_FALSE(kind->parameters.empty()) << kind->name;
         const auto check = [&](const EffectParameter& p) {
@@ -42,7 +51,42 @@ TEST(Effect, kinds_have_names_of_their_own_and_say_all_of_themselves) {
             for (const auto& field : p.fields) check(field);
         }
     }
-    EXPECT_EQ(names.size(), 24u); // 23 of physics, one of the user's own
+    // None is lost on the way from the files to the list.
+    std::set<std::string> files;
+    for (const auto& file : std::filesystem::directory_iterator(TRIBODE_SOURCE_DIR "/engine/tribode/effect/kinds")) {
+        files.insert(file.path().stem().string());
+    }
+    EXPECT_EQ(names, files);
+}
+
+TEST(Effect, kinds_are_listed_in_their_order_and_tried_in_another) {
+    std::set<int> orders, fit_orders;
+    for (const auto* kind : effect_kinds()) {
+        if (!orders.empty()) {
+            EXPECT_GT(kind->order, *orders.rbegin()) << kind->name;
+        }
+        orders.insert(kind->order);
+        if (kind->forms) {
+            EXPECT_TRUE(fit_orders.insert(kind->fit_order).second) << kind->name;
+        }
+    }
+}
+
+TEST(Effect, examples_can_be_read_and_are_allowed) {
+    for (const auto* kind : effect_kinds()) {
+        const Effect effect = read(Json{{"name", kind->name}, {"parameters", Json::parse(kind->example)}}.dump());
+        EXPECT_NO_THROW(effect.require_allowed()) << kind->name;
+        EXPECT_EQ(effect.numbers().size(), effect.number_names().size());
+    }
+}
+
+TEST(Effect, neutral_parameters_are_its_own) {
+    for (const auto* kind : effect_kinds()) {
+        const auto names = Effect(*kind).number_names();
+        for (const auto& [name, value] : kind->neutral) {
+            EXPECT_NE(std::find(names.begin(), names.end(), name), names.end()) << kind->name << "." << name;
+        }
+    }
 }
 
 TEST(Effect, what_is_left_out_is_what_the_kind_says) {
@@ -67,6 +111,11 @@ TEST(Effect, its_numbers_can_be_moved_all_together) {
     const Effect moved = effect.with_numbers({3, 4, 5});
     EXPECT_EQ(moved.records("harmonics"), (std::vector<std::vector<double>>{{3, 4, 5}}));
     EXPECT_EQ(effect.numbers(), (std::vector<double>{1, 2, 0}));
+    EXPECT_EQ(effect.number_names(),
+              (std::vector<std::string>{"harmonics[1].F", "harmonics[1].period_m", "harmonics[1].phase"}));
+    EXPECT_EQ(effect.kind().unit_of("harmonics[1].period_m"), "m");
+    EXPECT_THROW(effect.with_numbers({1, 0, 0}).require_allowed(), InputError);
+    EXPECT_THROW(effect.with_numbers({NAN, 1, 0}).require_allowed(), InputError);
 }
 
 TEST(Effect, wrong_ones_are_refused_with_the_field_and_what_is_allowed) {
@@ -97,6 +146,23 @@ TEST(Effect, saturation_dead_zone_and_gain_act_in_this_order) {
     EXPECT_EQ(axis.amplifier(0.5), 0);
     EXPECT_EQ(axis.amplifier.slope(12), 0);
     EXPECT_EQ(axis.amplifier.slope(5), 2);
+}
+
+// The page's tables stand between two lines of comments. The variable writes them anew.
+TEST(Effect, the_tables_of_its_page_are_those_of_the_code) {
+    const std::string page = TRIBODE_SOURCE_DIR "/docs/effects.md";
+    std::ifstream file(page, std::ios::binary);
+    std::string text{std::istreambuf_iterator<char>(file), {}};
+    const std::string begin = "<!-- made from the code: begin -->\n\n", end = "\n<!-- made from the code: end -->";
+    const std::size_t from = text.find(begin) + begin.size(), to = text.find(end);
+    ASSERT_NE(to, std::string::npos);
+    ASSERT_GE(from, begin.size()); // npos would have wrapped round
+    if (std::getenv("TRIBODE_UPDATE_PAGES")) {
+        std::ofstream(page, std::ios::binary) << text.substr(0, from) << effect_tables() << text.substr(to);
+        return;
+    }
+    EXPECT_EQ(text.substr(from, to - from), effect_tables())
+        << "docs/effects.md is not up to date: run TRIBODE_UPDATE_PAGES=1 build/release/test_effect";
 }
 
 } // namespace

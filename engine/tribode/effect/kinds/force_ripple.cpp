@@ -1,0 +1,111 @@
+#include "tribode/effect/candidate.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+namespace tribode::effects {
+
+namespace {
+
+class ForceRipple final : public PointForce {
+  public:
+    explicit ForceRipple(const std::vector<std::vector<double>>& harmonics) {
+        for (const auto& h : harmonics) harmonics_.push_back({h[0], 2 * std::numbers::pi / h[1], h[2]});
+    }
+    double force(double, double y, double, std::span<const double>) const override {
+        double sum = 0;
+        for (const auto& h : harmonics_) sum += h.amplitude * std::sin(h.wave * y + h.phase);
+        return sum;
+    }
+    std::optional<Slopes> slopes(double, double y, double) const override {
+        Slopes sum;
+        for (const auto& h : harmonics_) sum.position += h.amplitude * h.wave * std::cos(h.wave * y + h.phase);
+        return sum;
+    }
+    std::string reason() const override { return "the force ripple (force_ripple) is not linear in the position"; }
+
+  private:
+    struct Harmonic {
+        double amplitude, wave, phase;
+    };
+    std::vector<Harmonic> harmonics_;
+};
+
+} // namespace
+
+// Cogging: a force that is periodic in the position, added to the motor's.
+extern const EffectKind force_ripple = {
+    .name = "force_ripple",
+    .summary = "A force is periodic in position, such as cogging.",
+    .order = 80,
+    .equation = "sum of F sin(2 pi y/period_m + phase) added to Fm",
+    .parameters =
+        {
+            {.name = "harmonics",
+             .meaning = "the harmonics",
+             .type = EffectParameter::Type::records,
+             .fields = {{.name = "F", .unit = "N", .meaning = "amplitude", .plausible_min = 0.05, .plausible_max = 50},
+                        {.name = "period_m",
+                         .unit = "m",
+                         .meaning = "period",
+                         .allowed = Allowed::positive,
+                         .plausible_min = 1e-4,
+                         .plausible_max = 1},
+                        {.name = "phase",
+                         .unit = "rad",
+                         .meaning = "phase",
+                         .plausible_min = 0,
+                         .plausible_max = 6.2832,
+                         .fallback = 0}}},
+        },
+    .example = R"({"harmonics": [{"F": 3, "period_m": 0.012}]})",
+    .affine = false,
+    .drawn_against = DrawnAgainst::position,
+    .apply =
+        [](const Effect& e, ServoAxis& axis) {
+            axis.plant.forces.push_back(std::make_shared<const ForceRipple>(e.records("harmonics")));
+        },
+    .lua = R"lua(
+m.add_force {
+  force = function(s)
+    local sum = 0
+    for _, h in ipairs(p.harmonics) do sum = sum + h.F * math.sin(2 * math.pi / h.period_m * s.y + h.phase) end
+    return sum
+  end,
+}
+)lua",
+    .forms = [](const Clues& c) -> std::vector<EffectForm> {
+        if (c.stroke < 1e-6) return {};
+        const double shortest = std::max(c.stroke / 60, 2e-6), longest = c.stroke, typical = c.typical_force();
+        std::vector<std::vector<double>> one, two;
+        for (const auto& first : sinusoids(c.position, c.force, {}, shortest, longest, 3)) {
+            one.push_back({std::max(first.amplitude, 0.05 * typical), first.period, first.phase});
+            Signal rest = c.force;
+            for (std::size_t k = 0; k < rest.size(); ++k) {
+                rest[k] -=
+                    first.amplitude * std::sin(2 * std::numbers::pi * c.position[k] / first.period + first.phase);
+            }
+            for (const auto& second : sinusoids(c.position, rest, {}, shortest, longest, 1)) {
+                two.push_back({std::max(first.amplitude, 0.05 * typical), first.period, first.phase,
+                               std::max(second.amplitude, 0.01 * typical), second.period, second.phase});
+            }
+        }
+        if (two.size() > 2) two.resize(2);
+        const auto harmonics = [&](std::initializer_list<const char*> names) {
+            std::vector<FitParameter> parameters;
+            for (const std::string name : names) {
+                parameters.push_back(factor(name + ".F", 1e-4 * typical, c.max_force()));
+                parameters.push_back(factor(name + ".period_m", shortest, longest));
+                parameters.push_back(angle(name + ".phase"));
+            }
+            return parameters;
+        };
+        return {{.form = "one harmonic", .parameters = harmonics({"harmonics[1]"}), .starts = one},
+                {.form = "two harmonics", .parameters = harmonics({"harmonics[1]", "harmonics[2]"}), .starts = two}};
+    },
+    .fit_order = 90,
+};
+
+} // namespace tribode::effects

@@ -1,0 +1,117 @@
+#include "tribode/effect/candidate.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numbers>
+
+namespace tribode::effects {
+
+namespace {
+
+// 1 + share form(t/time)
+template <class Form>
+class TimeScale final : public FrictionScale {
+  public:
+    TimeScale(double share, double time, Form form) : share_(share), time_(time), form_(form) {}
+    double factor(double t, double) const override { return std::max(0.0, 1 + share_ * form_(t / time_)); }
+    double slope(double, double) const override { return 0; }
+    std::string reason() const override {
+        return "the friction varies with time (time_varying_friction), so that its coefficients do";
+    }
+
+  private:
+    double share_, time_;
+    Form form_;
+};
+
+} // namespace
+
+// All friction, the viscous part and the elements too, times a function of time, which is never below zero.
+extern const EffectKind time_varying_friction = {
+    .name = "time_varying_friction",
+    .summary = "Friction changes with time, such as on a cold start.",
+    .order = 70,
+    .equation = "friction times 1 + a (1 - exp(-t/T)) or, kind ramp, 1 + a t/T or, kind sine, 1 + a sin(2 pi t/T)",
+    .parameters =
+        {
+            {.name = "kind",
+             .meaning = "how the friction varies",
+             .type = EffectParameter::Type::choice,
+             .choices = {"exp", "ramp", "sine"}},
+            {.name = "a", .meaning = "share of the friction that varies", .plausible_min = 0.02, .plausible_max = 1},
+            {.name = "T",
+             .unit = "s",
+             .meaning = "time constant, time of the ramp or period",
+             .allowed = Allowed::positive,
+             .plausible_min = 0.1,
+             .plausible_max = 1000},
+        },
+    .example = R"({"kind": "exp", "a": 0.8, "T": 1})",
+    .affine = false,
+    .drawn_against = DrawnAgainst::time,
+    .neutral = {{"a", 0}},
+    .apply =
+        [](const Effect& e, ServoAxis& axis) {
+            const double a = e.number("a"), time = e.number("T");
+            const auto add = [&](auto form) {
+                axis.plant.friction_scales.push_back(std::make_shared<const TimeScale<decltype(form)>>(a, time, form));
+            };
+            if (e.choice("kind") == "exp") {
+                add([](double s) { return 1 - std::exp(-s); });
+            } else if (e.choice("kind") == "ramp") {
+                add([](double s) { return s; });
+            } else {
+                add([](double s) { return std::sin(2 * std::numbers::pi * s); });
+            }
+        },
+    .lua = R"lua(
+local forms = {
+  exp = function(x) return 1 - math.exp(-x) end,
+  ramp = function(x) return x end,
+  sine = function(x) return math.sin(2 * math.pi * x) end,
+}
+m.scale_friction(function(t) return 1 + p.a * forms[p.kind](t / p.T) end)
+)lua",
+    .forms = [](const Clues& c) -> std::vector<EffectForm> {
+        if (!c.has_friction()) return {};
+        const Signal& t = c.residual.time;
+        const Signal friction = map(c.residual.friction, [](double f) { return -f; });
+        const auto size_of = [&](const auto& shape) {
+            Signal column(t.size());
+            for (std::size_t k = 0; k < t.size(); ++k) column[k] = friction[k] * shape(t[k]);
+            return regress({column}, c.force);
+        };
+        using Points = std::vector<std::pair<double, std::vector<double>>>; // share explained, start
+        const auto best_two = [](Points points) -> std::vector<std::vector<double>> {
+            std::sort(points.rbegin(), points.rend());
+            return {points[0].second, points[1].second};
+        };
+        Points exponentials, sines;
+        for (const double T : geometric(0.05 * c.duration, 2 * c.duration, 6)) {
+            const Regression fit = size_of([T](double at) { return 1 - std::exp(-at / T); });
+            exponentials.push_back({fit.explained, {std::clamp(fit.coefficients[0], -0.9, 3.0), T}});
+        }
+        constexpr double ramp = 10; // [s]: of a ramp only a/T shows
+        const double slope = size_of([](double at) { return at / ramp; }).coefficients[0];
+        for (const double T : geometric(0.1 * c.duration, 2 * c.duration, 14)) {
+            const Regression fit = size_of([T](double at) { return std::sin(2 * std::numbers::pi * at / T); });
+            sines.push_back({fit.explained, {std::clamp(fit.coefficients[0], -0.9, 0.9), T}});
+        }
+        return {{.form = "exp",
+                 .fixed = {{"kind", "exp"}},
+                 .parameters = {{"a", -0.98, 10, false, 1e-3}, factor("T", 0.01 * c.duration, 10 * c.duration)},
+                 .starts = best_two(exponentials)},
+                {.form = "ramp",
+                 .fixed = {{"kind", "ramp"}, {"T", ramp}},
+                 .parameters = {{"a", -0.98 * ramp / c.duration, 100, false, 1e-3}},
+                 .starts = {{slope}}},
+                {.form = "sine",
+                 .fixed = {{"kind", "sine"}},
+                 .parameters = {{"a", -0.99, 0.99, false, 1e-3}, factor("T", 0.02 * c.duration, 4 * c.duration)},
+                 .starts = best_two(sines)}};
+    },
+    .fit_order = 80,
+};
+
+} // namespace tribode::effects
