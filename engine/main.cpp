@@ -266,7 +266,7 @@ struct DiagnoseCommand {
             ->take_all()
             ->allow_extra_args(false);
         app.add_option("--validate", validate,
-                       "record for the proof, kept out of the fit (default: the last third of the first record)");
+                       "validation record, not used in the fit (default: the last third of the first record)");
         app.add_option("-o,--out", output, "folder of verdict, machine, report (default results/diagnose)");
         app.add_option("--max-effects", options.max_effects, "how many effects may be missing together (default 3)")
             ->check(CLI::Range(1u, 6u));

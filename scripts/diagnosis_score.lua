@@ -330,7 +330,7 @@ local function show(cases, summary, bins)
     "none of the known effects, and not named with one: " .. told(summary.unknown),
     "wrong name with a probability above 0.8: " .. told(summary.confident_wrong),
     "both of two effects named: " .. told(summary.both),
-    "gap at most 1.5 times the floor on the record kept out, where an effect was named: " .. told(summary.gap),
+    "gap at most 1.5 times the floor on the validation record, where an effect was named: " .. told(summary.gap),
     "parameters within three standard errors: " .. told(summary.parameters) .. "; all those of a case: "
       .. told(summary.all_parameters),
     string.format("time on one thread: %.0f s in the median, %.0f s at most; below a minute: %s",
@@ -363,7 +363,7 @@ local function show(cases, summary, bins)
           { name = "right", decimals = 3 } } } } } },
       { title = "Plots", content = {
         { plot = confusion_plot(cases) }, { plot = calibration_plot(bins) },
-        { plot = ascending("gaps", "Gap on the record kept out, where an effect was named",
+        { plot = ascending("gaps", "Gap on the validation record, where an effect was named",
           "rms of measured less simulated position, over that of noise alone",
           { { name = "before", values = before, color = red }, { name = "after", values = after, color = blue } },
           { name = "1.5", at = 1.5 }) },

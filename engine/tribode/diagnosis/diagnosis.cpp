@@ -17,7 +17,7 @@ namespace {
 // Of the difference of two scores, in units of which e^-1/2 counts: simulators and filters are not exact, and the
 // noise's shape is estimated.
 constexpr double temperature = 3;
-// What a right name has where noise explains all that is left, and no rival comes near.
+// What a right name has where noise explains the remaining error, and no rival comes near.
 constexpr double certain = 0.98;
 
 double rms(const std::vector<double>& a, const std::vector<double>& b, std::size_t first) {
@@ -121,24 +121,24 @@ class Verdict {
         return MachineModel::from_description(fit_.description(h), "diagnosis");
     }
 
-    // How far a name may be trusted although more than noise is left, as on real machines: the effect must take most of
-    // the gap, on the records kept out too, come out alike from both, and no other may do nearly as well.
+    // How far a name may be trusted although more than noise remains, as on real machines: the effect must remove most
+    // of the gap, on the validation records too, have the same parameters on both, and no other may do nearly as well.
     double trust_in_part() const {
         const SearchResult& s = d_.search;
         const Scored& best = s.ranking.front();
-        if (s.kept_out.empty()) return 0;
-        // Records that show the gap must show it taken; on a poor one there may be none to take.
-        const double fitted = s.baseline.together_fitted, kept_out = s.baseline.together_kept_out;
+        if (s.validation.empty()) return 0;
+        // Records that show the gap must show it removed; a poor one may show none.
+        const double fitted = s.baseline.together_fitted, validation = s.baseline.together_validation;
         const bool poor_fit = fitted < 2 * SearchResult::limit(s.fitted);
-        const bool poor_proof = kept_out < 2 * SearchResult::limit(s.kept_out);
-        const auto taken = [](double before, double after) { return 1 - std::sqrt(after / before) >= 0.5; };
-        if ((poor_fit && poor_proof) || (!poor_fit && !taken(fitted, best.together_fitted)) ||
-            (!poor_proof && !taken(kept_out, poor_fit ? best.together_kept_out : best.kept_out))) {
+        const bool poor_validation = validation < 2 * SearchResult::limit(s.validation);
+        const auto removed = [](double before, double after) { return 1 - std::sqrt(after / before) >= 0.5; };
+        if ((poor_fit && poor_validation) || (!poor_fit && !removed(fitted, best.together_fitted)) ||
+            (!poor_validation && !removed(validation, poor_fit ? best.together_validation : best.validation))) {
             return 0;
         }
-        // The same effects fitted to the records kept out alone.
+        // The same effects fitted to the validation records alone.
         Hypothesis other = best.hypothesis;
-        const ModelFit check(machine_, s.kept_out);
+        const ModelFit check(machine_, s.validation);
         ModelFit::Options options;
         options.iterations = 8;
         options.workers = control_.workers;
@@ -147,7 +147,7 @@ class Verdict {
         check.fit(other, options);
         std::size_t index = 0;
         for (const auto& effect : best.hypothesis.effects) {
-            if (poor_fit || poor_proof) break;          // nothing to compare with
+            if (poor_fit || poor_validation) break;     // nothing to compare with
             const auto& p = effect->parameters.front(); // its size
             const double a = best.hypothesis.values[index], b = other.values[index];
             if (std::abs(a - b) > 0.2 * std::max(std::abs(a), std::abs(b)) + p.step) return 0;
@@ -156,7 +156,7 @@ class Verdict {
         for (const auto& rival : s.ranking) {
             if (rival.names() == best.names()) continue;
             if (rival.together_fitted < 1.5 * best.together_fitted ||
-                rival.together_kept_out < 1.5 * best.together_kept_out) {
+                rival.together_validation < 1.5 * best.together_validation) {
                 return 0;
             }
         }
@@ -202,7 +202,7 @@ class Verdict {
             one.evidence = evidence(one, best, next, next_name, trust < 1);
             d_.effects.push_back(std::move(one));
         }
-        // The strongest first: the one without which most is left.
+        // The strongest first: the one without which the error is largest.
         order_by_strength();
         d_.verdict = least > 0.6 ? "effect_found" : "undecided";
     }
@@ -225,30 +225,30 @@ class Verdict {
                          bool part) const {
         const SearchResult& s = d_.search;
         std::string text = fmt::format(
-            "With {} the errors on the fitted records fall from {:.3g} to {:.3g} times those of noise alone", one.name,
-            std::sqrt(s.baseline.fitted), std::sqrt(best.fitted));
-        if (!s.kept_out.empty()) {
-            text += fmt::format(", on the record kept out of the fit from {:.3g} to {:.3g}",
-                                std::sqrt(s.baseline.kept_out), std::sqrt(best.kept_out));
+            "With {} the errors on the fitted records decrease from {:.3g} to {:.3g} times those of noise alone",
+            one.name, std::sqrt(s.baseline.fitted), std::sqrt(best.fitted));
+        if (!s.validation.empty()) {
+            text += fmt::format(", on the validation record from {:.3g} to {:.3g}", std::sqrt(s.baseline.validation),
+                                std::sqrt(best.validation));
         }
         text += ".";
         if (s.shared) {
-            text +=
-                " The fitted records alone leave its numbers uncertain: the first half of what was kept out is fitted "
-                "too, and the second half is the proof.";
+            text += " The fitted records alone leave its parameters uncertain: the first half of the validation record "
+                    "is fitted too, and the second half is used for validation.";
         }
         if (next) {
-            text += fmt::format(" The nearest other name, {}, leaves {:.3g} and {:.3g}.", next_name,
-                                std::sqrt(next->together_fitted), std::sqrt(next->together_kept_out));
+            text += fmt::format(" The nearest other effect, {}, leaves {:.3g} and {:.3g}.", next_name,
+                                std::sqrt(next->together_fitted), std::sqrt(next->together_validation));
         } else {
-            text += " No other effect came near.";
+            text += " No other effect comes near.";
         }
         if (!one.rivals.empty()) {
-            text += " On these records the two cannot be told apart with certainty.";
+            text += " These records cannot tell the two apart with certainty.";
         }
         if (part) {
-            text += " More than noise is left, so the name rests on the share it explains and on the agreement of the "
-                    "records, not on a complete explanation.";
+            text +=
+                " More than noise remains, so the name rests on the share that it explains and on the agreement of the "
+                "records, not on a complete explanation.";
         }
         return text;
     }
@@ -297,10 +297,10 @@ class Verdict {
     void unknown() {
         const SearchResult& s = d_.search;
         d_.verdict = "unknown_effect";
-        // The one effect that comes nearest on the record kept out.
+        // The one effect that comes nearest on the validation record.
         const Scored& first = s.steps.front();
-        const double before = s.kept_out.empty() ? s.baseline.fitted : s.baseline.kept_out;
-        const double after = s.kept_out.empty() ? first.fitted : first.kept_out;
+        const double before = s.validation.empty() ? s.baseline.fitted : s.baseline.validation;
+        const double after = s.validation.empty() ? first.fitted : first.validation;
         d_.nearest = Diagnosis::Nearest{fmt::format("{}", fmt::join(first.names(), "+")),
                                         std::clamp(1 - std::sqrt(after / before), 0.0, 1.0)};
         best_.reset();
@@ -313,44 +313,44 @@ class Verdict {
     std::optional<Hypothesis> best_;
 };
 
-// A resolution read from the values: it is no gap of positions, which are simulated without rounding, but noise and rounding
-// leave more than the machine as described would.
+// A resolution read from the values. It is no gap of positions, which are simulated without rounding; it raises the
+// floor of noise and rounding above that of the machine as described.
 void add_encoder(Diagnosis& d, const Effect& encoder, double described, const RunControl& control) {
-    for (auto* list : {&d.fitted, &d.kept_out}) {
+    for (auto* list : {&d.fitted, &d.validation}) {
         for (auto& c : *list) {
             if (const auto floor = noise_floor(d.before, c.measurement, control)) c.described_floor = floor->rms;
         }
     }
-    const Compared& proof = d.kept_out.front();
+    const Compared& record = d.validation.front();
     NamedEffect one;
     one.name = encoder.kind().name;
     one.parameters = encoder.to_json()["parameters"];
     one.standard_errors = Json{{"resolution_m", 0.0}};
     one.probability = 0.99;
     one.evidence = fmt::format(
-        "All measured positions are multiples of {} m, not of {} m as described. On the record kept out noise and "
+        "All measured positions are multiples of {} m, not of {} m as described. On the validation record noise and "
         "rounding of the machine as described would leave {:.3g} um, with this resolution they leave {:.3g} um; "
-        "measured less simulated position is {:.3g} um.",
-        to_text(encoder.number("resolution_m")), to_text(described), 1e6 * proof.described_floor, 1e6 * proof.gap.floor,
-        1e6 * proof.gap.after);
+        "measured minus simulated position is {:.3g} um.",
+        to_text(encoder.number("resolution_m")), to_text(described), 1e6 * record.described_floor,
+        1e6 * record.gap.floor, 1e6 * record.gap.after);
     d.effects.insert(d.effects.begin(), one);
     if (d.verdict == "nothing_missing") d.verdict = "effect_found";
 }
 
 } // namespace
 
-Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted, std::optional<Measurement> kept_out,
+Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted, std::optional<Measurement> validation,
                    const DiagnosisOptions& options, const RunControl& control) {
     for (const auto& m : fitted) check_size(machine, m);
-    std::vector<Evidence> fit_records, proof;
-    if (kept_out) {
-        check_size(machine, *kept_out);
-        proof.push_back({std::move(*kept_out)});
+    std::vector<Evidence> fit_records, validation_records;
+    if (validation) {
+        check_size(machine, *validation);
+        validation_records.push_back({std::move(*validation)});
     } else {
-        // The last third proves what the first two tell.
+        // The last third validates what is fitted to the first two.
         Evidence rest{fitted.front()};
         rest.first = 2 * rest.measurement.size() / 3;
-        proof.push_back(rest);
+        validation_records.push_back(rest);
         fitted.front().cut(rest.first);
     }
     // A resolution coarser than described shows in the values themselves.
@@ -367,7 +367,8 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     }
     for (auto& m : fitted) fit_records.push_back({std::move(m)});
     Diagnosis d{.verdict = {}, .before = machine, .after = machine};
-    d.search = search_effects(coarse, std::move(fit_records), std::move(proof), options.max_effects, control);
+    d.search =
+        search_effects(coarse, std::move(fit_records), std::move(validation_records), options.max_effects, control);
     Verdict verdict(coarse, d, control);
     try {
         verdict.decide();
@@ -378,10 +379,10 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
         d.before = MachineModel::from_description(
             ModelFit(machine, d.search.fitted).description(d.search.baseline.hypothesis), "diagnosis");
     for (const auto& record : d.search.fitted) d.fitted.push_back(compared(record, d.before, d.after));
-    for (const auto& record : d.search.kept_out) d.kept_out.push_back(compared(record, d.before, d.after));
+    for (const auto& record : d.search.validation) d.validation.push_back(compared(record, d.before, d.after));
     if (encoder) add_encoder(d, *encoder, described, control);
     d.fitted_gap = total(d.fitted);
-    d.kept_out_gap = total(d.kept_out);
+    d.validation_gap = total(d.validation);
     d.where = where_they_disagree(d);
     RunControl whole = control; // with the verdict made, the rest takes moments
     whole.stop = nullptr;

@@ -19,13 +19,13 @@ struct Rival {
 
 struct NamedEffect {
     std::string name;
-    Json parameters, standard_errors; // as in the machine description; errors of the numbers that were fitted
+    Json parameters, standard_errors; // as in the machine description; errors of the fitted parameters
     double probability = 0;
     std::vector<Rival> rivals; // alternatives to this one effect, the others being as they are
     std::string evidence;      // one paragraph
 };
 
-// rms of y_measured - y without and with the effects, and what the true machine would leave [m].
+// rms of y_measured - y without and with the effects, and of noise and rounding of the true machine [m].
 struct Gap {
     double before = 0, after = 0, floor = 0;
 };
@@ -43,8 +43,8 @@ struct Diagnosis {
     std::string verdict; // effect_found, nothing_missing, unknown_effect or undecided
     std::vector<NamedEffect> effects;
     std::string where; // one paragraph
-    std::optional<Gap> fitted_gap, kept_out_gap;
-    std::vector<Compared> fitted, kept_out;
+    std::optional<Gap> fitted_gap, validation_gap;
+    std::vector<Compared> fitted, validation;
     struct Nearest {
         std::string name;
         double share; // of the rms of the whitened gap
@@ -56,10 +56,10 @@ struct Diagnosis {
     double false_alarm_limit = 0; // chi square per sample above which something is missing
 };
 
-// Finds where a machine and its measured records disagree and which effect it lacks. `kept_out`: a record for the proof
-// alone; without it the last third of the first record is that. Throws InputError where a record and the machine have
+// Finds where a machine and its measured records disagree and which effect it lacks. `validation`: a record that is not
+// fitted; without it the last third of the first record is used. Throws InputError where a record and the machine have
 // nothing to do with each other, EndedEarly with what is known so far on a stop request.
-Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted, std::optional<Measurement> kept_out,
+Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted, std::optional<Measurement> validation,
                    const DiagnosisOptions& options, const RunControl& control);
 
 } // namespace tribode

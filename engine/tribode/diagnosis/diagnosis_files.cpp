@@ -29,9 +29,9 @@ Json gap_json(const std::optional<Gap>& gap) {
 std::string sentence(const Diagnosis& d) {
     std::vector<std::string> names;
     for (const auto& effect : d.effects) names.push_back(effect.name);
-    const Gap& gap = *d.kept_out_gap;
+    const Gap& gap = *d.validation_gap;
     const std::string shrink =
-        fmt::format("on the record kept out of the fit the gap falls from {:.3g} to {:.3g} um rms, where noise and "
+        fmt::format("on the validation record the gap decreases from {:.3g} to {:.3g} um rms, where noise and "
                     "rounding leave {:.3g} um",
                     1e6 * gap.before, 1e6 * gap.after, 1e6 * gap.floor);
     if (d.verdict == "nothing_missing") {
@@ -54,11 +54,10 @@ std::string sentence(const Diagnosis& d) {
     }
     if (names.size() == 1 && effect_kind(names.front()).is_rounding) {
         // Positions are simulated without rounding: it is the floor that differs.
-        return fmt::format(
-            "What is missing is {}: with it noise and rounding leave {:.3g} um rms on the "
-            "record kept out of the fit, as described {:.3g} um, and measured less simulated position is "
-            "{:.3g} um.",
-            names.front(), 1e6 * gap.floor, 1e6 * d.kept_out.front().described_floor, 1e6 * gap.after);
+        return fmt::format("What is missing is {}: with it noise and rounding leave {:.3g} um rms on the "
+                           "validation record, as described {:.3g} um, and measured minus simulated position is "
+                           "{:.3g} um.",
+                           names.front(), 1e6 * gap.floor, 1e6 * d.validation.front().described_floor, 1e6 * gap.after);
     }
     return fmt::format("What is missing is {}; {}.", fmt::join(names, " and "), shrink);
 }
@@ -279,10 +278,10 @@ ReportTable gap_table(const Diagnosis& d) {
             {name, 1e6 * gap.before, 1e6 * gap.after, 1e6 * gap.floor, gap.before / gap.floor, gap.after / gap.floor});
     };
     row("fitted", *d.fitted_gap);
-    row("kept out of the fit", *d.kept_out_gap);
-    if (const Compared& proof = d.kept_out.front(); proof.described_floor != proof.gap.floor) {
-        Gap described = *d.kept_out_gap;
-        described.floor = proof.described_floor;
+    row("validation record", *d.validation_gap);
+    if (const Compared& validation = d.validation.front(); validation.described_floor != validation.gap.floor) {
+        Gap described = *d.validation_gap;
+        described.floor = validation.described_floor;
         row("the same, with the encoder as described", described);
     }
     return table;
@@ -300,13 +299,13 @@ ReportTable share_table(const Compared& c) {
 
 ReportTable ranking_table(const Diagnosis& d) {
     ReportTable table;
-    table.caption =
-        "What each hypothesis leaves, in units of the errors that noise alone would leave; the score is chi "
-        "square of all records and the penalty of the free numbers, less that of the best";
-    table.columns = {{"effects"}, {"free numbers", "", 0}, {"fitted records"}, {"kept out"}, {"score above the best"}};
+    table.caption = "Remaining error of each hypothesis, in units of the errors of noise alone; the score is chi "
+                    "square of all records plus the penalty of the free parameters, minus that of the best";
+    table.columns = {
+        {"effects"}, {"free parameters", "", 0}, {"fitted records"}, {"validation"}, {"score above the best"}};
     const auto row = [&](const std::string& name, const Scored& one) {
         table.rows.push_back({name, static_cast<double>(one.hypothesis.parameter_count()), std::sqrt(one.fitted),
-                              std::sqrt(one.kept_out),
+                              std::sqrt(one.validation),
                               d.search.ranking.empty() ? 0 : one.score - d.search.ranking.front().score});
     };
     row("none", d.search.baseline);
@@ -331,17 +330,17 @@ ReportTable parameter_table(const NamedEffect& effect) {
 }
 
 Report report_of(const Diagnosis& d, const Residuals& residuals, const Json& summary) {
-    const Compared& proof = d.kept_out.front();
+    const Compared& validation = d.validation.front();
     const double Ts = d.before.sample_time;
     Report report;
     report.title = "Where model and measurement disagree";
     report.summary = sentence(d);
     report.sections.push_back(
         {"The gap",
-         {gap_table(d), Figure{"response", "The record kept out of the fit.", response_plot(proof, residuals.named)}}});
+         {gap_table(d), Figure{"response", "The validation record.", response_plot(validation, residuals.named)}}});
     report.sections.push_back(
         {"Where they disagree",
-         {Paragraph{d.where}, share_table(proof),
+         {Paragraph{d.where}, share_table(validation),
           Figure{"residual_force",
                  "Delayed thrust less modelled friction and inertia, measured less "
                  "simulated: what pushes the machine and not the model.",
@@ -350,7 +349,7 @@ Report report_of(const Diagnosis& d, const Residuals& residuals, const Json& sum
                  map_plot(residuals)}}});
     ReportSection names{"The name", {}};
     if (d.verdict == "unknown_effect") {
-        names.blocks.push_back(Paragraph{"No known effect leaves noise alone, nor takes half of the gap, alike on all "
+        names.blocks.push_back(Paragraph{"No known effect leaves only noise, or removes half of the gap, alike on all "
                                          "records and more than the others: none is named."});
     }
     names.blocks.push_back(ranking_table(d));
@@ -376,19 +375,18 @@ Report report_of(const Diagnosis& d, const Residuals& residuals, const Json& sum
          {Figure{"loop",
                  "Thrust over position, and what of it does not move the mass: friction and the "
                  "forces on the axis.",
-                 loop_plot(proof, residuals)},
-          Figure{"spectrum", "What is left over frequency.", spectrum_plot(proof, residuals.named, Ts)}}});
+                 loop_plot(validation, residuals)},
+          Figure{"spectrum", "Remaining error over frequency.", spectrum_plot(validation, residuals.named, Ts)}}});
     BulletList unseen;
     unseen.items = untested(d);
     report.sections.push_back({"What these records cannot show", {unseen}});
     ReportSection how{"How it was found", {}};
-    how.blocks.push_back(
-        Paragraph{fmt::format("Every effect was put into the machine, fitted to the records by simulation of the whole "
-                              "loop and judged on a record "
-                              "kept out. Something counts as missing where the whitened errors exceed {:.3f} times the "
-                              "variance that noise and rounding "
-                              "explain: five standard deviations, and 3 % for what two simulators may differ.",
-                              d.false_alarm_limit)});
+    how.blocks.push_back(Paragraph{fmt::format(
+        "Every effect was put into the machine, fitted to the records by simulation of the whole "
+        "loop and judged on a validation record. Something counts as missing where the whitened errors exceed "
+        "{:.3f} times the variance that noise and rounding explain: five standard deviations, and 3 % for what two "
+        "simulators may differ.",
+        d.false_alarm_limit)});
     if (!d.search.baseline.hypothesis.nominal.empty()) {
         ReportTable moved;
         moved.caption = "Fields within their tolerance, as fitted, in standard deviations";
@@ -451,13 +449,17 @@ Json diagnosis_json(const Diagnosis& d, const std::vector<std::string>& data, co
     Json nearest = nullptr, next = nullptr;
     if (d.nearest) nearest = {{"name", d.nearest->name}, {"share", d.nearest->share}};
     if (d.next_experiment) next = *d.next_experiment;
-    return {
-        {"verdict", d.verdict},    {"effects", effects},
-        {"where", d.where},        {"gap", {{"ident", gap_json(d.fitted_gap)}, {"validate", gap_json(d.kept_out_gap)}}},
-        {"gap_unit", "m"},         {"nearest", nearest},
-        {"next_experiment", next}, {"data", data},
-        {"machine", machine_hash}, {"version", version()},
-        {"seconds", seconds}};
+    return {{"verdict", d.verdict},
+            {"effects", effects},
+            {"where", d.where},
+            {"gap", {{"ident", gap_json(d.fitted_gap)}, {"validate", gap_json(d.validation_gap)}}},
+            {"gap_unit", "m"},
+            {"nearest", nearest},
+            {"next_experiment", next},
+            {"data", data},
+            {"machine", machine_hash},
+            {"version", version()},
+            {"seconds", seconds}};
 }
 
 std::string machine_lua(const Json& description) {
@@ -469,20 +471,21 @@ std::string machine_lua(const Json& description) {
 void write_diagnosis(const Diagnosis& d, const Json& summary, RunFolder& folder, const RunControl& control) {
     folder.write_json("machine.json", d.after.description);
     folder.write("machine.lua", machine_lua(d.after.description));
-    const Compared& proof = d.kept_out.front();
+    const Compared& validation = d.validation.front();
     Table table;
-    table.add("t", "s", proof.measurement.drive.t);
-    const bool closed = proof.measurement.drive.closed_loop();
+    table.add("t", "s", validation.measurement.drive.t);
+    const bool closed = validation.measurement.drive.closed_loop();
     table.add("r", "m",
-              closed ? proof.measurement.drive.reference : std::vector<double>(proof.measurement.size(), 0.0));
-    table.add("u_measured", "N", proof.measurement.thrust);
-    table.add("y_measured", "m", proof.measurement.position());
-    table.add("u_before", "N", proof.u_before);
-    table.add("y_before", "m", proof.y_before);
-    table.add("u_after", "N", proof.u_after);
-    table.add("y_after", "m", proof.y_after);
+              closed ? validation.measurement.drive.reference
+                     : std::vector<double>(validation.measurement.size(), 0.0));
+    table.add("u_measured", "N", validation.measurement.thrust);
+    table.add("y_measured", "m", validation.measurement.position());
+    table.add("u_before", "N", validation.u_before);
+    table.add("y_before", "m", validation.y_before);
+    table.add("u_after", "N", validation.u_after);
+    table.add("y_after", "m", validation.y_after);
     folder.write("validate.csv", to_csv(table));
-    const Residuals residuals(d, proof);
+    const Residuals residuals(d, validation);
     folder.write("residual_force.csv", to_csv(force_table(residuals)));
     RunControl whole = control;
     whole.stop = nullptr;

@@ -280,7 +280,7 @@ std::vector<std::string> untested(const Diagnosis& d) {
     constexpr double inf = std::numeric_limits<double>::infinity();
     double thrust = 0, low = inf, high = -inf, fastest = 0, longest = 0, highest = 0;
     std::size_t forward = 0, backward = 0, reversals = 0;
-    for (const auto* list : {&d.fitted, &d.kept_out}) {
+    for (const auto* list : {&d.fitted, &d.validation}) {
         for (const auto& c : *list) {
             const double Ts = sample_time_of(c);
             const auto& y = c.measurement.position();
@@ -334,7 +334,7 @@ std::vector<std::string> untested(const Diagnosis& d) {
 }
 
 std::string where_they_disagree(const Diagnosis& d) {
-    const Compared& c = d.kept_out.empty() ? d.fitted.front() : d.kept_out.front();
+    const Compared& c = d.validation.empty() ? d.fitted.front() : d.validation.front();
     const double ratio = c.gap.before / c.described_floor;
     std::string text =
         fmt::format("On {} measured and simulated position differ by {:.4g} um rms, {:.4g} times what noise "

@@ -49,7 +49,7 @@ std::optional<Repetition> repetition_of(const Measurement& measurement);
 // What the records of a diagnosis cannot show, because it did not happen in them: a sentence each.
 std::vector<std::string> untested(const Diagnosis& diagnosis);
 
-// One paragraph on the record kept out: in which times, positions, velocities, directions and frequencies they disagree.
+// One paragraph on the validation record: in which times, positions, velocities, directions and frequencies they disagree.
 std::string where_they_disagree(const Diagnosis& diagnosis);
 
 } // namespace tribode

@@ -12,7 +12,7 @@ namespace tribode {
 namespace {
 
 constexpr double two_pi = 2 * std::numbers::pi;
-constexpr double duration = 4; // of each record on the menu [s]
+constexpr double duration = 4; // of each record on the list [s]
 
 struct Experiment {
     std::string text;
@@ -25,7 +25,7 @@ struct Limits {
 
 Limits limits_of(const Diagnosis& d, double sample_time) {
     Limits l{0, 0, 0, 0};
-    for (const auto* list : {&d.fitted, &d.kept_out}) {
+    for (const auto* list : {&d.fitted, &d.validation}) {
         for (const auto& c : *list) {
             const auto& y = c.measurement.position();
             for (std::size_t k = 0; k < y.size(); ++k) {
@@ -128,7 +128,7 @@ std::optional<std::string> next_experiment(const Diagnosis& d, const RunControl&
         }
         m.thrust = list[i].excitation;
         m.drive.measured.assign(m.drive.t.size(), 0.0);
-        m.drive.measured.back() = 1; // a bound of what the positions may be: metres
+        m.drive.measured.back() = 1; // a bound of what the positions may be: meters
         apart[i] = difference(m);
     });
     const auto best = static_cast<std::size_t>(std::max_element(apart.begin(), apart.end()) - apart.begin());
@@ -136,7 +136,7 @@ std::optional<std::string> next_experiment(const Diagnosis& d, const RunControl&
     const double here = difference(record.measurement);
     if (apart[best] < 1.2 * here) {
         return fmt::format(
-            "No record on the menu separates {} better than the present one ({:.3g} standard deviations): "
+            "No record on the list separates {} better than the present one ({:.3g} standard deviations): "
             "a change of the machine would, such as a known mass added.",
             rivals, here);
     }

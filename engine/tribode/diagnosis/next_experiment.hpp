@@ -8,8 +8,8 @@ namespace tribode {
 
 struct Diagnosis;
 
-// Where names could not be told apart: of a menu of records within the stroke, speed and thrust already seen, the one on
-// which the rivals, simulated as they were fitted, differ most. Nothing where there is nothing to decide.
+// The record on which rivals that could not be told apart differ most, simulated as they were fitted: one of a list, within
+// the stroke, speed and thrust already seen. Nothing where there is nothing to decide.
 std::optional<std::string> next_experiment(const Diagnosis& diagnosis, const RunControl& control);
 
 } // namespace tribode

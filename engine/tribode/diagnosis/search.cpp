@@ -20,11 +20,11 @@ namespace {
 // What the search spends, in counts: the answer must not depend on the clock.
 constexpr std::size_t beam_width = 3;       // hypotheses on which another effect is sought
 constexpr std::size_t screened_later = 12;  // candidates that are fitted for a second effect and more
-constexpr std::size_t proven = 3;           // of the ranking, with numbers from the fitted records alone
+constexpr std::size_t validated_count = 3;  // of the ranking, with parameters of the fitted records alone
 constexpr int max_enriched = 4;             // times that a form is made richer
 constexpr std::size_t lead_samples = 10000; // of the record that is looked at first, where so many show the gap
-// A candidate of many valleys is found on beginnings of the record: samples from where the gap first shows, and of the
-// points so many of the best, fitted there by so many steps.
+// A candidate with many local minima is found on beginnings of the record: samples from where the gap first shows, and
+// of the points so many of the best, fitted there by so many steps.
 struct Beginning {
     std::size_t samples, points;
     int iterations;
@@ -33,10 +33,10 @@ constexpr Beginning beginnings[] = {{100, 16, 4}, {100, 8, 8}, {150, 6, 6},  {20
                                     {600, 4, 6},  {900, 4, 6}, {1400, 4, 6}, {2500, 4, 6}, {5000, 3, 6}};
 constexpr std::size_t grown_from = 400;   // samples of the first beginning on which uncertain fields are found
 constexpr std::size_t ringing_from = 800; // samples of the first beginning on which a mode is sought
-constexpr double worthwhile = 0.8;        // of what is left there without the candidate: points above are given up
+constexpr double worthwhile = 0.8;        // of chi square there without the candidate: points above are given up
 constexpr double followed = 1.5;          // chi square per sample up to which a beginning is simulated as it went
-// Chi square per sample up to which noise explains what a settled hypothesis leaves: a handful of seeds tells the spread of
-// ways that noise has parted only roughly, and the beginning was followed.
+// Chi square per sample up to which noise explains the remaining error of a settled hypothesis: a few seeds show only
+// roughly how far noise spreads the simulated paths, and the beginning was followed.
 constexpr double settled_limit = 3;
 constexpr double shows = 8; // whitened errors of noise alone are seldom half as large
 
@@ -54,20 +54,20 @@ Evidence beginning(const Evidence& whole, std::size_t samples) {
 
 class Search {
   public:
-    Search(const MachineModel& machine, std::vector<Evidence> fitted, std::vector<Evidence> kept_out,
+    Search(const MachineModel& machine, std::vector<Evidence> fitted, std::vector<Evidence> validation,
            std::size_t max_effects, const RunControl& control)
         : machine_(machine),
           max_effects_(max_effects),
           control_(control) {
         result_.fitted = std::move(fitted);
-        result_.kept_out = std::move(kept_out);
+        result_.validation = std::move(validation);
     }
 
     SearchResult run() {
         try {
             search();
             Scored& last = result_.ranking.empty() ? result_.baseline : result_.ranking.front();
-            if (adequate(last) && last.kept_out > SearchResult::limit(result_.kept_out) && !last.together.settled)
+            if (adequate(last) && last.validation > SearchResult::limit(result_.validation) && !last.together.settled)
                 share(last);
         } catch (const EndedEarly&) {
             throw EndedEarly(fmt::format("interrupted, nothing is written; so far {}", result_.found_so_far()));
@@ -88,12 +88,12 @@ class Search {
             Scored grown = scored(std::move(none));
             if (grown.score < result_.baseline.score) result_.baseline = std::move(grown);
         }
-        prove(result_.baseline, control_.workers);
+        validate(result_.baseline, control_.workers);
         if (adequate(result_.baseline)) return;
         std::vector<Scored> beam{result_.baseline};
         if (result_.baseline.together.sum_of_squares() > 0) {
-            // The fields may be bent to do the work of the effect: it is sought beside those of the user, too, and first
-            // where they left their tolerance.
+            // The fields may be bent to do the work of the effect: it is sought beside those of the user, too, and
+            // first where they left their tolerance.
             Hypothesis as_described = result_.baseline.together;
             std::ranges::fill(as_described.nominal, 0.0);
             as_described.converged = false;
@@ -129,20 +129,21 @@ class Search {
             }
             reassess(pool);
             result_.baseline = scored(std::move(result_.baseline.together));
-            prove(result_.baseline, control_.workers);
+            validate(result_.baseline, control_.workers);
             for (auto& step : result_.steps) {
                 step = scored(std::move(step.together));
-                prove(step, control_.workers);
+                validate(step, control_.workers);
             }
             const Scored& before = result_.steps.empty() ? result_.baseline : result_.steps.back();
-            // Another effect must be worth its numbers, on the records kept out too. These are judged by numbers that suit
-            // all records: those of the fitted ones alone foretell little while the model still lacks an effect.
+            // Another effect must be worth its parameters, on the validation records too. These are judged with
+            // parameters fitted to all records: those of the fitted ones alone predict little while the model still
+            // lacks an effect.
             const bool better =
                 pool.front().score < before.score - 30 &&
-                (result_.kept_out.empty() || pool.front().together_kept_out < 0.97 * before.together_kept_out ||
+                (result_.validation.empty() || pool.front().together_validation < 0.97 * before.together_validation ||
                  adequate(pool.front()));
-            // While more than noise is left it must take half of what the effects before it left, too: what a model that
-            // stays imperfect lacks is not made up of small pieces of this and that.
+            // While more than noise remains it must also halve the error that the effects before it leave: what a model
+            // lacks that stays imperfect is not a sum of small pieces.
             const bool halved = pool.front().score < before.score / 4;
             if (level > 1 && (!better || (!halved && !adequate(pool.front())))) break;
             result_.ranking = pool;
@@ -158,7 +159,7 @@ class Search {
     }
 
     void set_floors(const MachineModel& machine) {
-        for (auto* records : {&result_.fitted, &result_.kept_out}) {
+        for (auto* records : {&result_.fitted, &result_.validation}) {
             for (auto& record : *records) {
                 if (const auto floor = noise_floor(machine, record.measurement, control_)) {
                     record.floor = *floor;
@@ -170,7 +171,7 @@ class Search {
             }
         }
         all_ = result_.fitted;
-        for (const auto& record : result_.kept_out) {
+        for (const auto& record : result_.validation) {
             all_.push_back(record);
             if (record.first == 0) continue;
             // The end of the first record: that as a whole, once.
@@ -233,8 +234,9 @@ class Search {
         return 0;
     }
 
-    // Numbers that are far off have valleys of chi square over a whole record, as a mode's phase that runs round. On
-    // beginnings of the records that double, each fit ends near enough to the bottom of the next.
+    // Over a whole record chi square has local minima far from the right parameters, such as one for each turn of a
+    // mode's phase. On beginnings of the records that double in length, each fit ends close enough to the minimum of
+    // the next.
     void grow(Hypothesis& h, unsigned workers) const {
         std::vector<std::size_t> first;
         std::size_t longest = 0;
@@ -259,33 +261,33 @@ class Search {
         Scored one;
         one.together_fitted = per_sample(h, result_.fitted);
         h.chi_square = h.sum_of_squares() + one.together_fitted * static_cast<double>(count(result_.fitted));
-        if (!result_.kept_out.empty()) {
-            one.together_kept_out = per_sample(h, result_.kept_out);
-            h.chi_square += one.together_kept_out * static_cast<double>(count(result_.kept_out));
+        if (!result_.validation.empty()) {
+            one.together_validation = per_sample(h, result_.validation);
+            h.chi_square += one.together_validation * static_cast<double>(count(result_.validation));
         }
         one.score = h.chi_square;
         one.score += static_cast<double>(h.parameter_count()) *
-                     std::log(static_cast<double>(count(result_.fitted) + count(result_.kept_out)));
+                     std::log(static_cast<double>(count(result_.fitted) + count(result_.validation)));
         one.hypothesis = h;
         one.fitted = one.together_fitted;
-        one.kept_out = one.together_kept_out;
+        one.validation = one.together_validation;
         one.together = std::move(h);
         return one;
     }
 
-    // The numbers of the fitted records alone, and what they foretell of those kept out.
-    void prove(Scored& one, unsigned workers) const {
-        if (result_.kept_out.empty()) return;
+    // The parameters of the fitted records alone, and how they predict the validation records.
+    void validate(Scored& one, unsigned workers) const {
+        if (result_.validation.empty()) return;
         refine(one.hypothesis, result_.fitted, 10, workers);
         one.fitted = per_sample(one.hypothesis, result_.fitted);
-        one.kept_out = per_sample(one.hypothesis, result_.kept_out);
+        one.validation = per_sample(one.hypothesis, result_.validation);
     }
 
-    // The fitted records alone leave the numbers uncertain, and a richer one lies beyond what they foretell: the first half
-    // of what was kept out is fitted too, and the second is the proof.
+    // The fitted records alone leave the parameters too uncertain to predict a richer one: the first half of the
+    // validation records is fitted too, and the second half is used for validation.
     void share(Scored& last) {
         std::vector<Evidence> fitted = result_.fitted;
-        for (auto& record : result_.kept_out) {
+        for (auto& record : result_.validation) {
             const std::size_t half = record.first + record.samples() / 2;
             fitted.push_back(beginning(record, half));
             record.first = half;
@@ -300,11 +302,11 @@ class Search {
             options.standard_errors = true;
             ModelFit(machine_, fitted).fit(one->hypothesis, options);
             one->fitted = per_sample(one->hypothesis, result_.fitted);
-            one->kept_out = per_sample(one->hypothesis, result_.kept_out);
+            one->validation = per_sample(one->hypothesis, result_.validation);
         }
     }
 
-    // An effect that another one makes needless goes.
+    // Removes effects that others make unnecessary.
     void prune(Scored& one) const {
         for (std::size_t i = 0; one.together.effects.size() > 1 && i < one.together.effects.size();) {
             Hypothesis without = one.together;
@@ -320,8 +322,9 @@ class Search {
         }
     }
 
-    // The baseline has bent uncertain fields to do the work of an effect that was not there yet; next to it they may stay
-    // bent, since the way back gains little of chi square or leads over a ridge. All is fitted from where the user has them.
+    // The fit of the baseline has moved uncertain fields to do the work of an effect that was not there yet. Beside the
+    // effect they may stay there, since the way back gains little or leads over a ridge. All is fitted again from the
+    // user's values.
     void straighten(Scored& one) const {
         if (one.together.sum_of_squares() == 0) return;
         Hypothesis again = one.together;
@@ -332,8 +335,8 @@ class Search {
         if (straight.score < one.score) one = std::move(straight);
     }
 
-    // An effect of many numbers may have taken the place of a simpler one, which alone did less and was left: each of these
-    // gives way to its simpler kin.
+    // An effect of many parameters may have taken the place of a simpler one, which did less alone and was dropped:
+    // each of them is replaced by its simpler kinds in turn.
     std::vector<Scored> simplified(const Scored& one, std::size_t level) const {
         std::vector<Scored> list;
         for (std::size_t i = 0; i < one.together.effects.size(); ++i) {
@@ -362,7 +365,7 @@ class Search {
             prune(pool[i]);
         }
         rank(pool);
-        for (std::size_t i = 0; i < std::min(pool.size(), proven); ++i) prove(pool[i], control_.workers);
+        for (std::size_t i = 0; i < std::min(pool.size(), validated_count); ++i) validate(pool[i], control_.workers);
     }
 
     static void rank(std::vector<Scored>& pool) {
@@ -373,8 +376,8 @@ class Search {
         std::erase_if(pool, [&](const Scored& one) { return !seen.insert(one.names()).second; });
     }
 
-    // The base with one more effect, every one that may be, or one of `only`. `best`: chi square of the best that another
-    // base has come to.
+    // The base with one more effect, every one that may be, or one of `only`. `best`: chi square of the best that
+    // another base has come to.
     std::vector<Scored> extended(const Scored& base, std::size_t level,
                                  const std::optional<std::set<std::string>>& only, double best) const {
         const ModelFit lead(machine_, lead_records_);
@@ -419,21 +422,23 @@ class Search {
             return begun[a].front().chi_square < begun[b].front().chi_square;
         });
         if (level > 1 && order.size() > screened_later) order.resize(screened_later);
-        // All are fitted a little, the better ones more, the best to the end: none is judged before it has come down as
-        // far as others were let.
+        // All are fitted a little, the better ones more, the best to convergence: none is judged after fewer steps than
+        // others.
         std::vector<Hypothesis> running;
         for (const std::size_t i : order) running.insert(running.end(), begun[i].begin(), begun[i].end());
         for (const auto& [iterations, keep, factor] :
              {std::tuple{2, std::size_t{16}, 30.0}, {4, std::size_t{8}, 10.0}}) {
             for_each_index(running.size(), control_, what + ": fitting", [&, iterations = iterations](std::size_t i) {
-                // With the uncertain fields, which the baseline may have bent so far that the effect alone gains little.
+                // With the uncertain fields, which the baseline may have moved so far that the effect alone gains
+                // little.
                 if (!running[i].converged) refine(running[i], lead_records_, iterations, 1);
             });
             go_on();
             keep_best(running, keep, factor);
             if (running.empty()) return {};
         }
-        // On all records. A hypothesis that in a round comes no tenth of its way to the best one is left where it is.
+        // On all records. A hypothesis that covers less than a tenth of its distance to the best one in a round is not
+        // refined further.
         std::vector<char> stalled(running.size(), false);
         for (int round = 0; round < 8; ++round) {
             std::vector<double> before;
@@ -460,7 +465,7 @@ class Search {
         return done;
     }
 
-    // Richer forms of the last effect, as long as more than noise is left and they take a good part of it.
+    // Tries richer forms of the last effect while more than noise remains and they remove a good part of it.
     void enrich(Hypothesis& h) const {
         for (int more = 0; more < max_enriched; ++more) {
             if (!h.effects.back()->richer || adequate(scored(h))) return;
@@ -509,10 +514,10 @@ class Search {
         return h;
     }
 
-    // Where simulated and measured contacts drift apart, chi square over a whole record has a valley wherever some of them
-    // coincide. Over the first few it has one: the best points of a grid are fitted there, and followed on beginnings of the
-    // record that grow. Where noise decides sooner or later how the machine goes on, no numbers follow it to the end;
-    // those of the longest beginning that they follow are the ones.
+    // Where simulated and measured contacts drift apart, chi square over a whole record has a local minimum wherever
+    // some of them coincide. Over the first few contacts it has one: the best points of a grid are fitted there, and
+    // followed on beginnings of the record that grow. Where noise decides sooner or later how the machine goes on, no
+    // parameters follow it to the end; those of the longest beginning that they follow are taken.
     std::vector<Hypothesis> grown_starts(const Hypothesis& base,
                                          const std::shared_ptr<const Candidate>& candidate) const {
         std::vector<Hypothesis> points;
@@ -522,7 +527,7 @@ class Search {
         const std::size_t first = first_shown(base, record);
         std::vector<Evidence> part;
         std::optional<std::pair<Hypothesis, std::vector<Evidence>>> last; // that was followed
-        std::vector<double> before;                                       // numbers of the one before
+        std::vector<double> before;                                       // parameters of the one before
         for (const auto& [samples, count, iterations] : beginnings) {
             part = {beginning(record, first + samples)};
             const ModelFit fit(machine_, part);
@@ -541,7 +546,8 @@ class Search {
                 if (last) before = last->first.values;
                 last.emplace(points.front(), part);
             } else if (last) {
-                // Errors of the numbers by what noise leaves of this machine: more than of one without contacts.
+                // Standard errors by the noise floor of this machine, which is higher than that of one without
+                // contacts.
                 auto& [h, beginning_followed] = *last;
                 const MachineModel machine = lead.machine(h);
                 for (auto& one : beginning_followed) {
@@ -551,7 +557,7 @@ class Search {
                 options.iterations = 0;
                 options.standard_errors = true;
                 ModelFit(machine_, beginning_followed).fit(h, options);
-                // Chi square is rugged: the numbers move more than its curvature tells as the beginning grows.
+                // Chi square is rugged: the parameters move more than its curvature tells as the beginning grows.
                 for (std::size_t i = 0; i < before.size(); ++i) {
                     h.standard_errors[i] = std::hypot(h.standard_errors[i], h.values[i] - before[i]);
                 }
@@ -566,8 +572,8 @@ class Search {
         return points;
     }
 
-    // A light mode has a valley for every turn of its phase: it is sought on a beginning of the record, too, and followed
-    // on beginnings that double.
+    // A lightly damped mode has a local minimum for every turn of its phase: it is also sought on a beginning of the
+    // record, and followed on beginnings that double.
     std::vector<Hypothesis> ringing_starts(const Hypothesis& base,
                                            const std::shared_ptr<const Candidate>& candidate) const {
         const Evidence& record = lead_records_.front();
@@ -587,7 +593,7 @@ class Search {
         return points;
     }
 
-    // Of a list that is sorted: fits that came to the same numbers count once.
+    // Of a sorted list: fits that converged to the same parameters count once.
     static void keep_distinct(std::vector<Hypothesis>& list) {
         std::vector<Hypothesis> distinct;
         for (auto& h : list) {
@@ -637,7 +643,7 @@ class Search {
     const MachineModel& machine_;
     std::size_t max_effects_;
     const RunControl& control_;
-    std::vector<Evidence> all_; // records to fit and kept out
+    std::vector<Evidence> all_; // fitted and validation records
     std::size_t lead_ = 0, lead_length_ = 0;
     std::vector<Evidence> lead_records_; // of all_, so much of one
     SearchResult result_;
@@ -659,13 +665,13 @@ double SearchResult::limit(const std::vector<Evidence>& records) {
 bool SearchResult::explained_by_noise(const Scored& one) const {
     const double least = one.together.settled ? settled_limit : 0;
     return one.together.within_tolerance() && one.together_fitted < std::max(limit(fitted), least) &&
-           (kept_out.empty() || one.together_kept_out < std::max(limit(kept_out), least));
+           (validation.empty() || one.together_validation < std::max(limit(validation), least));
 }
 
 std::string SearchResult::found_so_far() const {
     if (!std::isfinite(baseline.together.chi_square)) return "no hypothesis has been fitted";
     std::string text =
-        fmt::format("without an effect {:.4g} times the noise is left", std::sqrt(baseline.together_fitted));
+        fmt::format("without an effect the error is {:.4g} times the noise", std::sqrt(baseline.together_fitted));
     for (const auto& step : steps) {
         text +=
             fmt::format(", with {} {:.4g} times", fmt::join(step.names(), " and "), std::sqrt(step.together_fitted));
@@ -680,9 +686,9 @@ std::vector<std::string> Scored::names() const {
     return list;
 }
 
-SearchResult search_effects(const MachineModel& machine, std::vector<Evidence> fitted, std::vector<Evidence> kept_out,
+SearchResult search_effects(const MachineModel& machine, std::vector<Evidence> fitted, std::vector<Evidence> validation,
                             std::size_t max_effects, const RunControl& control) {
-    return Search(machine, std::move(fitted), std::move(kept_out), max_effects, control).run();
+    return Search(machine, std::move(fitted), std::move(validation), max_effects, control).run();
 }
 
 } // namespace tribode

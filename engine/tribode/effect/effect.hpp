@@ -14,8 +14,8 @@ class Effect;
 struct Clues;
 struct EffectForm;
 
-// One parameter of a kind of effect: a number, or a choice, a flag, a list of records of numbers, a
-// text, a list of texts, named numbers.
+// One parameter of a kind of effect: a number, or a choice, a flag, a list of records of numbers, a text, a list of texts,
+// named numbers.
 struct EffectParameter {
     enum class Type { number, choice, flag, records, text, texts, constants };
 
@@ -31,7 +31,7 @@ struct EffectParameter {
     std::vector<EffectParameter> fields = {}; // records; all numbers. A record is required to be there once or more
 };
 
-// Against what an effect shows in a plot of what a model leaves over.
+// The quantity over which a plot of the residual shows an effect.
 enum class DrawnAgainst { position, velocity, time, thrust, distance_since_reversal, frequency };
 std::string_view name_of(DrawnAgainst axis);
 

@@ -13,7 +13,7 @@ namespace {
 
 using namespace diagnosis_cases;
 
-// Two records of two seconds: one to fit, one for the proof.
+// Two records of two seconds: one to fit, one for validation.
 Diagnosis diagnosed(const Json& hidden, const Json& believed = small_axis()) {
     const MachineModel machine = MachineModel::from_description(believed, "case");
     const auto record = [&](double amplitude, double frequency, std::uint64_t seed) {
@@ -39,7 +39,7 @@ TEST(Diagnosis, NothingIsMissingFromTheMachineThatMadeTheRecord) {
     EXPECT_EQ(d.verdict, "nothing_missing");
     EXPECT_TRUE(d.effects.empty());
     // Noise and rounding are all that is left; six seeds know their rms to a few per cent.
-    EXPECT_NEAR(d.kept_out_gap->before / d.kept_out_gap->floor, 1, 0.1);
+    EXPECT_NEAR(d.validation_gap->before / d.validation_gap->floor, 1, 0.1);
 }
 
 TEST(Diagnosis, AHiddenGainIsNamedAndMeasured) {
@@ -47,8 +47,8 @@ TEST(Diagnosis, AHiddenGainIsNamedAndMeasured) {
     ASSERT_EQ(d.verdict, "effect_found");
     EXPECT_EQ(d.effects[0].name, "thrust_gain");
     expect_parameter(d.effects[0], "gain", 0.93);
-    EXPECT_GT(d.kept_out_gap->before, 10 * d.kept_out_gap->floor);
-    EXPECT_LT(d.kept_out_gap->after, 1.2 * d.kept_out_gap->floor);
+    EXPECT_GT(d.validation_gap->before, 10 * d.validation_gap->floor);
+    EXPECT_LT(d.validation_gap->after, 1.2 * d.validation_gap->floor);
 }
 
 TEST(Diagnosis, AHiddenRippleIsNamedWithItsPitch) {
@@ -125,8 +125,8 @@ TEST(Diagnosis, ACoarseEncoderShowsInItsValues) {
     // Before is the machine as it was handed in: finer steps, which would leave less.
     EXPECT_EQ(d.before.axis().encoder_resolution, 1e-7);
     EXPECT_EQ(d.after.axis().encoder_resolution, 2e-6);
-    EXPECT_LT(d.kept_out.front().described_floor, 0.5 * d.kept_out.front().gap.floor);
-    EXPECT_NEAR(d.kept_out_gap->after / d.kept_out_gap->floor, 1, 0.1);
+    EXPECT_LT(d.validation.front().described_floor, 0.5 * d.validation.front().gap.floor);
+    EXPECT_NEAR(d.validation_gap->after / d.validation_gap->floor, 1, 0.1);
 }
 
 TEST(Diagnosis, AMachineWithItsEffectLacksNothing) {
@@ -146,9 +146,9 @@ TEST(Diagnosis, RecordsToFitAreUsedTogether) {
     };
     const DiagnosisOptions options{.max_effects = 1};
     const RunControl control{.workers = 2};
-    const Measurement slow = record(0.008, 1, 1), fast = record(0.02, 1.5, 2), proof = record(0.015, 1, 3);
-    const Diagnosis alone = diagnose(machine, {slow}, proof, options, control);
-    const Diagnosis both = diagnose(machine, {slow, fast}, proof, options, control);
+    const Measurement slow = record(0.008, 1, 1), fast = record(0.02, 1.5, 2), validation = record(0.015, 1, 3);
+    const Diagnosis alone = diagnose(machine, {slow}, validation, options, control);
+    const Diagnosis both = diagnose(machine, {slow, fast}, validation, options, control);
     for (const Diagnosis* d : {&alone, &both}) {
         ASSERT_EQ(d->verdict, "effect_found");
         ASSERT_EQ(d->effects[0].name, "quadratic_drag");
