@@ -95,7 +95,7 @@ Contender engine_with_all_columns() {
                     record.t.push_back(static_cast<double>(k) * scenario.table.sample_time);
                     (scenario.loop ? record.excitation : record.u).push_back(scenario.excitation(k));
                 }
-                Simulation result = simulate(machine_of(scenario), record, {.method = Method::exact}, 0);
+                Simulation result = simulate(machine_of(scenario), record, {.solver = {.method = Method::exact}});
                 if (!result.outcome.ok()) throw Error(result.outcome.message);
                 return Run{std::move(result.trace.x), static_cast<long>(scenario.samples), result.statistics.steps,
                            result.statistics.events};

@@ -358,7 +358,7 @@ Simulation simulated(const RandomRun& run, const SolverOptions& solver) {
     } else {
         record.u = run.u;
     }
-    return simulate(machine, record, solver, 0);
+    return simulate(machine, record, {.solver = solver});
 }
 
 double largest(const std::vector<double>& values) {

@@ -32,7 +32,7 @@ struct AfterPush {
             record.t.push_back(k * machine.sample_time);
             record.excitation.push_back(k * machine.sample_time < 0.02 ? push : 0);
         }
-        trace = simulate(machine, record, {}, 0, {}, friction_feedback).trace;
+        trace = simulate(machine, record, {.friction_feedback = friction_feedback}).trace;
     }
     double range(double from, double to) const {
         const auto at = [&](double part) { return trace.x.begin() + std::lround(part * double(trace.x.size())); };

@@ -41,7 +41,7 @@ inline Simulation run_open_loop(const Json& description, const std::vector<doubl
     DriveRecord record;
     record.t = instants(u.size(), machine.sample_time);
     record.u = u;
-    Simulation run = simulate(machine, record, solver, 0);
+    Simulation run = simulate(machine, record, {.solver = solver});
     EXPECT_TRUE(run.outcome.ok()) << run.outcome.message;
     return run;
 }
@@ -53,7 +53,7 @@ inline Simulation run_closed_loop(const Json& description, const std::vector<dou
     record.t = instants(reference.size(), machine.sample_time);
     record.reference = reference;
     record.excitation = excitation;
-    Simulation run = simulate(machine, record, solver, 0);
+    Simulation run = simulate(machine, record, {.solver = solver});
     EXPECT_TRUE(run.outcome.ok()) << run.outcome.message;
     return run;
 }

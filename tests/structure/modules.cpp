@@ -10,6 +10,8 @@ namespace tribode::structure {
 
 namespace {
 
+const std::string commands = "commands"; // of the program: no module, but a folder of engine/
+
 // The cells of the rows under the header whose first cell is `first`.
 std::vector<std::vector<std::string>> table_rows(std::string_view text, std::string_view first) {
     std::vector<std::vector<std::string>> rows;
@@ -55,7 +57,7 @@ Modules Modules::from_markdown(std::string_view text) {
 std::set<std::string> Modules::reachable(const std::string& module) const {
     std::set<std::string> found;
     std::vector<std::string> open = {module};
-    if (module == "main.cpp" || module == "tribode.hpp") {
+    if (module == commands || module == "main.cpp" || module == "tribode.hpp") {
         for (const auto& [name, used] : may_use) open.push_back(name);
     }
     while (!open.empty()) {
@@ -83,9 +85,10 @@ std::vector<Include> includes_of(std::string_view source) {
     return includes;
 }
 
-// The module of a file below engine/: tribode/MODULE/..., or the file itself beside that folder.
+// The module of a file below engine/: tribode/MODULE/..., the commands of the program with its main.cpp, or the file itself.
 static std::string module_of(const std::filesystem::path& file) {
     auto part = file.begin();
+    if (*part == "main.cpp") return commands;
     if (*part == "tribode" && std::next(part) != file.end()) ++part;
     return part->string();
 }
@@ -102,7 +105,7 @@ std::vector<std::string> violations(const Modules& modules, const std::filesyste
             if (!allowed.contains(target)) {
                 found.push_back(fmt::format("{}, but {} may not use {}", where, module, target));
             }
-        } else if (include.quoted) {
+        } else if (include.quoted && !(module == commands && target == commands)) {
             found.push_back(fmt::format("{}, which is in no module of docs/modules.md", where));
         }
         for (const auto& [beginning, only] : modules.only_in) {

@@ -34,7 +34,7 @@ std::string step_text(double seconds) { return fmt::format("{:.4g} us", seconds 
 std::vector<MethodResult> methods_of(const MachineModel& machine, const ServoSystem& system,
                                      const ComparisonOptions& options) {
     std::vector<MethodResult> methods;
-    const bool nearly_affine = system.why_not_affine() && !system.why_not_nearly_affine();
+    const bool nearly_affine = resolved(Method::automatic, system, Purpose::search) == Method::collocation;
     for (const Method method : {Method::collocation, Method::erk, Method::adams, Method::bdf}) {
         if (method == Method::collocation && !nearly_affine) continue;
         for (const double tolerance : options.tolerances) {
@@ -60,7 +60,7 @@ void run(MethodResult& m, const MachineModel& machine, const DriveRecord& record
     RunControl quiet;
     quiet.stop = control.stop;
     const double start = processor_seconds();
-    Simulation s = simulate(machine, record, m.solver, seed, quiet);
+    Simulation s = simulate(machine, record, {.solver = m.solver, .seed = seed}, quiet);
     m.seconds = processor_seconds() - start;
     m.outcome = s.outcome;
     m.statistics = s.statistics;
@@ -236,7 +236,7 @@ Comparison compare(const MachineModel& machine, const DriveRecord& record, const
     Comparison result;
     const auto reason = system.why_not_affine();
     result.exact.solver = {
-        .method = reason ? Method::erk : Method::exact, .relative_tolerance = 1e-12, .absolute_tolerance = 1e-15};
+        .method = resolved(Method::automatic, system), .relative_tolerance = 1e-12, .absolute_tolerance = 1e-15};
     result.exact.name = reason ? "erk 1e-12" : "exact";
     result.reference = reason ? fmt::format("erk at 1e-12, because {}", *reason) : "exact";
     const ServoPlant::Parameters plant = machine.axis().plant;

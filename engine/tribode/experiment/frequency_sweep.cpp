@@ -7,7 +7,6 @@
 #include "tribode/control/discrete_transfer_function.hpp"
 #include "tribode/control/sampled_friction.hpp"
 #include "tribode/experiment/sweep_checkpoint.hpp"
-#include "tribode/solver/simulator.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -22,37 +21,37 @@ namespace {
 
 using std::numbers::pi;
 
-// The loop's signals and what the sampled blocks make of them, sample by sample.
-class LoopSignals final : public Observer {
-  public:
-    LoopSignals(const MachineModel& machine, const SweepOptions& options)
-        : LoopSignals(machine.sample_time, options, options.friction_model.value_or(FrictionModel::of(machine))) {}
+// The loop's signals, sample by sample, and what the sampled blocks make of them [N].
+struct LoopSignals {
+    std::vector<double> friction_estimate, delayed_thrust, before_feedback;
+    std::array<std::vector<double>, analysis_count> input; // of each analysis
 
-    LoopSignals(double sample_time, const SweepOptions& options, const FrictionModel& friction)
-        : friction_model_(friction.elements, friction.viscous, sample_time),
-          delay_model_(DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, sample_time)) {}
-
-    void sampled(ClockId clock, long, const SystemState& state) override {
-        if (clock != ServoSystem::controller) return;
-        const auto& values = ServoSystem::values(state);
-        const double friction = friction_model_.step(values.detected);
-        const double delayed = delay_model_.step(values.thrust);
-        position.push_back(values.detected);
-        friction_estimate.push_back(friction);
-        delayed_thrust.push_back(delayed);
-        input[0].push_back(values.thrust);
-        input[1].push_back(values.thrust - friction);
-        before_feedback.push_back(values.thrust - values.friction_fed_back);
-        input[2].push_back(delayed - friction);
+    LoopSignals(const ServoTrace& trace, const MachineModel& machine, const SweepOptions& options) {
+        const FrictionModel model = options.friction_model.value_or(FrictionModel::of(machine));
+        SampledFriction friction_model(model.elements, model.viscous, machine.sample_time);
+        auto delay_model =
+            DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time);
+        for (std::size_t k = 0; k < trace.u.size(); ++k) {
+            const double friction = friction_model.step(trace.y[k]);
+            const double delayed = delay_model.step(trace.u[k]);
+            friction_estimate.push_back(friction);
+            delayed_thrust.push_back(delayed);
+            before_feedback.push_back(trace.u[k] - trace.fed_back[k]);
+            input[0].push_back(trace.u[k]);
+            input[1].push_back(trace.u[k] - friction);
+            input[2].push_back(delayed - friction);
+        }
     }
-
-    std::vector<double> position, friction_estimate, delayed_thrust, before_feedback;
-    std::array<std::vector<double>, analysis_count> input; // of each analysis [N]
-
-  private:
-    SampledFriction friction_model_;
-    DiscreteTransferFunction delay_model_;
 };
+
+// A sin(phase) beside the controller's output, in closed loop at r = 0.
+template <class Phase>
+ClosedLoop sine_drive(const SweepOptions& options, Phase phase) {
+    const auto input = [amplitude = options.amplitude, phase](long k) {
+        return LoopInput{0.0, amplitude * std::sin(phase(static_cast<double>(k)))};
+    };
+    return {input, options.friction_feedback};
+}
 
 // A: what the actuator makes of a phasor of u, with hold, dead time and thrust lag.
 std::complex<double> actuator_response(const MachineModel& machine, double frequency) {
@@ -83,16 +82,11 @@ class SinglePoint {
           options_(options),
           frequency_(frequency),
           ts_(machine.sample_time),
-          system_(machine,
-                  ClosedLoop{[this](long k) {
-                                 return LoopInput{0.0, excitation(k)};
-                             },
-                             options.friction_feedback},
-                  seed),
-          simulator_(system_, options.solver, control),
-          signals_(machine, options) {
-        simulator_.observe(&signals_);
-    }
+          run_(machine, sine_drive(options, [f = frequency, ts = ts_](double k) { return 2 * pi * f * k * ts; }),
+               {.solver = options.solver,
+                .seed = seed,
+                .channels = {.t = false, .r = false, .motion = false, .fed_back = true}},
+               control) {}
 
     // Runs until both u and y repeat themselves. The outcome is not ok where the run failed.
     RunOutcome settle() {
@@ -105,14 +99,15 @@ class SinglePoint {
         for (double t = std::max(earliest - length, length);; t += length) {
             const RunOutcome outcome = advance_to(t);
             if (!outcome.ok()) return outcome;
-            const std::size_t end = signals_.position.size();
+            const ServoTrace& seen = run_.trace();
+            const std::size_t end = seen.y.size();
             const Window window = whole_periods(0, periods, ts_, frequency_);
             const std::size_t first = end - window.count;
             const SineBasis basis(window.count, ts_, frequency_, static_cast<double>(first) * ts_);
             const auto phasor = [&](const std::vector<double>& signal) {
                 return basis.fit(std::span(signal).subspan(first, window.count)).fundamental();
             };
-            const std::array latest = {phasor(signals_.input[0]), phasor(signals_.position)};
+            const std::array latest = {phasor(seen.u), phasor(seen.y)};
             settled_ = previous && tribode::settled((*previous)[0], latest[0], options_.settle_tolerance) &&
                        tribode::settled((*previous)[1], latest[1], options_.settle_tolerance);
             if (settled_ || t > options_.settle_time_limit) return outcome;
@@ -120,31 +115,33 @@ class SinglePoint {
         }
     }
 
-    // Runs on over the window to be measured; signals() then end with it.
+    // Runs on over the window to be measured; the signals then end with it.
     RunOutcome measure(long periods) {
-        window_ = whole_periods(signals_.position.size(), periods, ts_, frequency_);
-        return advance_to(static_cast<double>(window_.first + window_.count - 1) * ts_);
+        window_ = whole_periods(run_.trace().y.size(), periods, ts_, frequency_);
+        return run_.advance_to(static_cast<long>(window_.first + window_.count) - 1);
     }
 
     SweepPoint point() const {
         SweepPoint point;
         point.frequency_hz = frequency_;
+        const std::vector<double>& position = run_.trace().y;
+        const LoopSignals signals(run_.trace(), machine_, options_);
         const SineBasis basis(window_.count, ts_, frequency_, static_cast<double>(window_.first) * ts_,
                               options_.harmonics);
-        const SineFit y = basis.fit(cut(signals_.position)), u = basis.fit(cut(signals_.input[0]));
+        const SineFit y = basis.fit(cut(position)), u = basis.fit(cut(signals.input[0]));
         std::array<std::span<const double>, analysis_count> inputs;
         for (std::size_t a = 0; a < analysis_count; ++a) {
-            inputs[a] = cut(signals_.input[a]);
+            inputs[a] = cut(signals.input[a]);
             point.response[a] = y.fundamental() / (a == 0 ? u : basis.fit(inputs[a])).fundamental();
         }
-        const std::vector<double> coherences = coherence(inputs, cut(signals_.position), ts_, frequency_);
+        const std::vector<double> coherences = coherence(inputs, cut(position), ts_, frequency_);
         std::ranges::copy(coherences, point.coherence.begin());
         if (options_.improved) {
             const FrictionModel model = options_.friction_model.value_or(FrictionModel::of(machine_));
             point.improved = improved_response(machine_, model, frequency_, u.fundamental(), y.harmonics);
         }
         if (options_.friction_feedback > 0) {
-            point.add_on = y.fundamental() / basis.fit(cut(signals_.before_feedback)).fundamental();
+            point.add_on = y.fundamental() / basis.fit(cut(signals.before_feedback)).fundamental();
         }
         // The phasor of A sin is -jA.
         point.loop_gain = std::complex(0.0, -options_.amplitude) / u.fundamental() - 1.0;
@@ -157,14 +154,11 @@ class SinglePoint {
         return point;
     }
 
-    RunStatistics statistics() const { return simulator_.statistics(); }
+    RunStatistics statistics() const { return run_.statistics(); }
 
   private:
-    double excitation(long k) const {
-        return options_.amplitude * std::sin(2 * pi * frequency_ * static_cast<double>(k) * ts_);
-    }
     // To the sample instant at or before t.
-    RunOutcome advance_to(double t) { return simulator_.advance_to(std::floor(t / ts_ + 1e-6) * ts_); }
+    RunOutcome advance_to(double t) { return run_.advance_to(std::lround(std::floor(t / ts_ + 1e-6))); }
 
     std::span<const double> cut(const std::vector<double>& signal) const {
         return std::span(signal).subspan(window_.first, window_.count);
@@ -173,9 +167,7 @@ class SinglePoint {
     const MachineModel& machine_;
     const SweepOptions& options_;
     double frequency_, ts_;
-    ServoSystem system_;
-    Simulator simulator_;
-    LoopSignals signals_;
+    ServoRun run_;
     Window window_;
     bool settled_ = false;
 };
@@ -264,44 +256,23 @@ SweepSignals run_single_frequency(const MachineModel& machine, const SweepOption
     SweepOptions one = options;
     one.frequency_hz = {frequency};
     check(machine, one);
-    // The excitation goes on from the settled state, so the run is repeated with a recorder of the true signals.
-    class Both final : public Observer {
-      public:
-        Both(const MachineModel& m, const SweepOptions& o, const ServoSystem& system)
-            : signals(m, o),
-              recorder(system) {}
-        void left_limit(const SystemState& state) override { recorder.left_limit(state); }
-        void sampled(ClockId clock, long k, const SystemState& state) override {
-            signals.sampled(clock, k, state);
-            recorder.sampled(clock, k, state);
-        }
-        LoopSignals signals;
-        ServoRecorder recorder;
-    };
     const double ts = machine.sample_time;
-    const ServoSystem system(machine,
-                             ClosedLoop{[&](long k) {
-                                            const double t = static_cast<double>(k) * ts;
-                                            return LoopInput{0.0, one.amplitude * std::sin(2 * pi * frequency * t)};
-                                        },
-                                        one.friction_feedback},
-                             options.seed);
-    Simulator simulator(system, options.solver, control);
-    Both seen(machine, one, system);
-    simulator.observe(&seen);
+    ServoRun run(machine, sine_drive(one, [&](double k) { return 2 * pi * frequency * (k * ts); }),
+                 {.solver = options.solver, .seed = options.seed, .channels = {.fed_back = true}}, control);
     const double settle = std::max(std::ceil(std::max(one.settle_periods, one.settle_time * frequency)), 1.0);
     const RunOutcome outcome =
-        simulator.advance_to(std::ceil((settle + static_cast<double>(periods_shown)) / frequency / ts) * ts);
+        run.advance_to(std::lround(std::ceil((settle + static_cast<double>(periods_shown)) / frequency / ts)));
     if (outcome.end == RunEnd::interrupted) throw EndedEarly(outcome.message);
     if (!outcome.ok()) throw Error(outcome.message);
 
     const auto first = static_cast<std::ptrdiff_t>(std::ceil(settle / frequency / ts));
     const auto tail = [&](const std::vector<double>& v) { return std::vector<double>(v.begin() + first, v.end()); };
-    const ServoTrace& all = seen.recorder.trace();
-    return {{tail(all.t), tail(all.r), tail(all.u), tail(all.y), tail(all.x), tail(all.v), tail(all.f)},
-            tail(seen.signals.delayed_thrust),
-            tail(seen.signals.friction_estimate),
-            tail(seen.signals.input[2])};
+    const ServoTrace& all = run.trace();
+    const LoopSignals signals(all, machine, one);
+    return {{tail(all.t), tail(all.r), tail(all.u), tail(all.y), tail(all.x), tail(all.v), tail(all.f), {}},
+            tail(signals.delayed_thrust),
+            tail(signals.friction_estimate),
+            tail(signals.input[2])};
 }
 
 ModalModel modal_model_of(const MachineModel& machine) {

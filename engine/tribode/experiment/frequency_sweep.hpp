@@ -3,11 +3,9 @@
 #include "tribode/analysis/modal_model.hpp"
 #include "tribode/base/run_control.hpp"
 #include "tribode/experiment/friction_model.hpp"
-#include "tribode/experiment/servo_recorder.hpp"
+#include "tribode/experiment/servo_run.hpp"
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/record/table.hpp"
-#include "tribode/solver/integrator.hpp"
-#include "tribode/solver/run_outcome.hpp"
 
 #include <array>
 #include <complex>

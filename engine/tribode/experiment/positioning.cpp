@@ -6,7 +6,6 @@
 #include "tribode/control/sampled_friction.hpp"
 #include "tribode/experiment/frequency_sweep.hpp"
 #include "tribode/experiment/friction_margins.hpp"
-#include "tribode/solver/simulator.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -58,27 +57,22 @@ Inputs inputs_of(const MachineModel& machine, const Feedforward& feedforward, co
 
 ServoTrace run(const MachineModel& machine, const Inputs& inputs, const PositioningOptions& options,
                const RunControl& control, PositioningResult& result) {
-    const ServoSystem system(
-        machine, ClosedLoop{[&inputs](long k) {
-            const auto i = static_cast<std::size_t>(k);
-            return LoopInput{inputs.delayed_reference[i], inputs.feedforward[i] + inputs.friction[i]};
-        }},
-        options.seed);
-    Simulator simulator(system, options.solver, control);
-    ServoRecorder recorder(system);
-    simulator.observe(&recorder);
-    const auto last = static_cast<double>(inputs.feedforward.size() - 1);
-    result.outcome = simulator.advance_to(last * machine.sample_time);
-    result.statistics = simulator.statistics();
+    const auto input = [&inputs](long k) {
+        const auto i = static_cast<std::size_t>(k);
+        return LoopInput{inputs.delayed_reference[i], inputs.feedforward[i] + inputs.friction[i]};
+    };
+    ServoRun run(machine, ClosedLoop{input}, {.solver = options.solver, .seed = options.seed}, control);
+    result.outcome = run.advance_to(static_cast<long>(inputs.feedforward.size()) - 1);
+    result.statistics = run.statistics();
     if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
     if (!result.outcome.ok()) throw Error("positioning: " + result.outcome.message);
-    return recorder.trace();
+    return run.trace();
 }
 
-double largest(const std::vector<double>& values) {
-    double most = 0;
-    for (const double value : values) most = std::max(most, std::abs(value));
-    return most;
+double max_abs(const std::vector<double>& values) {
+    double max = 0;
+    for (const double value : values) max = std::max(max, std::abs(value));
+    return max;
 }
 
 std::optional<double> settled_from(const std::vector<double>& t, const std::vector<double>& error, double band) {
@@ -119,10 +113,10 @@ PositioningResult run_positioning(const MachineModel& machine, const Feedforward
         squares += result.tracking_error.back() * result.tracking_error.back();
     }
     result.rmse = std::sqrt(squares / static_cast<double>(seen.y.size()));
-    result.max_error = largest(result.tracking_error);
+    result.max_error = max_abs(result.tracking_error);
     result.settling_time = settled_from(seen.t, result.error, options.band);
-    result.peak_thrust = largest(seen.u);
-    result.peak_position = largest(seen.x);
+    result.peak_thrust = max_abs(seen.u);
+    result.peak_position = max_abs(seen.x);
     result.within_rating = result.peak_thrust <= options.rated_thrust;
     result.within_stroke = result.peak_position <= options.stroke;
     result.feedforward = std::move(inputs.feedforward);

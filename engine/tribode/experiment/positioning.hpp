@@ -4,11 +4,9 @@
 #include "tribode/base/run_control.hpp"
 #include "tribode/design/feedforward.hpp"
 #include "tribode/experiment/friction_model.hpp"
-#include "tribode/experiment/servo_recorder.hpp"
+#include "tribode/experiment/servo_run.hpp"
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/record/table.hpp"
-#include "tribode/solver/integrator.hpp"
-#include "tribode/solver/run_outcome.hpp"
 
 #include <cstdint>
 #include <optional>

@@ -5,10 +5,12 @@ namespace tribode {
 void ServoRecorder::sampled(ClockId clock, long k, const SystemState& state) {
     if (clock != ServoSystem::controller) return;
     const auto& values = ServoSystem::values(state);
-    trace_.t.push_back(static_cast<double>(k) * system_.sample_time());
-    trace_.r.push_back(values.reference);
-    trace_.u.push_back(values.thrust);
-    trace_.y.push_back(values.detected);
+    if (channels_.t) trace_.t.push_back(static_cast<double>(k) * system_.sample_time());
+    if (channels_.r) trace_.r.push_back(values.reference);
+    if (channels_.u) trace_.u.push_back(values.thrust);
+    if (channels_.y) trace_.y.push_back(values.detected);
+    if (channels_.fed_back) trace_.fed_back.push_back(values.friction_fed_back);
+    if (!channels_.motion) return;
     trace_.x.push_back(before_.position);
     trace_.v.push_back(before_.velocity);
     trace_.f.push_back(before_.friction);

@@ -2,7 +2,6 @@
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/record/csv.hpp"
-#include "tribode/solver/simulator.hpp"
 
 #include <Eigen/Dense>
 #include <algorithm>
@@ -118,39 +117,44 @@ DriveRecord DriveRecord::from_table(const Table& table, const MachineModel& mach
     return record;
 }
 
+DriveRecord DriveRecord::from_file(const std::filesystem::path& file, const RecordOptions& options,
+                                   const MachineModel& machine) {
+    return from_table(read_record(file, options, columns()).table, machine, file.string());
+}
+
 Method resolved(Method method, const MachineModel& machine) {
     return resolved(method, ServoSystem(machine, OpenLoop{}));
 }
 
-ServoSystem driven_system(const MachineModel& machine, const DriveRecord& record, std::uint64_t seed,
-                          double friction_feedback) {
+ServoRun driven_run(const MachineModel& machine, const DriveRecord& record, ServoRunOptions options,
+                    double friction_feedback, const RunControl& control) {
     require_complete(record);
     if (friction_feedback != 0 && !record.closed_loop()) {
         throw InputError("friction_feedback belongs to a closed loop, and the input is u, an open loop; give r or exc");
     }
-    const auto start = machine.initial == InitialKind::fitted ? fitted_start(record, machine) : ServoSystem::Start{};
-    return ServoSystem(machine, drive_of(machine, record, friction_feedback), seed, start);
+    options.start = machine.initial == InitialKind::fitted ? fitted_start(record, machine) : ServoSystem::Start{};
+    return ServoRun(machine, drive_of(machine, record, friction_feedback), options, control);
 }
 
-Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver,
-                    std::uint64_t seed, const RunControl& control, double friction_feedback) {
-    const ServoSystem system = driven_system(machine, record, seed, friction_feedback);
-    Simulator simulator(system, solver, control);
-    ServoRecorder recorder(system);
-    simulator.observe(&recorder);
+Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SimulationOptions& options,
+                    const RunControl& control) {
+    ServoRun run = driven_run(machine, record, {.solver = options.solver, .seed = options.seed},
+                              options.friction_feedback, control);
     Simulation result;
-    // Progress in a hundred parts: each ends at a sample instant, so the parts do not show in the numbers.
-    const std::size_t last = record.t.size() - 1, part = std::max<std::size_t>(last / 100, 1);
-    for (std::size_t k = 0;; k = std::min(k + part, last)) {
-        result.outcome = simulator.advance_to(static_cast<double>(k) * machine.sample_time);
-        if (control.progress) control.progress("simulate", k, last);
+    // Progress in a hundred parts: each ends at a sample instant, so the parts do not show in the results.
+    const auto last = static_cast<long>(record.t.size()) - 1, part = std::max(last / 100, 1L);
+    for (long k = 0;; k = std::min(k + part, last)) {
+        result.outcome = run.advance_to(k);
+        if (control.progress) {
+            control.progress("simulate", static_cast<std::size_t>(k), static_cast<std::size_t>(last));
+        }
         if (k == last || !result.outcome.ok()) break;
     }
-    result.method = resolved(solver.method, system);
-    result.trace = recorder.trace();
+    result.method = run.method();
+    result.trace = run.trace();
     std::copy_n(record.t.begin(), result.trace.t.size(), result.trace.t.begin());
-    result.events = simulator.events();
-    result.statistics = simulator.statistics();
+    result.events = run.events();
+    result.statistics = run.statistics();
     return result;
 }
 

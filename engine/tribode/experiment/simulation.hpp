@@ -1,12 +1,12 @@
 #pragma once
 #include "tribode/base/run_control.hpp"
-#include "tribode/experiment/servo_recorder.hpp"
+#include "tribode/experiment/servo_run.hpp"
 #include "tribode/machine/machine_model.hpp"
+#include "tribode/record/record_file.hpp"
 #include "tribode/record/table.hpp"
-#include "tribode/solver/integrator.hpp"
-#include "tribode/solver/run_outcome.hpp"
 
 #include <cstdint>
+#include <filesystem>
 #include <string>
 
 namespace tribode {
@@ -30,6 +30,23 @@ struct DriveRecord {
     // record has u and r, the machine's closed_loop decides. Throws InputError on other columns, on a time column that
     // is not uniform with the machine's sample time, and on what the machine cannot do.
     static DriveRecord from_table(const Table& table, const MachineModel& machine, const std::string& where);
+
+    // The same of a file (read_record).
+    static DriveRecord from_file(const std::filesystem::path& file, const RecordOptions& options,
+                                 const MachineModel& machine);
+};
+
+// What is asked of a simulation, besides the machine and the record: by the command line and by scripts.
+struct SimulationOptions {
+    SolverOptions solver;
+    std::uint64_t seed = 0;       // of the noise
+    double friction_feedback = 0; // share of the modeled friction that is added to u (ClosedLoop); in closed loop only
+
+    static void describe(auto& o, auto& fields) {
+        SolverOptions::describe(o.solver, fields);
+        fields.number("friction_feedback", o.friction_feedback, "", Allowed::non_negative);
+        fields.integer("seed", o.seed, 0, 1L << 53);
+    }
 };
 
 struct Simulation {
@@ -43,18 +60,18 @@ struct Simulation {
 // The method that `automatic` stands for with this machine.
 Method resolved(Method method, const MachineModel& machine);
 
-// The machine under the record, from the start that its description says; in closed loop with the share friction_feedback
-// of the modelled friction added to u (ClosedLoop). The record must outlive it. Throws InputError where the record has no
-// instants, or a column with another number of values.
-ServoSystem driven_system(const MachineModel& machine, const DriveRecord& record, std::uint64_t seed,
-                          double friction_feedback = 0);
+// A run of the machine under the record, from the start that its description says; the start of the options is not used.
+// The record must outlive it. Throws InputError where the record has no instants, or a column with another number of
+// values, and where the method cannot run the machine.
+ServoRun driven_run(const MachineModel& machine, const DriveRecord& record, ServoRunOptions options,
+                    double friction_feedback = 0, const RunControl& control = {});
 
 // Runs the machine under the record. The first sample is t = 0 of the machine; there it rests, or moves as the first
 // samples of the measured position do where its description says "fitted". The noise of sensor and force follows from the
-// seed. Throws InputError as driven_system does, and where the solver cannot run the machine; a run that ends early is
-// told by the outcome, and the trace goes as far as it came.
-Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SolverOptions& solver = {},
-                    std::uint64_t seed = 0, const RunControl& control = {}, double friction_feedback = 0);
+// seed. Throws InputError as driven_run does; a run that ends early is told by the outcome, and the trace goes as far as it
+// came.
+Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SimulationOptions& options = {},
+                    const RunControl& control = {});
 
 // Columns t,r,u,y,x,v,f, as `tribode simulate` writes them.
 Table to_table(const ServoTrace& trace);

@@ -4,8 +4,7 @@
 
 namespace tribode {
 
-// Puts the functions of the module `tribode` into the state; docs/lua-reference.md describes each. They convert
-// between plain tables and the engine's types and hold no physics and no defaults.
+// Puts the functions of the module `tribode` into the state; docs/lua-reference.md describes each.
 void add_bindings(LuaState& lua, ScriptRun& run);
 
 } // namespace tribode

@@ -1,10 +1,9 @@
 #pragma once
-#include "tribode/script/lua_state.hpp"
-#include "tribode/script/script_run.hpp"
+#include "tribode/script/lua_function.hpp"
 
 namespace tribode {
 
-// tb.system, tb.run_system and the functions that equations are written with; docs/systems.md describes them.
-void add_system_bindings(LuaState& lua, ScriptRun& run);
+// The part of system_functions() about linear systems and steady states.
+std::vector<LuaFunction> system_analysis_functions();
 
 } // namespace tribode

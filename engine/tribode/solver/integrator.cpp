@@ -30,7 +30,7 @@ Method method_named(const std::string& name) {
 
 bool has_fixed_step(Method method) { return method >= Method::fixed; }
 
-Method resolved(Method method, const HybridSystem& system) {
+Method resolved(Method method, const HybridSystem& system, Purpose purpose) {
     const auto& states = system.states();
     const auto algebraic = std::find_if(states.begin(), states.end(),
                                         [](const StateVariable& variable) { return variable.is_algebraic(); });
@@ -42,7 +42,8 @@ Method resolved(Method method, const HybridSystem& system) {
                         name_of(method), algebraic->name));
     }
     if (method != Method::automatic) return method;
-    return system.why_not_affine() ? Method::erk : Method::exact;
+    if (!system.why_not_affine()) return Method::exact;
+    return purpose == Purpose::search && !system.why_not_nearly_affine() ? Method::collocation : Method::erk;
 }
 
 std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const SolverOptions& options) {

@@ -100,8 +100,12 @@ Method method_named(const std::string& name); // throws InputError
 // Whether the method has a fixed step, and no error control.
 bool has_fixed_step(Method method);
 
-// What `automatic` means for this system; any other method as it is.
-Method resolved(Method method, const HybridSystem& system);
+// What a run is for. Its result is looked at; or it is one of many in a search, which needs the fastest method whose error
+// is known to be small.
+enum class Purpose { result, search };
+
+// What `automatic` means for this system; any other method as it is. The one place where a method is chosen.
+Method resolved(Method method, const HybridSystem& system, Purpose purpose = Purpose::result);
 
 std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const SolverOptions& options);
 

@@ -31,7 +31,7 @@ inline DriveRecord sine_record(double amplitude, double frequency, double second
 // What the machine with hidden effects would have measured.
 inline Table measured(Json machine, const Json& hidden, const DriveRecord& record, std::uint64_t seed) {
     machine["effects"] = hidden;
-    const Simulation run = simulate(MachineModel::from_description(machine, "case"), record, SolverOptions{}, seed);
+    const Simulation run = simulate(MachineModel::from_description(machine, "case"), record, {.seed = seed});
     Table table;
     table.add("t", "s", run.trace.t);
     table.add("r", "m", run.trace.r);

@@ -37,8 +37,9 @@ DriveRecord record() {
 
 Simulation run(const MachineModel& machine, Method method, double tolerance) {
     static const DriveRecord drive = record();
-    return simulate(machine, drive,
-                    {.method = method, .relative_tolerance = tolerance, .absolute_tolerance = 1e-4 * tolerance}, 0);
+    return simulate(
+        machine, drive,
+        {.solver = {.method = method, .relative_tolerance = tolerance, .absolute_tolerance = 1e-4 * tolerance}});
 }
 
 double largest_difference(const Simulation& a, const Simulation& b) {

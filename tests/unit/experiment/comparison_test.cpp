@@ -112,8 +112,8 @@ TEST(Comparison, differences_are_those_of_the_traces) {
     const auto record = open_loop(sine(15, 10, 200));
     const auto c = compare(machine, record, some({5}));
     for (const auto& m : c.methods) {
-        const auto exact = simulate(machine, record, {.method = Method::exact}, 0).trace.x;
-        const auto own = simulate(machine, record, m.solver, 0).trace.x;
+        const auto exact = simulate(machine, record, {.solver = {.method = Method::exact}}).trace.x;
+        const auto own = simulate(machine, record, {.solver = m.solver}).trace.x;
         double largest = 0, sum = 0;
         for (std::size_t k = 0; k < own.size(); ++k) {
             largest = std::max(largest, std::abs(own[k] - exact[k]));
@@ -177,12 +177,12 @@ long max_pairs(const EventLog& exact, const EventLog& own, double window) {
 TEST(ComparisonOfEvents, pairs_as_many_as_there_can_be) {
     const auto machine = reference();
     const auto record = open_loop(sine(15, 10, 401));
-    const auto exact = simulate(machine, record, {.method = Method::exact}, 0).events;
+    const auto exact = simulate(machine, record, {.solver = {.method = Method::exact}}).events;
     const auto c = compare(machine, record, some({1, 2, 5}));
     EXPECT_EQ(c.exact.events_found, static_cast<long>(exact.size()));
     long missed = 0;
     for (const auto& m : c.methods) {
-        const auto own = simulate(machine, record, m.solver, 0).events;
+        const auto own = simulate(machine, record, {.solver = m.solver}).events;
         EXPECT_EQ(m.events_found, max_pairs(exact, own, ts)) << m.name;
         EXPECT_EQ(m.events_found + m.events_missed, static_cast<long>(exact.size())) << m.name;
         EXPECT_EQ(m.events_found + m.events_extra, static_cast<long>(own.size())) << m.name;
@@ -210,8 +210,8 @@ TEST(ComparisonOfEvents, a_step_too_long_misses_reversals_and_a_short_one_none) 
     EXPECT_GT(of(c, Method::zoh, 1).events_missed, reversals / 2);
     // Several events of the reference lie within a sample of one of the method: each is taken once.
     const auto record = open_loop(Values(count, 1.0));
-    const auto exact = simulate(machine, record, {.method = Method::exact}, 0).events;
-    const auto own = simulate(machine, record, of(c, Method::zoh, 1).solver, 0).events;
+    const auto exact = simulate(machine, record, {.solver = {.method = Method::exact}}).events;
+    const auto own = simulate(machine, record, {.solver = of(c, Method::zoh, 1).solver}).events;
     EXPECT_EQ(of(c, Method::zoh, 1).events_found, max_pairs(exact, own, ts));
     EXPECT_LT(of(c, Method::zoh, 1).max_difference, 1e-11); // 1e-12 N on the whole for 15 ms
     EXPECT_EQ(of(c, Method::zoh, 100).events_missed, 0);

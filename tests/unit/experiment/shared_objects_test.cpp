@@ -35,7 +35,7 @@ TEST(SharedByThreads, AMachineAndARecord) {
     const MachineModel machine = machine_of(reference_description());
     const DriveRecord record = sine(machine);
     for (const Method method : {Method::exact, Method::erk, Method::bdf}) {
-        const auto run = [&] { return simulate(machine, record, {.method = method}, 7).trace.x; };
+        const auto run = [&] { return simulate(machine, record, {.solver = {.method = method}, .seed = 7}).trace.x; };
         const auto alone = run();
         ASSERT_EQ(alone.size(), record.t.size());
         for (const auto& result : on_four_threads(run)) EXPECT_EQ(result, alone) << name_of(method);

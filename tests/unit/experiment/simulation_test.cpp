@@ -52,7 +52,7 @@ std::string refusal(const std::vector<std::pair<std::string, Values>>& columns, 
 const SolverOptions erk{.method = Method::erk, .relative_tolerance = 1e-8, .absolute_tolerance = 1e-12};
 
 Simulation run(const MachineModel& machine, const DriveRecord& record, std::uint64_t seed = 0) {
-    Simulation result = simulate(machine, record, erk, seed);
+    Simulation result = simulate(machine, record, {.solver = erk, .seed = seed});
     EXPECT_TRUE(result.outcome.ok()) << result.outcome.message;
     return result;
 }
@@ -147,7 +147,7 @@ TEST(Simulate, without_a_controller_closed_loop_is_refused) {
     DriveRecord record;
     record.t = times(3);
     record.reference = Values(3, 0.0);
-    EXPECT_THROW(simulate(bare_mass(), record, erk, 0), InputError);
+    EXPECT_THROW(simulate(bare_mass(), record, {.solver = erk}), InputError);
 }
 
 TEST(Simulate, events_are_written_with_time_element_and_kind) {
@@ -214,7 +214,7 @@ TEST(Simulate, a_stop_request_ends_early_and_keeps_the_samples_so_far) {
     control.progress = [&](const std::string&, std::size_t done, std::size_t) { stop = done >= 1000; };
     const MachineModel machine = bare_mass();
     const auto s =
-        simulate(machine, record_of({{"t", times(4001)}, {"u", Values(4001, 1.0)}}, machine), erk, 0, control);
+        simulate(machine, record_of({{"t", times(4001)}, {"u", Values(4001, 1.0)}}, machine), {.solver = erk}, control);
     EXPECT_EQ(s.outcome.end, RunEnd::interrupted);
     EXPECT_GE(s.trace.t.size(), 1000u);
     EXPECT_LT(s.trace.t.size(), 1100u);

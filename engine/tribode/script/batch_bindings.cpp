@@ -1,10 +1,10 @@
-#include "tribode/script/sampling_bindings.hpp"
 #include "tribode/analysis/sensitivity.hpp"
 #include "tribode/analysis/statistics.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/field_reader.hpp"
 #include "tribode/batch/sampling.hpp"
-#include "tribode/machine/machine_model.hpp"
+#include "tribode/script/batch_script.hpp"
+#include "tribode/script/lua_function.hpp"
 
 namespace tribode {
 
@@ -33,23 +33,6 @@ Json points_of(const Json& arguments) {
     Json points = Json::array();
     for (long i = first - 1; i < first - 1 + wanted; ++i) points.push_back(design.point(static_cast<std::uint64_t>(i)));
     return points;
-}
-
-// tb.with_fields(machine, fields), or one table of options.
-Json change_machine(const Json& arguments) {
-    const std::string name = "tb.with_fields";
-    if (arguments.is_array() && !arguments.empty()) {
-        if (arguments.size() != 2) throw InputError(name + ": wants a machine and a table of fields");
-        return change_machine({{"machine", arguments[0]}, {"fields", arguments[1]}});
-    }
-    FieldReader fields(arguments, name);
-    const Json& machine = fields.value("machine");
-    const Json& replaced = fields.value("fields");
-    const Json& scaled = fields.value("scale");
-    fields.finish();
-    Json changed = with_fields(machine, replaced, scaled, name);
-    MachineModel::from_description(changed, name); // names and values are checked here, not at the first run
-    return changed;
 }
 
 // ---- results -----------------------------------------------------------------------------------------------------
@@ -182,20 +165,67 @@ Json worst(const Json& arguments) {
     return rows;
 }
 
+// ---- batches -----------------------------------------------------------------------------------------------------
+
+Json read_batch(const ScriptContext& script, const Json& arguments) {
+    FieldReader fields(arguments, "tb.read_batch");
+    const std::filesystem::path folder = fields.text("folder");
+    fields.finish();
+    script.access().check_read(folder);
+    return merged_batch(folder);
+}
+
+int describe(const ScriptContext& script, lua_State* lua) { return describe_batch(lua, script.run); }
+
 } // namespace
 
-void add_sampling_bindings(LuaState& lua) {
-    for (const char* kind : {"grid", "list", "monte_carlo", "latin_hypercube", "sobol", "saltelli", "one_at_a_time"}) {
-        lua.add_function(kind, design_function(kind));
-    }
-    lua.add_function("points", points_of);
-    lua.add_function("with_fields", change_machine);
-    lua.add_function("statistics", statistics);
-    lua.add_function("histogram", histogram_of);
-    lua.add_function("sobol_indices", indices);
-    lua.add_function("regression_sensitivity", regression);
-    lua.add_function("tornado", tornado_of);
-    lua.add_function("worst_cases", worst);
+const std::vector<LuaFunction>& batch_functions() {
+    static const std::vector<LuaFunction> functions = {
+        {"batch", describe, "`tb.batch{ … }`",
+         "describes a batch of points, once in a script ([how batches run](batch.md), [options](#tbbatch)). It returns "
+         "nothing: `tribode batch` runs the points, or `tribode run` at the end of the script"},
+        {"read_batch", read_batch, "`tb.read_batch{ folder = }`",
+         "reads a complete batch, named with `-D` or inside the run folder, in the form that `finish` "
+         "[receives](#tbbatch). It refuses a batch with missing points"},
+        {"grid", design_function("grid"), "`tb.grid{ factors = { { name =, values = {…} }, … } }`",
+         "every combination, the last factor fastest; values are numbers, texts or booleans"},
+        {"list", design_function("list"), "`tb.list{ points = { { name = value, … }, … } }`",
+         "the given points; all have the same names"},
+        {"monte_carlo", design_function("monte_carlo"), "`tb.monte_carlo{ factors =, count =, seed = 0 }`",
+         "independent draws"},
+        {"latin_hypercube", design_function("latin_hypercube"), "`tb.latin_hypercube{ factors =, count =, seed = 0 }`",
+         "each of `count` equal shares of each factor occurs once"},
+        {"sobol", design_function("sobol"), "`tb.sobol{ factors =, count =, seed = 0, scramble = \"owen\" }`",
+         "Sobol sequence [Joe 2008] of up to 40 factors; `scramble` is `\"owen\"`, `\"shift\"` or `\"none\"`"},
+        {"saltelli", design_function("saltelli"), "`tb.saltelli{ factors =, base_count =, seed = 0 }`",
+         "`base_count` groups of (factors + 2) points for `tb.sobol_indices`; up to 20 factors"},
+        {"one_at_a_time", design_function("one_at_a_time"), "`tb.one_at_a_time{ factors =, share = 0.05 }`",
+         "the medians, then each factor alone at its quantiles `share` and 1 − `share`"},
+        {"points", points_of, "`tb.points{ design =, first = 1, count = }`",
+         "list of points `{ name = value, … }`, by default all; at most 10⁷ at once"},
+        {"statistics", statistics, "`tb.statistics{ values = {…}, probabilities = {…}, confidence = 0.95 }`",
+         "`count`, `missing` (values that are not finite: failed runs), `mean`, `standard_deviation`, "
+         "`standard_error`, `mean_low`, `mean_high` (Student's interval), `least`, `greatest`, `quantiles`: a list of "
+         "`{ probability, value, low, high }`, by default of 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99; a bound is nan "
+         "if there are too few values"},
+        {"histogram", histogram_of, "`tb.histogram{ values =, bins = 0 }`",
+         "`edges`, `counts`, `missing`; 0 bins: by the rule of Freedman and Diaconis"},
+        {"worst_cases", worst, "`tb.worst_cases{ values =, count = 5, which = \"greatest\" }`",
+         "list of `{ row, value }`, the worst first; `which` may be `\"least\"`"},
+        {"sobol_indices", indices,
+         "`tb.sobol_indices{ values =, factors = { \"name\", … }, replicates = 200, seed = 0 }`",
+         "for results in the order of a `saltelli` design: lists `first`, `total` (shares of the variance), "
+         "`first_error`, `total_error` (bootstrap), `factors`; `mean`, `variance`, `groups`, `dropped` (groups with a "
+         "failed run)"},
+        {"regression_sensitivity", regression,
+         "`tb.regression_sensitivity{ factors = { { name =, values = }, … }, values =, ranks = false }`",
+         "standardized regression: lists `coefficients`, `standard_errors`, `factors`; `r_squared`, `rows`. `ranks = "
+         "true`: of the ranks"},
+        {"tornado", tornado_of, "`tb.tornado{ factors = as above, values =, share = 0.1 }`",
+         "list of `{ name, low, high, low_error, high_error }`, the widest first: means of the result where the factor "
+         "is among its lowest and highest share, and their standard errors"},
+    };
+    return functions;
 }
 
 } // namespace tribode

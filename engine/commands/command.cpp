@@ -1,0 +1,86 @@
+#include "commands/command.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/kernel_sandbox.hpp"
+#include "tribode/script/machine_file.hpp"
+#include "tribode/script/script_run.hpp"
+
+#include <filesystem>
+#include <fmt/format.h>
+
+namespace tribode {
+
+std::atomic<bool> stop_requested{false};
+ProgressDisplay progress_display;
+
+RunControl Common::control() const {
+    RunControl control;
+    control.stop = &stop_requested;
+    control.workers = workers;
+    if (!quiet) {
+        control.progress = [](const std::string& what, std::size_t now, std::size_t of) {
+            progress_display.show(what, now, of);
+        };
+    }
+    return control;
+}
+
+void Common::add_quiet(CLI::App& app) { app.add_flag("--quiet", quiet, "no progress display"); }
+
+void Common::add_workers(CLI::App& app, const char* what) {
+    app.add_option("-j,--workers", workers, what)->check(CLI::Range(1u, 4096u));
+}
+
+void add_defines(CLI::App& app, std::vector<std::string>& defines, const char* help) {
+    app.add_option("-D", defines, help)->take_all()->allow_extra_args(false);
+}
+
+std::map<std::string, std::string> defines_of(const std::vector<std::string>& defines) {
+    std::map<std::string, std::string> values;
+    for (const auto& define : defines) {
+        const std::size_t equals = define.find('=');
+        if (equals == 0 || equals == std::string::npos) {
+            throw InputError(fmt::format("-D {}: must be name=value", define));
+        }
+        values[define.substr(0, equals)] = define.substr(equals + 1);
+    }
+    return values;
+}
+
+void add_machine(CLI::App& app, std::string& machine) {
+    app.add_option("--machine", machine, "machine description, .lua or .json")->required();
+}
+
+MachineModel read_machine(const std::string& file, const Common& common) {
+    return MachineModel::from_description(read_description(file, {}, nullptr, nullptr, common.control()), file);
+}
+
+void ColumnOptions::add_to(CLI::App& app) {
+    app.add_option("--columns", columns, "names in the record, e.g. t=t_s,u=u_V");
+    app.add_option("--scale", scale, "factors that bring columns to SI, e.g. u=35.15");
+}
+
+void MachineAndRecord::add_to(CLI::App& app) {
+    add_machine(app, machine);
+    app.add_option("--input", input, "record, CSV, MAT or HDF5, with t,u (open loop) or t,r,exc (closed loop)")
+        ->required();
+    columns.add_to(app);
+}
+
+void confine(const std::string& machine, const std::vector<std::string>& read, const std::vector<std::string>& write) {
+    KernelSandbox sandbox;
+    sandbox.read.assign(read.begin(), read.end());
+    if (!machine.empty()) {
+        const std::filesystem::path file = machine;
+        sandbox.read.insert(sandbox.read.end(), {file, file.has_parent_path() ? file.parent_path() : "."});
+    }
+    for (const auto& file : write) sandbox.allow_output(file);
+    sandbox.allow_program("gnuplot");
+    sandbox.enter();
+}
+
+void add_compile(CLI::App& app, ScriptRequest& request) {
+    app.add_flag("--compile", request.compile,
+                 "equations of tb.run_system through the system's C compiler: faster, the same results");
+}
+
+} // namespace tribode

@@ -1,0 +1,83 @@
+#pragma once
+#include "commands/progress_display.hpp"
+#include "tribode/base/run_control.hpp"
+#include "tribode/experiment/simulation.hpp"
+#include "tribode/machine/machine_model.hpp"
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <atomic>
+#include <map>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace tribode {
+
+enum ExitCode { done = 0, anything_else = 1, wrong_input = 2, ended_early = 3, shard_interrupted = 75 };
+
+extern std::atomic<bool> stop_requested; // by Ctrl-C
+extern ProgressDisplay progress_display;
+
+// Options of every command.
+struct Common {
+    bool quiet = false;
+    unsigned workers = std::max(1u, std::thread::hardware_concurrency());
+
+    RunControl control() const;
+    void add_quiet(CLI::App& app);
+    void add_workers(CLI::App& app, const char* what = "threads (default: all cores); the results do not depend on it");
+};
+
+// One command of the program, `tribode NAME`. It fills in a request of the engine, runs it and prints what came of it.
+class Command {
+  public:
+    virtual ~Command() = default;
+    virtual void add_to(CLI::App& app, Common& common) = 0; // its options
+    virtual int run(const Common& common) = 0;              // returns the exit code
+};
+
+std::unique_ptr<Command> simulate_command();
+std::unique_ptr<Command> compare_command();
+std::unique_ptr<Command> diagnose_command();
+std::unique_ptr<Command> run_command();
+std::unique_ptr<Command> batch_command();
+
+// ---- what several commands need ----------------------------------------------------------------------------------
+
+// -D name=value, each once or more: the last counts.
+void add_defines(CLI::App& app, std::vector<std::string>& defines, const char* help);
+std::map<std::string, std::string> defines_of(const std::vector<std::string>& defines);
+
+void add_machine(CLI::App& app, std::string& machine);
+MachineModel read_machine(const std::string& file, const Common& common);
+
+// Names and units of records.
+struct ColumnOptions {
+    std::string columns, scale;
+
+    void add_to(CLI::App& app);
+    RecordOptions options() const { return RecordOptions::parse(columns, scale); }
+};
+
+// A machine and the record that drives it.
+struct MachineAndRecord {
+    std::string machine, input;
+    ColumnOptions columns;
+
+    void add_to(CLI::App& app);
+    MachineModel model(const Common& common) const { return read_machine(machine, common); }
+    DriveRecord record(const MachineModel& model) const {
+        return DriveRecord::from_file(input, columns.options(), model);
+    }
+};
+
+// For commands that read files of others and write one of their own. A machine may be a program that requires what lies
+// beside it.
+void confine(const std::string& machine, const std::vector<std::string>& read, const std::vector<std::string>& write);
+
+struct ScriptRequest;
+void add_compile(CLI::App& app, ScriptRequest& request);
+
+} // namespace tribode

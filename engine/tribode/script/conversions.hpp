@@ -1,0 +1,30 @@
+#pragma once
+#include "tribode/analysis/frequency_response.hpp"
+#include "tribode/analysis/loop_gain.hpp"
+#include "tribode/base/field_reader.hpp"
+#include "tribode/experiment/servo_recorder.hpp"
+#include "tribode/machine/machine_model.hpp"
+#include "tribode/record/record_file.hpp"
+#include "tribode/record/table.hpp"
+#include "tribode/script/lua_function.hpp"
+#include "tribode/solver/run_outcome.hpp"
+
+namespace tribode {
+
+// Between plain tables, as scripts have them, and the engine's types: what several modules of bindings use.
+
+MachineModel machine_of(FieldReader& fields); // the key `machine`
+FrequencyResponse response_of(FieldReader& fields, const char* key = "response");
+Table table_of(FieldReader& fields, const char* key); // a list of {name =, unit =, values =}
+
+// The record that the options `file_key`, columns and scale name, where the script may read it.
+Record record_of(const ScriptContext& script, FieldReader& fields, const char* file_key,
+                 const std::vector<std::string>& wanted);
+
+Json to_json(const FrequencyResponse& response);
+Json to_json(const RunStatistics& statistics);
+Json to_json(const ServoTrace& trace);
+Json to_json(const StabilityMargins& margins);
+Json columns_of(const Table& table); // as tb.write_csv takes them
+
+} // namespace tribode

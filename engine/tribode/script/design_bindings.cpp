@@ -1,0 +1,35 @@
+#include "tribode/analysis/modal_fit.hpp"
+#include "tribode/design/feedforward.hpp"
+#include "tribode/script/conversions.hpp"
+#include "tribode/script/lua_function.hpp"
+
+namespace tribode {
+
+namespace {
+
+Json feedforward(const Json& arguments) {
+    FieldReader fields(arguments, "tb.feedforward");
+    const ModalModel model = modal_model_from_json(fields.value("model"), "tb.feedforward");
+    FeedforwardOptions options;
+    options.read(fields);
+    FrequencyResponse response{fields.numbers("frequency_hz", "Hz", Allowed::positive, {}), {}};
+    fields.finish();
+    const Feedforward designed = design_feedforward(model, options);
+    for (const double f : response.frequency_hz) response.value.push_back(designed.thrust_response(f));
+    Json json = to_json(designed);
+    json["response"] = to_json(response);
+    return json;
+}
+
+} // namespace
+
+const std::vector<LuaFunction>& design_functions() {
+    static const std::vector<LuaFunction> functions = {
+        {"feedforward", feedforward, "`tb.feedforward{ model =, … }`",
+         "designs a feedforward on a modal model, a table as `tb.fit_modal` gives it ([options and "
+         "result](#tbfeedforward))"},
+    };
+    return functions;
+}
+
+} // namespace tribode

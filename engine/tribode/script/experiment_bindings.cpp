@@ -1,0 +1,243 @@
+#include "tribode/base/error.hpp"
+#include "tribode/experiment/comparison.hpp"
+#include "tribode/experiment/frequency_sweep.hpp"
+#include "tribode/experiment/friction_margins.hpp"
+#include "tribode/experiment/positioning.hpp"
+#include "tribode/experiment/simulation.hpp"
+#include "tribode/script/conversions.hpp"
+#include "tribode/script/lua_function.hpp"
+
+#include <fmt/format.h>
+
+namespace tribode {
+
+namespace {
+
+// The input of a run: a file, or lists u, or r and exc, one entry a sample; y where the start is fitted.
+DriveRecord drive_of(const ScriptContext& script, FieldReader& fields, const MachineModel& machine,
+                     const char* function) {
+    if (fields.has("input")) {
+        const Table table = record_of(script, fields, "input", DriveRecord::columns()).table;
+        return DriveRecord::from_table(table, machine, table.source);
+    }
+    Table table;
+    for (const char* name : {"u", "r", "exc", "y"}) {
+        const auto values = fields.numbers(name, "", Allowed::finite, {});
+        if (!values.empty()) table.add(name, "", values);
+    }
+    std::vector<double> t(table.rows());
+    for (std::size_t k = 0; k < t.size(); ++k) t[k] = static_cast<double>(k) * machine.sample_time;
+    table.add("t", "s", std::move(t));
+    return DriveRecord::from_table(table, machine, function);
+}
+
+Json simulate_machine(const ScriptContext& script, const Json& arguments) {
+    FieldReader fields(arguments, "tb.simulate");
+    const MachineModel machine = machine_of(fields);
+    const DriveRecord record = drive_of(script, fields, machine, "tb.simulate");
+    SimulationOptions options;
+    read_options(options, fields);
+    fields.finish();
+    const Simulation result = simulate(machine, record, options, script.run.control());
+    if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
+    script.run.note_work({{"function", "simulate"},
+                          {"machine", machine.hash()},
+                          {"solver", name_of(result.method)},
+                          {"seed", options.seed},
+                          {"friction_feedback", options.friction_feedback},
+                          {"outcome", result.outcome.message},
+                          {"statistics", to_json(result.statistics)}});
+    Json json = to_json(result.trace);
+    json["ok"] = result.outcome.ok();
+    json["message"] = result.outcome.message;
+    json["statistics"] = to_json(result.statistics);
+    json["events"] = Json::array();
+    for (const auto& event : result.events) {
+        json["events"].push_back({{"t", event.t},
+                                  {"element", event.subject},
+                                  {"kind", std::string(name_of(static_cast<SlipState>(event.kind)))}});
+    }
+    return json;
+}
+
+Json compare_methods(const ScriptContext& script, const Json& arguments) {
+    FieldReader fields(arguments, "tb.compare");
+    const MachineModel machine = machine_of(fields);
+    const DriveRecord record = drive_of(script, fields, machine, "tb.compare");
+    ComparisonOptions options;
+    options.read(fields);
+    fields.finish();
+    const Comparison comparison = compare(machine, record, options, script.run.control());
+    write_comparison(comparison, machine, script.run.folder());
+    script.run.note_work({{"function", "compare"}, {"machine", machine.hash()}, {"seed", options.seed}});
+    Json json{{"text", comparison.text()},
+              {"findings", comparison.findings()},
+              {"reference", comparison.reference},
+              {"methods", Json::array()}};
+    if (comparison.excitation_hz) json["excitation_hz"] = *comparison.excitation_hz;
+    for (const auto& m : comparison.methods) {
+        Json method{{"name", m.name},
+                    {"ok", m.outcome.ok()},
+                    {"diverged", m.diverged},
+                    {"max_difference", m.max_difference},
+                    {"rms_difference", m.rms_difference},
+                    {"events_found", m.events_found},
+                    {"events_missed", m.events_missed},
+                    {"events_extra", m.events_extra},
+                    {"derivative_evaluations", m.statistics.derivative_evaluations},
+                    {"steps", m.statistics.steps},
+                    {"seconds", m.seconds}};
+        const auto put = [&](const char* name, const std::optional<double>& value) {
+            if (value) method[name] = *value;
+        };
+        put("gain_error", m.gain_error);
+        put("phase_error_deg", m.phase_error_deg);
+        put("stable_stiffness", m.stable_stiffness);
+        json["methods"].push_back(std::move(method));
+    }
+    return json;
+}
+
+Json sweep(const ScriptContext& script, const Json& arguments) {
+    FieldReader fields(arguments, "tb.sweep");
+    const MachineModel machine = machine_of(fields);
+    SweepOptions options;
+    read_options(options, fields);
+    const std::string checkpoint = fields.text("checkpoint", "sweep.resume.json");
+    fields.finish();
+    const SweepResult result =
+        run_sweep(machine, options, script.run.control(),
+                  script.run.in_batch() ? std::filesystem::path() : script.run.folder().path(checkpoint));
+    script.run.note_work({{"function", "sweep"},
+                          {"machine", machine.hash()},
+                          {"solver", name_of(resolved(options.solver.method, machine))},
+                          {"relative_tolerance", options.solver.relative_tolerance},
+                          {"absolute_tolerance_m", options.solver.absolute_tolerance},
+                          {"amplitude_N", options.amplitude},
+                          {"delay_s", options.delay},
+                          {"friction_feedback", options.friction_feedback},
+                          {"seed", options.seed},
+                          {"frequencies", options.frequency_hz.size()},
+                          {"warnings", result.warnings()},
+                          {"statistics", to_json(result.statistics())}});
+    if (!result.complete) {
+        throw EndedEarly(fmt::format("interrupted after {} of {} frequencies; they are kept, and the same command goes "
+                                     "on from there",
+                                     result.points.size(), options.frequency_hz.size()));
+    }
+    Json json{{"columns", columns_of(result.table())}};
+    for (std::size_t a = 0; a < analysis_count; ++a) json["responses"][analysis_names[a]] = to_json(result.response(a));
+    if (options.improved) json["responses"]["Improved"] = to_json(result.improved());
+    if (options.friction_feedback > 0) json["responses"]["Add-on"] = to_json(result.add_on());
+    json["loop_gain"] = to_json(result.loop_gain());
+    json["warnings"] = result.warnings();
+    json["statistics"] = to_json(result.statistics());
+    return json;
+}
+
+Json single_frequency(const ScriptContext& script, const Json& arguments) {
+    FieldReader fields(arguments, "tb.single_frequency");
+    const MachineModel machine = machine_of(fields);
+    const double frequency = fields.number("excitation_hz", "Hz", Allowed::positive);
+    const long periods = fields.integer("periods", 1, 1'000'000, 3);
+    SweepOptions options;
+    read_options(options, fields);
+    fields.finish();
+    const SweepSignals signals = run_single_frequency(machine, options, frequency, periods, script.run.control());
+    Json json = to_json(signals.trace);
+    json["delayed_thrust"] = signals.delayed_thrust;
+    json["friction_estimate"] = signals.friction_estimate;
+    json["effective_thrust"] = signals.effective_thrust;
+    return json;
+}
+
+Json positioning(const ScriptContext& script, const Json& arguments) {
+    FieldReader fields(arguments, "tb.positioning");
+    const MachineModel machine = machine_of(fields);
+    const Feedforward designed = feedforward_from_json(fields.value("feedforward"), "tb.positioning");
+    PositioningOptions options;
+    read_options(options, fields);
+    fields.finish();
+    const PositioningResult result = run_positioning(machine, designed, options, script.run.control());
+    script.run.note_work({{"function", "positioning"},
+                          {"machine", machine.hash()},
+                          {"feedforward", designed.method},
+                          {"delay_s", options.delay},
+                          {"seed", options.seed},
+                          {"statistics", to_json(result.statistics)}});
+    Json json = to_json(result.trace);
+    json["error"] = result.error;
+    json["tracking_error"] = result.tracking_error;
+    json["rmse_m"] = result.rmse;
+    json["max_error_m"] = result.max_error;
+    json["settling_s"] = result.settling_time ? Json(*result.settling_time) : Json(nullptr);
+    json["peak_thrust_N"] = result.peak_thrust;
+    json["peak_position_m"] = result.peak_position;
+    json["within_rating"] = result.within_rating;
+    json["within_stroke"] = result.within_stroke;
+    json["spectrum"] = {{"frequency_hz", result.spectrum_hz}, {"amplitude_m", result.spectrum}};
+    json["columns"] = columns_of(result.table());
+    json["statistics"] = to_json(result.statistics);
+    return json;
+}
+
+Json to_json(const FrictionMargins& margins) {
+    Json json = to_json(margins.margins);
+    json["stable"] = margins.stable;
+    if (margins.critical) {
+        json["critical_feedback"] = margins.critical->share;
+        json["critical_hz"] = margins.critical->frequency_hz;
+    }
+    return json;
+}
+
+Json loop_margins(const Json& arguments) {
+    FieldReader fields(arguments, "tb.loop_margins");
+    const MachineModel machine = machine_of(fields);
+    const auto amplitude = fields.optional_number("amplitude_m", "m", Allowed::non_negative);
+    const double feedback = fields.number("friction_feedback", "", Allowed::non_negative, 0);
+    if (!amplitude && feedback > 0) {
+        fields.fail("amplitude_m", "is missing; friction_feedback needs one (0: the elements stick)");
+    }
+    fields.finish();
+    return amplitude ? to_json(friction_margins(machine, feedback, *amplitude)) : to_json(positioning_margins(machine));
+}
+
+Json loop_gain(const Json& arguments) {
+    FieldReader fields(arguments, "tb.loop_gain");
+    const MachineModel machine = machine_of(fields);
+    const auto amplitude = fields.numbers("amplitude_m", "m", Allowed::non_negative, {0.0});
+    const double feedback = fields.number("friction_feedback", "", Allowed::non_negative, 0);
+    const auto frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, {});
+    fields.finish();
+    return to_json(friction_loop_gain(machine, feedback, amplitude, frequency_hz));
+}
+
+} // namespace
+
+const std::vector<LuaFunction>& experiment_functions() {
+    static const std::vector<LuaFunction> functions = {
+        {"simulate", simulate_machine, "`tb.simulate{ machine =, … }`",
+         "runs a machine from rest, one sample per entry of the input ([options and result](#tbsimulate))"},
+        {"compare", compare_methods, "`tb.compare{ machine =, … }`",
+         "runs the same machine under the same input with every method, one after another ([options and "
+         "result](#tbcompare))"},
+        {"sweep", sweep, "`tb.sweep{ machine =, frequency_hz = {…}, … }`",
+         "runs a sine sweep in closed loop and evaluates the three analyses from the same signals ([options and "
+         "result](#tbsweep))"},
+        {"single_frequency", single_frequency, "`tb.single_frequency{ machine =, excitation_hz =, periods = 3, … }`",
+         "the signals of one frequency after settling: the signals of `tb.simulate`, and `delayed_thrust` (C_dly u), "
+         "`friction_estimate`, `effective_thrust` [N]. Options as for `tb.sweep`"},
+        {"positioning", positioning, "`tb.positioning{ machine =, feedforward =, … }`",
+         "runs a feedforward on a machine with a PID controller, from rest ([options and result](#tbpositioning))"},
+        {"loop_margins", loop_margins, "`tb.loop_margins{ machine =, amplitude_m =, friction_feedback = 0 }`",
+         "margins of the PID loop, with an amplitude [m] including friction ([result](#stability-margins))"},
+        {"loop_gain", loop_gain,
+         "`tb.loop_gain{ machine =, frequency_hz = {…}, amplitude_m = {…}, friction_feedback = 0 }`",
+         "the loop gain itself, a response without unit; `amplitude_m` has one entry (default 0) or one for each "
+         "frequency"},
+    };
+    return functions;
+}
+
+} // namespace tribode

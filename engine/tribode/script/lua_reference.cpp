@@ -1,0 +1,69 @@
+#include "tribode/script/lua_reference.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/script/lua_function.hpp"
+
+#include <algorithm>
+#include <fmt/format.h>
+#include <sstream>
+
+namespace tribode {
+
+namespace {
+
+constexpr std::string_view functions_begin = "<!-- functions:", end_line = "<!-- end -->";
+
+const LuaFunction& function_named(const std::string& name) {
+    static const std::vector<LuaFunction> all = all_functions();
+    const auto found = std::find_if(all.begin(), all.end(), [&](const auto& one) { return "tb." + one.name == name; });
+    if (found == all.end()) throw Error(fmt::format("the page names {}, which is no function", name));
+    return *found;
+}
+
+// tb.a and tb.b of "<!-- functions: tb.a tb.b -->".
+std::vector<std::string> names_in(const std::string& line) {
+    std::vector<std::string> names;
+    std::istringstream words(line);
+    for (std::string word; words >> word;) {
+        if (word.starts_with("tb.")) names.push_back(word);
+    }
+    return names;
+}
+
+std::string function_table(const std::vector<std::string>& names) {
+    std::string text = "| function | result |\n|---|---|\n";
+    for (const auto& name : names) {
+        const LuaFunction& function = function_named(name);
+        text += fmt::format("| {} | {} |\n", function.usage, function.documentation);
+    }
+    return text;
+}
+
+} // namespace
+
+std::string with_tables(const std::string& page) {
+    std::string made;
+    std::istringstream lines(page);
+    for (std::string line; std::getline(lines, line);) {
+        made += line + "\n";
+        if (!line.starts_with(functions_begin)) continue;
+        made += "\n" + function_table(names_in(line));
+        const std::string begin = line;
+        while (line != end_line) {
+            if (!std::getline(lines, line)) throw Error(fmt::format("no line {} follows {}", end_line, begin));
+        }
+        made += "\n" + line + "\n";
+    }
+    return made;
+}
+
+std::vector<std::string> functions_on(const std::string& page) {
+    std::vector<std::string> names;
+    std::istringstream lines(page);
+    for (std::string line; std::getline(lines, line);) {
+        if (!line.starts_with(functions_begin)) continue;
+        for (auto& name : names_in(line)) names.push_back(std::move(name));
+    }
+    return names;
+}
+
+} // namespace tribode
