@@ -1,9 +1,11 @@
 #include "commands/command.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/kernel_sandbox.hpp"
+#include "tribode/base/text.hpp"
 #include "tribode/script/machine_file.hpp"
 #include "tribode/script/script_run.hpp"
 
+#include <cstdio>
 #include <filesystem>
 #include <fmt/format.h>
 
@@ -51,7 +53,12 @@ void add_machine(CLI::App& app, std::string& machine) {
 }
 
 MachineModel read_machine(const std::string& file, const Common& common) {
-    return MachineModel::from_description(read_description(file, {}, nullptr, nullptr, common.control()), file);
+    MachineModel model =
+        MachineModel::from_description(read_description(file, {}, nullptr, nullptr, common.control()), file);
+    for (const auto& warning : model.warnings(file)) {
+        std::fprintf(stderr, "tribode: warning: %s\n", printable(warning).c_str());
+    }
+    return model;
 }
 
 void ColumnOptions::add_to(CLI::App& app) {

@@ -434,5 +434,21 @@ TEST_F(Simulate, AnUnstableLoopEndsEarlyAndKeepsWhatWasReached) {
     EXPECT_LT(partial.rows().size(), 2000u);
 }
 
+TEST_F(Simulate, AnImplausibleMachineIsSimulatedWithAWarning) {
+    folder.write("in.csv", record("t,u", {{1, 1, 1}}));
+    folder.write("plain.json", R"({"rigid_gain_per_kg": 12, "encoder_resolution_m": 1})");
+    const auto ending = simulate("plain.json");
+    EXPECT_EQ(ending.exit_code, 0);
+    EXPECT_EQ(
+        ending.err,
+        "tribode: warning: plain.json: rigid_gain_per_kg = 12 m/(N s^2) is implausible, 1e-06 to 10 is usual; it is "
+        "the inverse of the moving mass, not the mass\n"
+        "tribode: warning: plain.json: encoder_resolution_m = 1 m is implausible, 1e-14 to 0.001 is usual; it is in "
+        "metres\n");
+    EXPECT_EQ(Sheet(folder / "out.csv").rows().size(), 3u);
+    folder.write("script.lua", "local tb = require 'tribode'\ntb.machine 'plain.json'\ntb.machine 'plain.json'\n");
+    EXPECT_EQ(run({"run", "script.lua", "-o", "results"}, {.folder = folder.path()}).err, ending.err); // once
+}
+
 } // namespace
 } // namespace tribode::cli

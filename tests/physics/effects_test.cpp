@@ -240,7 +240,7 @@ TEST(Effects, the_machine_with_other_effects_says_so_and_has_another_hash) {
     const MachineModel plain = machine_of({{"rigid_gain_per_kg", 0.1}});
     const MachineModel with = plain.with_effects({Effect(effect_kind("constant_force"), {{.number = 2}})});
     EXPECT_NE(with.hash(), plain.hash());
-    const MachineModel again = machine_of(with.description);
+    const MachineModel again = machine_of(with.description());
     EXPECT_EQ(again.hash(), with.hash());
     EXPECT_EQ(again.axis().plant.constant_force, 2);
     EXPECT_THROW(plain.with_effects({Effect(effect_kind("input_delay"), {{.number = -1e-3}})}), InputError);

@@ -59,9 +59,11 @@ FieldReader::FieldReader(const Json& fields, std::string where, std::string path
                                  path_, shown(fields)));
 }
 
-std::string FieldReader::name_of(std::string_view key) const {
-    return fmt::format("{}: {}{}{}", where_, path_, path_.empty() || key.empty() ? "" : ".", key);
+std::string FieldReader::path_of(std::string_view key) const {
+    return fmt::format("{}{}{}", path_, path_.empty() || key.empty() ? "" : ".", key);
 }
+
+std::string FieldReader::name_of(std::string_view key) const { return fmt::format("{}: {}", where_, path_of(key)); }
 
 void FieldReader::fail(std::string_view key, std::string_view problem) const {
     throw InputError(fmt::format("{} {}", name_of(key), problem));
@@ -175,7 +177,7 @@ FieldReader FieldReader::table(std::string_view key, bool required) {
     static const Json none;
     const Json* value = find(key);
     if (!value && required) fail(key, "is missing (a table)");
-    return FieldReader(value ? *value : none, where_, fmt::format("{}{}{}", path_, path_.empty() ? "" : ".", key));
+    return FieldReader(value ? *value : none, where_, path_of(key));
 }
 
 void FieldReader::each(std::string_view key, const std::function<void(FieldReader&)>& read) {
@@ -184,7 +186,7 @@ void FieldReader::each(std::string_view key, const std::function<void(FieldReade
     if (!value->is_array()) fail(key, fmt::format("= {}, must be a list of tables", shown(*value)));
     std::size_t index = 0;
     for (const auto& entry : *value) {
-        FieldReader reader(entry, where_, fmt::format("{}{}{}[{}]", path_, path_.empty() ? "" : ".", key, ++index));
+        FieldReader reader(entry, where_, fmt::format("{}[{}]", path_of(key), ++index));
         read(reader);
         reader.finish();
     }

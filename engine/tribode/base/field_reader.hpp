@@ -56,6 +56,8 @@ class FieldReader {
     // Throws on keys that nobody asked for.
     void finish() const;
 
+    // The path of a field, as in messages.
+    std::string path_of(std::string_view key) const;
     // The beginning of a message about one field: `where: path.key`.
     std::string name_of(std::string_view key) const;
     [[noreturn]] void fail(std::string_view key, std::string_view problem) const;

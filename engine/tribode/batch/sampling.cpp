@@ -4,7 +4,6 @@
 #include "tribode/base/text.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <fmt/format.h>
 #include <limits>
@@ -216,95 +215,6 @@ Json Design::point(std::uint64_t index) const {
     const auto numbers = row(index);
     for (std::size_t i = 0; i < numbers.size(); ++i) point[factors_[i].name] = value(i, numbers[i]);
     return point;
-}
-
-// ---- fields of a machine ------------------------------------------------------------------------------------------
-
-namespace {
-
-// One step of a path: a name, and after it an index from 1, every entry, or none of the two.
-struct Step {
-    std::string name;
-    std::size_t index = 0; // 0: none
-    bool every = false;
-};
-
-std::vector<Step> steps_of(const std::string& path, const std::string& where) {
-    const auto refuse = [&]() -> std::vector<Step> {
-        throw InputError(fmt::format("{}: \"{}\" is no path of a field, such as friction.elements[3].K", where, path));
-    };
-    std::vector<Step> steps;
-    for (std::size_t start = 0; start <= path.size();) {
-        const std::size_t end = std::min(path.find('.', start), path.size());
-        std::string_view text = std::string_view(path).substr(start, end - start);
-        Step step;
-        if (const auto bracket = text.find('['); bracket != text.npos) {
-            const std::string_view index = text.substr(bracket + 1);
-            if (index == "*]") {
-                step.every = true;
-            } else {
-                const auto [rest, failure] = std::from_chars(index.data(), index.data() + index.size(), step.index);
-                const bool closed = rest + 1 == index.data() + index.size() && *rest == ']';
-                if (failure != std::errc() || !closed || step.index == 0) return refuse();
-            }
-            text = text.substr(0, bracket);
-        }
-        step.name = std::string(text);
-        if (step.name.empty()) return refuse();
-        steps.push_back(std::move(step));
-        start = end + 1;
-    }
-    return steps;
-}
-
-// Calls `change` with the value that the last step means, null where a field is absent.
-void visit(Json& table, const std::vector<Step>& steps, std::size_t at, const std::string& name,
-           const std::function<void(Json&)>& change) {
-    const Step& step = steps[at];
-    const bool last = at + 1 == steps.size();
-    const auto go_on = [&](Json& value) {
-        if (last) return change(value);
-        if (!value.is_object()) throw InputError(fmt::format("{}: {} is no table of fields", name, step.name));
-        visit(value, steps, at + 1, name, change);
-    };
-    const auto found = table.find(step.name);
-    if (found == table.end()) {
-        if (!last || step.index > 0 || step.every) {
-            std::vector<std::string> known;
-            for (const auto& [key, value] : table.items()) known.push_back(key);
-            throw InputError(fmt::format("{}: there is no {}{}", name, step.name, suggestion(step.name, known)));
-        }
-        Json absent;
-        change(absent);
-        table[step.name] = absent;
-        return;
-    }
-    if (step.index == 0 && !step.every) return go_on(*found);
-    if (!found->is_array()) throw InputError(fmt::format("{}: {} is no list", name, step.name));
-    if (step.index > found->size()) {
-        throw InputError(fmt::format("{}: {} has {} entries", name, step.name, found->size()));
-    }
-    if (step.index > 0) return go_on((*found)[step.index - 1]);
-    for (auto& entry : *found) go_on(entry);
-}
-
-} // namespace
-
-Json with_fields(Json description, const Json& replaced, const Json& scaled, const std::string& where) {
-    if (!description.is_object()) throw InputError(where + ": machine must be a machine description, see tb.machine");
-    for (const auto& [path, value] : replaced.items()) {
-        visit(description, steps_of(path, where), 0, fmt::format("{}: {}", where, path),
-              [&value = value](Json& field) { field = value; });
-    }
-    for (const auto& [path, factor] : scaled.items()) {
-        const std::string name = fmt::format("{}: {}", where, path);
-        if (!factor.is_number()) throw InputError(name + ": the factor must be a number");
-        visit(description, steps_of(path, where), 0, name, [&, factor = factor.get<double>()](Json& field) {
-            if (!field.is_number()) throw InputError(name + " is no number, so it cannot be multiplied");
-            field = field.get<double>() * factor;
-        });
-    }
-    return description;
 }
 
 } // namespace tribode

@@ -71,9 +71,4 @@ class Design {
     std::optional<SobolSequence> sequence_;
 };
 
-// The machine description with fields replaced, `{"friction.viscous": 2.5, "modes[1].freq_hz": 33}`, and after that
-// numbers multiplied, `{"friction.elements[*].F": 1.1}`. Indices count from 1; [*] is every entry of a list. The tables on
-// the way must be there; the field itself may be absent, where it is replaced. Throws InputError with the path.
-Json with_fields(Json description, const Json& replaced, const Json& scaled, const std::string& where);
-
 } // namespace tribode

@@ -1,4 +1,7 @@
 #pragma once
+#include "tribode/base/about.hpp"
+#include "tribode/base/field_reader.hpp"
+
 #include <algorithm>
 #include <cstddef>
 #include <limits>
@@ -13,11 +16,21 @@ namespace tribode {
 //
 // Before the first sample the axis rests where it is: q[-1] = q[0]. The output is zero until the first u arrives.
 struct CascadeController {
-    double kp = 0;                                          // [1/s]
-    double kv = 0;                                          // [N s/m]
-    double limit = std::numeric_limits<double>::infinity(); // [N]
+    static constexpr double no_limit = std::numeric_limits<double>::infinity();
+    static constexpr long max_delay_samples = 100000;
+
+    double kp = 0;           // [1/s]
+    double kv = 0;           // [N s/m]
+    double limit = no_limit; // [N]
     std::size_t delay_samples = 0;
-    double sample_time = 0; // Ts [s]
+
+    static void describe(auto& c, auto& fields) {
+        fields.required("kp", c.kp, "1/s", Allowed::finite, About("gain of the position loop").usually(1e-3, 1e5));
+        fields.required("kv", c.kv, "N s/m", Allowed::finite, About("gain of the velocity loop").usually(1e-6, 1e9));
+        fields.optional("limit", c.limit, no_limit, "N", Allowed::positive,
+                        About("of the thrust reference").usually(1e-3, 1e7));
+        fields.integer("delay_samples", c.delay_samples, 0, max_delay_samples, "samples by which the output is late");
+    }
 
     struct State {
         bool started = false;
@@ -26,7 +39,8 @@ struct CascadeController {
         std::vector<double> pending;  // outputs on their way, the oldest first [N]
     };
 
-    double step(State& s, double reference, double position) const {
+    // sample_time: Ts [s].
+    double step(State& s, double reference, double position, double sample_time) const {
         if (!s.started) {
             s = {true, position, position, std::vector<double>(delay_samples, 0.0)};
         }

@@ -1,4 +1,7 @@
 #pragma once
+#include "tribode/base/about.hpp"
+#include "tribode/base/field_reader.hpp"
+
 #include <cmath>
 #include <numbers>
 
@@ -16,7 +19,14 @@ struct PidController {
     double ki = 0;                   // [N/(m s)]
     double kd = 0;                   // [N s/m]
     double derivative_filter_hz = 0; // f; 0: no filter
-    double sample_time = 0;          // Ts [s]
+
+    static void describe(auto& c, auto& fields) {
+        fields.required("kp", c.kp, "N/m", Allowed::finite, About("proportional gain").usually(1e-3, 1e12));
+        fields.number("ki", c.ki, "N/(m s)", Allowed::finite, About("integral gain").usually(1e-3, 1e15));
+        fields.number("kd", c.kd, "N s/m", Allowed::finite, About("derivative gain").usually(1e-6, 1e9));
+        fields.optional("derivative_filter_hz", c.derivative_filter_hz, 0.0, "Hz", Allowed::positive,
+                        About("corner of the first-order filter of the derivative").usually(0.1, 1e6));
+    }
 
     struct State {
         double integral = 0;       // I [N]
@@ -24,7 +34,8 @@ struct PidController {
         double previous_error = 0; // [m]
     };
 
-    double step(State& s, double error) const {
+    // sample_time: Ts [s].
+    double step(State& s, double error, double sample_time) const {
         const double a =
             derivative_filter_hz > 0 ? std::exp(-2 * std::numbers::pi * derivative_filter_hz * sample_time) : 0.0;
         s.integral += ki * sample_time * error;

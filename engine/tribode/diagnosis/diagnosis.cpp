@@ -89,7 +89,7 @@ class Verdict {
     void decide() {
         const SearchResult& s = d_.search;
         d_.false_alarm_limit = SearchResult::limit(s.fitted);
-        d_.before = described(s.baseline.hypothesis);
+        d_.before = fit_.machine(s.baseline.hypothesis);
         d_.after = d_.before;
         const bool enough = s.steps.empty();
         if (!enough) {
@@ -117,10 +117,6 @@ class Verdict {
     }
 
   private:
-    MachineModel described(const Hypothesis& h) const {
-        return MachineModel::from_description(fit_.description(h), "diagnosis");
-    }
-
     // How far a name may be trusted although more than noise remains, as on real machines: the effect must remove most
     // of the gap, on the validation records too, have the same parameters on both, and no other may do nearly as well.
     double trust_in_part() const {
@@ -166,7 +162,7 @@ class Verdict {
     void name_all(double trust) {
         const SearchResult& s = d_.search;
         const Scored& best = s.ranking.front();
-        d_.after = described(*best_);
+        d_.after = fit_.machine(*best_);
         const auto errors = errors_of(*best_);
         double least = 1;
         for (std::size_t i = 0; i < best_->effects.size(); ++i) {
@@ -375,9 +371,7 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     } catch (const EndedEarly&) {
         throw EndedEarly(fmt::format("interrupted, nothing is written; so far {}", d.search.found_so_far()));
     }
-    if (encoder)
-        d.before = MachineModel::from_description(
-            ModelFit(machine, d.search.fitted).description(d.search.baseline.hypothesis), "diagnosis");
+    if (encoder) d.before = ModelFit(machine, d.search.fitted).machine(d.search.baseline.hypothesis);
     for (const auto& record : d.search.fitted) d.fitted.push_back(compared(record, d.before, d.after));
     for (const auto& record : d.search.validation) d.validation.push_back(compared(record, d.before, d.after));
     if (encoder) add_encoder(d, *encoder, described, control);

@@ -469,8 +469,9 @@ std::string machine_lua(const Json& description) {
 }
 
 void write_diagnosis(const Diagnosis& d, const Json& summary, RunFolder& folder, const RunControl& control) {
-    folder.write_json("machine.json", d.after.description);
-    folder.write("machine.lua", machine_lua(d.after.description));
+    const Json machine = d.after.description();
+    folder.write_json("machine.json", machine);
+    folder.write("machine.lua", machine_lua(machine));
     const Compared& validation = d.validation.front();
     Table table;
     table.add("t", "s", validation.measurement.drive.t);

@@ -316,7 +316,7 @@ Measurement measurement_from_table(const Table& table, const MachineModel& machi
     m.drive.t = table["t"].values;
     m.drive.measured = table["y"].values;
     m.thrust = table["u"].values;
-    const bool closed_loop = machine.closed_loop && machine.has_controller();
+    const bool closed_loop = machine.in_closed_loop();
     if (closed_loop) m.drive.reference = table["r"].values;
     check_signals(m, machine, where);
     if (!closed_loop) {

@@ -28,82 +28,6 @@ constexpr Eigen::Index min_for_secants = 4;
 
 } // namespace
 
-std::vector<UncertainField> uncertain_fields(const MachineModel& machine) {
-    std::vector<UncertainField> fields;
-    const auto add = [&](const std::string& key, const std::string& name, auto scale, auto describe) {
-        const auto entry = machine.tolerance.find(key);
-        if (entry != machine.tolerance.end() && entry->second > 0) {
-            fields.push_back({name, entry->second, scale, describe});
-        }
-    };
-    const auto multiply = [](Json& number, double f) { number = number.get<double>() * f; };
-    const auto top = [multiply](const char* key) {
-        return [multiply, key](Json& d, double f) { multiply(d[key], f); };
-    };
-    add(
-        "rigid_gain_per_kg", "rigid_gain_per_kg", [](MachineModel& m, double f) { m.rigid_gain *= f; },
-        top("rigid_gain_per_kg"));
-    for (std::size_t j = 0; j < machine.modes.size(); ++j) {
-        const std::string mode = fmt::format("modes[{}].", j + 1);
-        const auto in_mode = [multiply, j](const char* key) {
-            return [multiply, j, key](Json& d, double f) { multiply(d["modes"][j][key], f); };
-        };
-        add(
-            "modes.gain", mode + "gain", [j](MachineModel& m, double f) { m.modes[j].gain *= f; }, in_mode("gain"));
-        add(
-            "modes.freq_hz", mode + "freq_hz", [j](MachineModel& m, double f) { m.modes[j].freq_hz *= f; },
-            in_mode("freq_hz"));
-        add(
-            "modes.zeta", mode + "zeta", [j](MachineModel& m, double f) { m.modes[j].zeta *= f; }, in_mode("zeta"));
-    }
-    if (machine.dry.present()) {
-        add(
-            "friction.coulomb", "friction.coulomb",
-            [](MachineModel& m, double f) {
-                m.dry.coulomb *= f;
-                m.dry.static_level *= f;
-            },
-            [multiply](Json& d, double f) {
-                if (d["friction"].contains("coulomb")) multiply(d["friction"]["coulomb"], f);
-                if (d["friction"].contains("stribeck") && !d["friction"]["stribeck"].is_null()) {
-                    multiply(d["friction"]["stribeck"]["static"], f);
-                }
-            });
-    }
-    if (machine.viscous > 0) {
-        add(
-            "friction.viscous", "friction.viscous", [](MachineModel& m, double f) { m.viscous *= f; },
-            [multiply](Json& d, double f) { multiply(d["friction"]["viscous"], f); });
-    }
-    if (!machine.elements.empty()) {
-        add(
-            "friction.elements", "friction.elements",
-            [](MachineModel& m, double f) {
-                for (auto& element : m.elements) {
-                    element.stiffness *= f;
-                    element.level *= f;
-                }
-            },
-            [multiply](Json& d, double f) {
-                for (auto& element : d["friction"]["elements"]) {
-                    multiply(element["K"], f);
-                    multiply(element["F"], f);
-                }
-            });
-    }
-    if (machine.input_delay > 0) {
-        add(
-            "input_delay_s", "input_delay_s", [](MachineModel& m, double f) { m.input_delay *= f; },
-            top("input_delay_s"));
-    }
-    if (machine.current_loop_hz > 0) {
-        add(
-            "current_loop_hz", "current_loop_hz", [](MachineModel& m, double f) { m.current_loop_hz *= f; },
-            top("current_loop_hz"));
-    }
-    return fields;
-}
-
 double Hypothesis::sum_of_squares() const { return square_of(nominal); }
 
 bool Hypothesis::within_tolerance() const {
@@ -130,7 +54,7 @@ void Hypothesis::remove(std::size_t effect) {
 ModelFit::ModelFit(const MachineModel& machine, const std::vector<Evidence>& evidence)
     : machine_(machine),
       evidence_(evidence),
-      fields_(uncertain_fields(machine)) {}
+      fields_(machine.uncertain_fields()) {}
 
 std::size_t ModelFit::sample_count() const {
     std::size_t count = 0;
@@ -143,18 +67,12 @@ double ModelFit::factor(const Hypothesis& h, std::size_t field) const {
     return std::max(1 + fields_[field].deviation * h.nominal[field], 0.01);
 }
 
-Json ModelFit::description(const Hypothesis& h) const {
-    Json description = machine_.description;
-    for (std::size_t i = 0; i < h.nominal.size(); ++i) fields_[i].describe(description, factor(h, i));
-    Json effects = Json::array();
-    for (const auto& effect : machine(h).effects) effects.push_back(effect.to_json());
-    description["effects"] = effects;
-    return description;
-}
-
 MachineModel ModelFit::machine(const Hypothesis& h) const {
     MachineModel machine = machine_;
-    for (std::size_t i = 0; i < h.nominal.size(); ++i) fields_[i].scale(machine, factor(h, i));
+    const auto numbers = machine.numbers();
+    for (std::size_t i = 0; i < h.nominal.size(); ++i) {
+        for (const std::size_t place : fields_[i].places) *numbers[place] *= factor(h, i);
+    }
     std::vector<Effect> effects = machine.effects;
     for (std::size_t i = 0; i < h.effects.size(); ++i) {
         effects.push_back(h.effects[i]->at(h.values_of(i)));

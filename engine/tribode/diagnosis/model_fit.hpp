@@ -6,7 +6,6 @@
 #include "tribode/machine/machine_model.hpp"
 
 #include <atomic>
-#include <functional>
 #include <limits>
 #include <memory>
 #include <string>
@@ -22,16 +21,6 @@ struct Evidence {
 
     std::size_t samples() const { return measurement.size() - first; }
 };
-
-// A field of the machine of which its user is not sure: the description's tolerance. In a fit it is moved by
-// standard deviations, and each counts against the fit as an error of its own.
-struct UncertainField {
-    std::string name; // "modes[1].freq_hz"
-    double deviation; // relative standard deviation
-    std::function<void(MachineModel&, double factor)> scale;
-    std::function<void(Json& description, double factor)> describe; // the same in the description
-};
-std::vector<UncertainField> uncertain_fields(const MachineModel& machine);
 
 // A machine with effects that may be there, and the numbers of both.
 struct Hypothesis {
@@ -59,12 +48,13 @@ class ModelFit {
     // The machine and the evidence must outlive it.
     ModelFit(const MachineModel& machine, const std::vector<Evidence>& evidence);
 
-    const std::vector<UncertainField>& fields() const { return fields_; }
+    // The fields of which the machine's user is not sure: its tolerance. A fit moves them by standard deviations, and each
+    // counts against the fit as an error of its own.
+    const std::vector<MachineModel::UncertainField>& fields() const { return fields_; }
     std::size_t sample_count() const;
 
+    // The machine with the fields moved and the effects added.
     MachineModel machine(const Hypothesis& h) const;
-    // Its description: the user's, with the fields moved and the effects added.
-    Json description(const Hypothesis& h) const;
 
     // Chi square at the hypothesis' numbers: infinite where the machine cannot follow the record.
     double chi_square(const Hypothesis& h) const;
@@ -89,7 +79,7 @@ class ModelFit {
 
     const MachineModel& machine_;
     const std::vector<Evidence>& evidence_;
-    std::vector<UncertainField> fields_;
+    std::vector<MachineModel::UncertainField> fields_;
 };
 
 } // namespace tribode

@@ -1,5 +1,6 @@
 #include "tribode/effect/effect.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/base/field_path.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/effect/built_in_kinds.hpp"
 
@@ -90,60 +91,35 @@ Effect::Effect(const EffectKind& kind, std::vector<Value> values) : kind_(&kind)
     assert(values_.size() == kind.parameters.size());
 }
 
-static double read_number(FieldReader& fields, const EffectParameter& p) {
-    if (p.fallback) return fields.number(p.name, p.unit, p.allowed, *p.fallback);
-    return fields.number(p.name, p.unit, p.allowed);
-}
-
-static Effect::Value read_value(FieldReader& fields, const EffectParameter& p) {
-    switch (p.type) {
-    case EffectParameter::Type::number: return {.number = read_number(fields, p)};
-    case EffectParameter::Type::flag:
-        return {.number = fields.boolean(p.name, p.fallback.value_or(0) != 0) ? 1.0 : 0.0};
-    case EffectParameter::Type::choice: {
-        const auto fallback = p.fallback ? p.choices[static_cast<std::size_t>(*p.fallback)] : std::string();
-        if (!p.fallback && !fields.has(p.name)) {
-            fields.fail(p.name, fmt::format("is missing, must be one of {}", fmt::join(p.choices, ", ")));
-        }
-        const std::string name = fields.choice(p.name, p.choices, fallback);
-        return {.number = static_cast<double>(std::find(p.choices.begin(), p.choices.end(), name) - p.choices.begin())};
-    }
-    case EffectParameter::Type::text: return {.texts = {p.fallback ? fields.text(p.name, "") : fields.text(p.name)}};
-    case EffectParameter::Type::texts: return {.texts = fields.texts(p.name, {})};
-    case EffectParameter::Type::constants: {
-        Effect::Value value;
-        const Json& table = fields.value(p.name);
-        FieldReader numbers(table, fields.name_of(p.name));
-        if (table.is_object()) {
-            for (const auto& [name, number] : table.items()) {
-                value.texts.push_back(name);
-                value.constants.push_back(numbers.number(name, "", Allowed::finite));
-            }
-        }
-        return value;
-    }
-    case EffectParameter::Type::records: break;
-    }
-    Effect::Value value;
-    fields.each(p.name, [&](FieldReader& record) {
-        auto& numbers = value.records.emplace_back();
-        for (const auto& field : p.fields) numbers.push_back(read_number(record, field));
-    });
-    if (value.records.empty()) fields.fail(p.name, "is missing or empty, must be a list of one table or more");
-    return value;
-}
-
-Effect Effect::read(FieldReader& fields) {
+Effect Effect::begin(FieldReader& fields) {
     const std::string name = fields.text("name");
     const EffectKind* kind = find_kind(name);
     if (!kind) {
         fields.fail("name", fmt::format("= \"{}\" is not a known effect{}", name, suggestion(name, kind_names())));
     }
-    FieldReader parameters = fields.table("parameters");
-    std::vector<Value> values;
-    for (const auto& parameter : kind->parameters) values.push_back(read_value(parameters, parameter));
-    parameters.finish();
-    return Effect(*kind, std::move(values));
+    Effect effect(*kind);
+    for (std::size_t i = 0; i < kind->parameters.size(); ++i) {
+        const auto& p = kind->parameters[i];
+        if (p.type == EffectParameter::Type::choice && !p.fallback) effect.values_[i].number = -1; // none yet
+    }
+    return effect;
+}
+
+Effect Effect::read(FieldReader& fields) {
+    Effect effect = begin(fields);
+    read_options(effect, fields);
+    return effect;
+}
+
+double Effect::place_of(const std::string& name, const std::vector<std::string>& names) {
+    const auto it = std::find(names.begin(), names.end(), name);
+    return it == names.end() ? -1 : static_cast<double>(it - names.begin());
+}
+
+std::vector<double> Effect::defaults_of(const std::vector<EffectParameter>& numbers) {
+    std::vector<double> defaults;
+    for (const auto& p : numbers) defaults.push_back(p.fallback.value_or(0));
+    return defaults;
 }
 
 std::size_t Effect::index_of(std::string_view name) const {
@@ -158,79 +134,37 @@ const std::string& Effect::choice(std::string_view name) const {
     return kind_->parameters[index].choices[static_cast<std::size_t>(values_[index].number)];
 }
 
-// Calls visit(number, its parameter, its name) for each number of each value, in order.
-template <class Values, class Visit>
-static void visit_numbers(const EffectKind& kind, Values& values, Visit visit) {
-    for (std::size_t i = 0; i < values.size(); ++i) {
-        const EffectParameter& p = kind.parameters[i];
-        if (p.type == EffectParameter::Type::number) visit(values[i].number, p, [&] { return p.name; });
-        for (std::size_t r = 0; r < values[i].records.size(); ++r) {
-            for (std::size_t f = 0; f < p.fields.size(); ++f) {
-                visit(values[i].records[r][f], p.fields[f],
-                      [&] { return fmt::format("{}[{}].{}", p.name, r + 1, p.fields[f].name); });
-            }
-        }
-        for (std::size_t c = 0; c < values[i].constants.size(); ++c) {
-            visit(values[i].constants[c], p, [&] { return fmt::format("{}.{}", p.name, values[i].texts[c]); });
-        }
-    }
-}
+// "parameters.harmonics[1].F" -> "harmonics[1].F".
+static std::string own_path(const std::string& path) { return path.substr(path.find('.') + 1); }
 
 std::vector<double> Effect::numbers() const {
     std::vector<double> all;
-    visit_numbers(*kind_, values_, [&](double number, const auto&, const auto&) { all.push_back(number); });
+    each_number(*this, [&](double number, auto&&...) { all.push_back(number); });
     return all;
 }
 
 std::vector<std::string> Effect::number_names() const {
     std::vector<std::string> all;
-    visit_numbers(*kind_, values_, [&](double, const auto&, const auto& name) { all.push_back(name()); });
+    each_number(*this, [&](double, const auto& path, auto&&...) { all.push_back(own_path(path())); });
     return all;
 }
 
 Effect Effect::with_numbers(const std::vector<double>& numbers) const {
     Effect other = *this;
     std::size_t next = 0;
-    visit_numbers(*kind_, other.values_,
-                  [&](double& number, const auto&, const auto&) { number = numbers.at(next++); });
+    each_number(other, [&](double& number, auto&&...) { number = numbers.at(next++); });
     assert(next == numbers.size());
     return other;
 }
 
 void Effect::require_allowed() const {
-    visit_numbers(*kind_, values_, [&](double number, const EffectParameter& p, const auto& name) {
-        if (is_allowed(number, p.allowed)) return;
-        throw InputError(fmt::format("{}: {} = {}, {}", kind_->name, name(), to_text(number), requirement(p.allowed)));
+    each_number(*this, [&](double number, const auto& path, std::string_view, Allowed allowed, const About&) {
+        if (is_allowed(number, allowed)) return;
+        throw InputError(
+            fmt::format("{}: {} = {}, {}", kind_->name, own_path(path()), to_text(number), requirement(allowed)));
     });
 }
 
-Json Effect::to_json() const {
-    Json parameters = Json::object();
-    for (std::size_t i = 0; i < values_.size(); ++i) {
-        const auto& p = kind_->parameters[i];
-        Json& field = parameters[p.name];
-        switch (p.type) {
-        case EffectParameter::Type::number: field = values_[i].number; break;
-        case EffectParameter::Type::flag: field = values_[i].number != 0; break;
-        case EffectParameter::Type::choice: field = p.choices[static_cast<std::size_t>(values_[i].number)]; break;
-        case EffectParameter::Type::text: field = values_[i].texts.front(); break;
-        case EffectParameter::Type::texts: field = values_[i].texts; break;
-        case EffectParameter::Type::constants:
-            field = Json::object();
-            for (std::size_t j = 0; j < values_[i].texts.size(); ++j) {
-                field[values_[i].texts[j]] = values_[i].constants[j];
-            }
-            break;
-        case EffectParameter::Type::records:
-            field = Json::array();
-            for (const auto& record : values_[i].records) {
-                Json entry = Json::object();
-                for (std::size_t j = 0; j < record.size(); ++j) entry[p.fields[j].name] = record[j];
-                field.push_back(std::move(entry));
-            }
-        }
-    }
-    return {{"name", kind_->name}, {"parameters", parameters}};
-}
+Json Effect::to_json() const { return options_json(*this); }
 
 } // namespace tribode

@@ -1,11 +1,13 @@
 #pragma once
 #include "tribode/base/field_reader.hpp"
 #include "tribode/base/json.hpp"
+#include "tribode/base/options.hpp"
 #include "tribode/effect/servo_axis.hpp"
 
 #include <optional>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <vector>
 
 namespace tribode {
@@ -96,6 +98,17 @@ class Effect {
 
     // {"name": ..., "parameters": {...}}. Throws InputError on unknown names, with the nearest, and on wrong values.
     static Effect read(FieldReader& fields);
+    // Of the kind that the field `name` tells, every parameter at its default.
+    static Effect begin(FieldReader& fields);
+    // Its fields, see options.hpp: those of begin(), then the parameters of its kind.
+    static void describe(auto& e, auto& fields) {
+        fields.fixed("name", e.kind_->name);
+        fields.group("parameters", [&](auto& parameters) {
+            for (std::size_t i = 0; i < e.values_.size(); ++i) {
+                describe_value(e.kind_->parameters[i], e.values_[i], parameters);
+            }
+        });
+    }
 
     const EffectKind& kind() const { return *kind_; }
     const std::vector<Value>& values() const { return values_; }
@@ -120,6 +133,51 @@ class Effect {
     Json to_json() const; // as read() takes it
 
   private:
+    // Beyond what one meets in practice by this factor, a value is implausible.
+    static constexpr double margin = 100;
+
+    static void describe_number(const EffectParameter& p, auto& number, auto& fields) {
+        const About about = About(p.meaning).usually(
+            p.plausible_min < 0 ? p.plausible_min * margin : p.plausible_min / margin, p.plausible_max * margin);
+        if (p.fallback) {
+            fields.number(p.name, number, p.unit, p.allowed, about);
+        } else {
+            fields.required(p.name, number, p.unit, p.allowed, about);
+        }
+    }
+    static void describe_value(const EffectParameter& p, auto& value, auto& fields) {
+        using Type = EffectParameter::Type;
+        constexpr bool writable = !std::is_const_v<std::remove_reference_t<decltype(value)>>;
+        const About about(p.meaning);
+        switch (p.type) {
+        case Type::number: describe_number(p, value.number, fields); break;
+        case Type::flag: {
+            bool flag = value.number != 0;
+            fields.flag(p.name, flag, about);
+            if constexpr (writable) value.number = flag ? 1 : 0;
+            break;
+        }
+        case Type::choice: {
+            std::string name = value.number < 0 ? "" : p.choices[static_cast<std::size_t>(value.number)];
+            fields.choice(p.name, name, p.choices, about);
+            if constexpr (writable) value.number = place_of(name, p.choices);
+            break;
+        }
+        case Type::text: fields.text(p.name, value.texts.front(), !p.fallback, about); break;
+        case Type::texts: fields.texts(p.name, value.texts, about); break;
+        case Type::constants: fields.constants(p.name, value.texts, value.constants, about); break;
+        case Type::records:
+            fields.entries(
+                p.name, value.records, [&p](FieldReader&) { return defaults_of(p.fields); },
+                [&p](auto& record, auto& inside) {
+                    for (std::size_t i = 0; i < record.size(); ++i) describe_number(p.fields[i], record[i], inside);
+                },
+                about, true);
+        }
+    }
+    static double place_of(const std::string& name, const std::vector<std::string>& names); // -1: there is none
+    static std::vector<double> defaults_of(const std::vector<EffectParameter>& numbers);
+
     std::size_t index_of(std::string_view name) const;
     const Value& value(std::string_view name) const { return values_[index_of(name)]; }
 

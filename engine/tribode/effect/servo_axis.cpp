@@ -23,7 +23,7 @@ void ServoAxis::require_possible() const {
     for (const auto& [level, viscous] : {plant.forward, plant.backward}) {
         require_not_below_zero(plant.viscous + viscous, "viscous friction", "N s/m");
         require_not_below_zero(plant.dry.coulomb + level, "a dry friction level", "N");
-        require_not_below_zero(plant.dry.static_level + level, "a static friction level", "N");
+        require_not_below_zero(plant.dry.static_level() + level, "a static friction level", "N");
     }
     require_not_below_zero(input_delay, "an input delay", "s");
     if (!plant.backlash) return;

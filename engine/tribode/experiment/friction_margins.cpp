@@ -15,14 +15,14 @@ LoopDelays loop_delays_of(const MachineModel& machine) {
     return {machine.sample_time, machine.input_delay + machine.output_delay, machine.current_loop_hz};
 }
 
-std::complex<double> pid_response(const PidSettings& pid, double sample_time, double frequency_hz) {
-    const double a = pid.derivative_filter_hz ? std::exp(-2 * pi * *pid.derivative_filter_hz * sample_time) : 0.0;
+std::complex<double> pid_response(const PidController& pid, double sample_time, double frequency_hz) {
+    const double a = pid.derivative_filter_hz > 0 ? std::exp(-2 * pi * pid.derivative_filter_hz * sample_time) : 0.0;
     const auto d = std::polar(1.0, -2 * pi * frequency_hz * sample_time); // z^-1
     return pid.kp + pid.ki * sample_time / (1.0 - d) + pid.kd * (1 - a) / sample_time * (1.0 - d) / (1.0 - a * d);
 }
 
 FrictionLoop friction_loop_of(const MachineModel& machine) {
-    const auto* pid = std::get_if<PidSettings>(&machine.controller);
+    const auto* pid = std::get_if<PidController>(&machine.controller);
     if (!pid) throw InputError("the machine has no PID controller, must have one (controller.type = \"pid\")");
     FrictionLoop loop;
     loop.plant = modal_model_of(machine);

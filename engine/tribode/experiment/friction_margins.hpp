@@ -14,7 +14,7 @@ namespace tribode {
 LoopDelays loop_delays_of(const MachineModel& machine);
 
 // C(z) at z = exp(j 2 pi f Ts), from y to thrust, the sign of the feedback left out [N/m].
-std::complex<double> pid_response(const PidSettings& pid, double sample_time, double frequency_hz);
+std::complex<double> pid_response(const PidController& pid, double sample_time, double frequency_hz);
 
 // The machine's PID loop with its rolling and viscous friction; dry friction is not in it. Throws InputError where the
 // machine has no PID controller.

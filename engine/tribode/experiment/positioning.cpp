@@ -15,8 +15,8 @@ namespace tribode {
 
 namespace {
 
-const PidSettings& pid_of(const MachineModel& machine) {
-    if (const auto* pid = std::get_if<PidSettings>(&machine.controller)) return *pid;
+const PidController& pid_of(const MachineModel& machine) {
+    if (const auto* pid = std::get_if<PidController>(&machine.controller)) return *pid;
     throw InputError("positioning: the machine has no PID controller, must have one (controller.type = \"pid\")");
 }
 
@@ -130,7 +130,7 @@ PositioningResult run_positioning(const MachineModel& machine, const Feedforward
 
 StabilityMargins positioning_margins(const MachineModel& machine) {
     const ModalModel plant = modal_model_of(machine);
-    const PidSettings& pid = pid_of(machine);
+    const PidController& pid = pid_of(machine);
     const LoopDelays delays = loop_delays_of(machine);
     const auto loop_gain = [&](double f) {
         return pid_response(pid, delays.sample_time, f) * sampled_response(plant, delays, f);

@@ -105,7 +105,7 @@ DriveRecord DriveRecord::from_table(const Table& table, const MachineModel& mach
         throw InputError(fmt::format("{}: there is no column u (open loop) nor r or exc (closed loop)", where));
     }
     if (table.rows() == 0) throw InputError(fmt::format("{}: there are no rows, must be one at least", where));
-    if (has_u && (!has_loop_input || !machine.closed_loop || !machine.has_controller())) {
+    if (has_u && (!has_loop_input || !machine.in_closed_loop())) {
         record.u = values("u");
         record.reference.clear();
         record.excitation.clear();

@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/base/about.hpp"
 #include "tribode/base/field_reader.hpp"
 #include "tribode/friction/slip_state.hpp"
 
@@ -10,14 +11,18 @@ namespace tribode {
 
 // One elasto-slide element of the paper, eqs. (11)-(14): a spring that follows the driven point until it slips.
 struct MaxwellSlipElement {
-    double stiffness; // K_i [N/m], > 0
-    double level;     // F_i [N], > 0: half the swing of a full loop, |K_i z_i| <= F_i
-    double damping;   // D_i [N s/m], >= 0: acts in stick only, and is not bounded by F_i
+    double stiffness;   // K_i [N/m], > 0
+    double level;       // F_i [N], > 0: half the swing of a full loop, |K_i z_i| <= F_i
+    double damping = 0; // D_i [N s/m], >= 0: acts in stick only, and is not bounded by F_i
 
     static void describe(auto& e, auto& fields) {
-        fields.required("K", e.stiffness, "N/m", Allowed::positive);
-        fields.required("F", e.level, "N", Allowed::positive);
-        fields.number("D", e.damping, "N s/m", Allowed::non_negative);
+        fields.required("K", e.stiffness, "N/m", Allowed::positive,
+                        About("stiffness").usually(1, 1e12).uncertain("friction.elements"));
+        fields.required(
+            "F", e.level, "N", Allowed::positive,
+            About("level: half the swing of a full loop").usually(1e-6, 1e5).uncertain("friction.elements"));
+        fields.number("D", e.damping, "N s/m", Allowed::non_negative,
+                      About("damping, in stick only").usually(1e-6, 1e6));
     }
 
     double limit() const { return level / stiffness; } // X_i [m]

@@ -1,6 +1,4 @@
 #pragma once
-#include "tribode/control/cascade_controller.hpp"
-#include "tribode/control/pid_controller.hpp"
 #include "tribode/machine/machine_model.hpp"
 
 namespace tribode {
@@ -13,28 +11,22 @@ class MachineController {
         CascadeController::State cascade;
     };
 
-    explicit MachineController(const MachineModel& machine) : is_pid_(true) {
-        if (const auto* pid = std::get_if<PidSettings>(&machine.controller)) {
-            pid_ = {pid->kp, pid->ki, pid->kd, pid->derivative_filter_hz.value_or(0), machine.sample_time};
-        } else if (const auto* cascade = std::get_if<CascadeSettings>(&machine.controller)) {
-            is_pid_ = false;
-            cascade_.kp = cascade->kp;
-            cascade_.kv = cascade->kv;
-            if (cascade->limit) cascade_.limit = *cascade->limit;
-            cascade_.delay_samples = static_cast<std::size_t>(cascade->delay_samples);
-            cascade_.sample_time = machine.sample_time;
-        }
-    }
+    explicit MachineController(const MachineModel& machine)
+        : controller_(machine.controller),
+          sample_time_(machine.sample_time) {}
 
-    // Output at one sample [N] from r[k] and y[k] [m].
+    // Output at one sample [N] from r[k] and y[k] [m]; zero without a controller.
     double step(State& s, double reference, double position) const {
-        return is_pid_ ? pid_.step(s.pid, reference - position) : cascade_.step(s.cascade, reference, position);
+        if (const auto* pid = std::get_if<PidController>(&controller_)) {
+            return pid->step(s.pid, reference - position, sample_time_);
+        }
+        const auto* cascade = std::get_if<CascadeController>(&controller_);
+        return cascade ? cascade->step(s.cascade, reference, position, sample_time_) : 0.0;
     }
 
   private:
-    bool is_pid_;
-    PidController pid_;
-    CascadeController cascade_;
+    Controller controller_;
+    double sample_time_; // [s]
 };
 
 } // namespace tribode

@@ -1,10 +1,14 @@
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/base/field_path.hpp"
 #include "tribode/base/field_reader.hpp"
-#include "tribode/base/options.hpp"
+#include "tribode/base/field_rows.hpp"
 #include "tribode/base/text.hpp"
 
 #include <fmt/format.h>
+
+#include <algorithm>
+#include <utility>
 
 namespace tribode {
 
@@ -12,140 +16,30 @@ namespace {
 
 constexpr int max_delayed_samples = 100000;
 
-DryFriction read_dry_friction(FieldReader& friction) {
-    DryFriction dry;
-    dry.coulomb = friction.number("coulomb", "N", Allowed::non_negative, 0);
-    dry.static_level = dry.coulomb;
-    if (friction.has("stribeck")) {
-        FieldReader stribeck = friction.table("stribeck");
-        dry.static_level = stribeck.number("static", "N", Allowed::non_negative);
-        dry.velocity = stribeck.number("velocity", "m/s", Allowed::positive);
-        dry.exponent = stribeck.number("exponent", "", Allowed::positive, 1);
-        stribeck.finish();
-    } else {
-        friction.table("stribeck"); // null is allowed
+// "modes[2].gain" -> "modes.gain".
+std::string without_indices(const std::string& path) {
+    std::string text;
+    bool inside = false;
+    for (const char c : path) {
+        inside = c == '[' || (inside && c != ']');
+        if (!inside && c != ']') text += c;
     }
-    return dry;
+    return text;
 }
 
-ControllerSettings read_controller(FieldReader& machine) {
-    if (!machine.has("controller")) {
-        machine.table("controller"); // null is allowed
-        return std::monostate{};
-    }
-    FieldReader fields = machine.table("controller");
-    const std::string type = fields.choice("type", {"pid", "cascade"}, "pid");
-    ControllerSettings settings;
-    if (type == "pid") {
-        PidSettings pid;
-        pid.kp = fields.number("kp", "N/m", Allowed::finite);
-        pid.ki = fields.number("ki", "N/(m s)", Allowed::finite, 0);
-        pid.kd = fields.number("kd", "N s/m", Allowed::finite, 0);
-        pid.derivative_filter_hz = fields.optional_number("derivative_filter_hz", "Hz", Allowed::positive);
-        settings = pid;
-    } else {
-        CascadeSettings cascade;
-        cascade.kp = fields.number("kp", "1/s", Allowed::finite);
-        cascade.kv = fields.number("kv", "N s/m", Allowed::finite);
-        cascade.limit = fields.optional_number("limit", "N", Allowed::positive);
-        cascade.delay_samples = fields.integer("delay_samples", 0, max_delayed_samples, 0);
-        settings = cascade;
-    }
-    fields.finish();
-    return settings;
-}
+// "friction." -> "friction"; "" stays.
+std::string without_dot(const std::string& path) { return path.substr(0, path.empty() ? 0 : path.size() - 1); }
 
-std::map<std::string, double> read_tolerance(FieldReader& machine) {
-    FieldReader fields = machine.table("tolerance");
-    std::map<std::string, double> tolerance;
-    for (const char* key : {"rigid_gain_per_kg", "modes.gain", "modes.freq_hz", "modes.zeta", "friction.coulomb",
-                            "friction.viscous", "friction.elements", "input_delay_s", "current_loop_hz"}) {
-        if (const auto value = fields.optional_number(key, "", Allowed::non_negative)) tolerance[key] = *value;
-    }
-    fields.finish();
-    return tolerance;
-}
-
-} // namespace
-
-MachineModel MachineModel::from_description(const Json& description, const std::string& where) {
-    FieldReader fields(description, where);
-    MachineModel m;
-    m.description = description;
-    m.sample_time = fields.number("Ts", "s", Allowed::positive, 5e-4);
-    m.rigid_gain = fields.number("rigid_gain_per_kg", "m/(N s^2)", Allowed::non_negative, 0);
-    fields.each("modes", [&](FieldReader& mode) {
-        m.modes.push_back({mode.number("gain", "m/(N s^2)", Allowed::positive),
-                           mode.number("freq_hz", "Hz", Allowed::positive),
-                           mode.number("zeta", "", Allowed::non_negative)});
+// Removes a path and all below it.
+void erase_below(std::set<std::string>& paths, const std::string& path) {
+    std::erase_if(paths, [&](const std::string& one) {
+        return one.starts_with(path) &&
+               (one.size() == path.size() || one[path.size()] == '.' || one[path.size()] == '[');
     });
-    if (m.rigid_gain == 0 && m.modes.empty()) {
-        fields.fail("rigid_gain_per_kg", "is zero or missing and there is no mode: nothing could move");
-    }
-
-    FieldReader friction = fields.table("friction");
-    m.dry = read_dry_friction(friction);
-    m.viscous = friction.number("viscous", "N s/m", Allowed::non_negative, 0);
-    OptionReader(friction).list("elements", m.elements);
-    friction.finish();
-
-    m.input_delay = fields.number("input_delay_s", "s", Allowed::non_negative, 0);
-    m.output_delay = fields.number("output_delay_s", "s", Allowed::non_negative, 0);
-    for (const auto& [key, delay] : {std::pair{"input_delay_s", m.input_delay}, {"output_delay_s", m.output_delay}}) {
-        if (delay > max_delayed_samples * m.sample_time) {
-            fields.fail(key,
-                        fmt::format("= {} s, must be {} sample times at most", to_text(delay), max_delayed_samples));
-        }
-    }
-    m.current_loop_hz = fields.optional_number("current_loop_hz", "Hz", Allowed::positive).value_or(0);
-    m.encoder_resolution = fields.number("encoder_resolution_m", "m", Allowed::non_negative, 0);
-    m.noise_rms = fields.number("noise_rms_m", "m", Allowed::non_negative, 0);
-    m.process_noise_rms = fields.number("process_noise_rms_N", "N", Allowed::non_negative, 0);
-    m.controller = read_controller(fields);
-    m.closed_loop = fields.boolean("closed_loop", m.has_controller());
-    m.input =
-        fields.choice("input", {"hold", "band_limited"}, "hold") == "hold" ? InputKind::hold : InputKind::band_limited;
-    if (m.input == InputKind::band_limited && m.closed_loop && m.has_controller()) {
-        fields.fail("input", "= \"band_limited\" needs u as a whole record, so closed_loop must be false");
-    }
-    m.initial =
-        fields.choice("initial", {"rest", "fitted"}, "rest") == "rest" ? InitialKind::rest : InitialKind::fitted;
-    m.tolerance = read_tolerance(fields);
-    fields.each("effects", [&](FieldReader& effect) { m.effects.push_back(Effect::read(effect)); });
-    fields.finish();
-    try {
-        m.axis();
-    } catch (const InputError& error) {
-        throw InputError(fmt::format("{}: {}{}", where, m.effects.empty() ? "" : "effects: ", error.what()));
-    }
-    return m;
-}
-
-MachineModel MachineModel::with_effects(std::vector<Effect> others) const {
-    MachineModel m = *this;
-    m.effects = std::move(others);
-    m.description["effects"] = Json::array();
-    for (const auto& effect : m.effects) m.description["effects"].push_back(effect.to_json());
-    m.axis(); // may refuse
-    return m;
-}
-
-ServoAxis MachineModel::axis() const {
-    ServoAxis axis;
-    axis.plant = {rigid_gain, modes, RollingFriction(elements), dry, viscous, current_loop_hz};
-    axis.input_delay = input_delay;
-    axis.encoder_resolution = encoder_resolution;
-    for (const auto& effect : effects) effect.apply(axis);
-    axis.require_possible();
-    if (axis.input_delay > max_delayed_samples * sample_time) {
-        throw InputError(fmt::format("they leave an input delay of {} s, must be {} sample times at most",
-                                     to_text(axis.input_delay), max_delayed_samples));
-    }
-    return axis;
 }
 
 // The fields in order of their names, notes left out, numbers as doubles: however a machine was written, it is the same.
-static void append_canonical(std::string& text, const Json& value) {
+void append_canonical(std::string& text, const Json& value) {
     if (value.is_object()) {
         std::map<std::string, const Json*> fields;
         for (const auto& [key, field] : value.items()) {
@@ -169,10 +63,210 @@ static void append_canonical(std::string& text, const Json& value) {
     }
 }
 
+} // namespace
+
+MachineModel MachineModel::read(const Json& description, const std::string& where) {
+    FieldReader fields(description, where);
+    MachineModel m;
+    OptionReader reader(fields, &m.left_out);
+    describe(m, reader);
+    fields.finish();
+    return m;
+}
+
+MachineModel MachineModel::from_description(const Json& description, const std::string& where) {
+    MachineModel m = read(description, where);
+    m.check(where);
+    return m;
+}
+
+void MachineModel::check(const std::string& where) const {
+    if (rigid_gain == 0 && modes.empty()) {
+        throw InputError(where + ": rigid_gain_per_kg is zero or missing and there is no mode: nothing could move");
+    }
+    for (const auto& [key, delay] : {std::pair{"input_delay_s", input_delay}, {"output_delay_s", output_delay}}) {
+        if (delay > max_delayed_samples * sample_time) {
+            throw InputError(fmt::format("{}: {} = {} s, must be {} sample times at most", where, key, to_text(delay),
+                                         max_delayed_samples));
+        }
+    }
+    if (input == InputKind::band_limited && in_closed_loop()) {
+        throw InputError(where + ": input = \"band_limited\" needs u as a whole record, so closed_loop must be false");
+    }
+    try {
+        axis();
+    } catch (const InputError& error) {
+        throw InputError(fmt::format("{}: {}{}", where, effects.empty() ? "" : "effects: ", error.what()));
+    }
+}
+
+Json MachineModel::description() const {
+    OptionWriter writer(left_out, options_json(MachineModel()));
+    describe(*this, writer);
+    return writer.json;
+}
+
 std::string MachineModel::hash() const {
     std::string text;
-    append_canonical(text, description);
+    append_canonical(text, description());
     return sha256(text);
+}
+
+MachineModel MachineModel::with_fields(const Json& replaced, const Json& scaled, const std::string& where) const {
+    MachineModel changed = *this;
+    for (const auto& [path, value] : replaced.items()) changed.replace(path, value, where);
+    for (const auto& [path, factor] : scaled.items()) {
+        const std::string name = fmt::format("{}: {}", where, path);
+        if (!factor.is_number()) throw InputError(name + ": the factor must be a number");
+        std::vector<std::pair<std::string, double>> numbers;
+        const auto collect = [&](const double& number, const auto& full_path, auto&&...) {
+            if (!changed.left_out.contains(full_path())) numbers.emplace_back(full_path(), number);
+        };
+        find_fields(changed, path, where, [&](const std::string& around, std::string_view, auto visit) {
+            const std::size_t before = numbers.size();
+            NumberWalker walker(collect, around);
+            visit(walker);
+            const bool is_one = numbers.size() == before + 1 &&
+                                path_steps(numbers.back().first, where).size() == path_steps(path, where).size();
+            if (!is_one) throw InputError(name + " is no number, so it cannot be multiplied");
+        });
+        for (const auto& [one, number] : numbers) changed.replace(one, number * factor.get<double>(), where);
+    }
+    changed.check(where);
+    return changed;
+}
+
+// Reads single fields into what is there; of a group it takes a note only.
+class MachineModel::Replacer : public OptionReader {
+  public:
+    using OptionReader::OptionReader;
+    void group(std::string_view, auto, const About& = {}) { is_group = true; }
+    bool is_group = false;
+};
+
+void MachineModel::replace(const std::string& path, const Json& value, const std::string& where) {
+    if (value.is_null()) throw InputError(fmt::format("{}: {} = null, must be a value", where, path));
+    std::vector<std::pair<std::string, std::string>> groups;
+    find_fields(*this, path, where, [&](const std::string& around, std::string_view key, auto visit) {
+        // As if it was the only field of a description.
+        const Json description = {{std::string(key), value}};
+        FieldReader fields(description, where, without_dot(around));
+        Replacer reader(fields, &left_out);
+        erase_below(left_out, around + std::string(key));
+        visit(reader);
+        if (reader.is_group) groups.emplace_back(without_dot(around), key);
+    });
+    // The fields of a group lie in what is around it, which is read anew: fields that the value does not have get their defaults.
+    for (const auto& [around, key] : groups) {
+        Json all = around.empty() ? description() : field(around);
+        all[key] = value;
+        if (around.empty()) {
+            *this = read(all, where);
+        } else {
+            replace(around, all, where);
+        }
+    }
+}
+
+Json MachineModel::field(const std::string& path) const {
+    Json value;
+    find_fields(*this, path, "machine", [&](const std::string&, std::string_view key, auto visit) {
+        OptionWriter writer;
+        visit(writer);
+        value = writer.json[std::string(key)];
+    });
+    return value;
+}
+
+std::vector<double*> MachineModel::numbers() {
+    std::vector<double*> all;
+    each_number(*this, [&](double& number, auto&&...) { all.push_back(&number); });
+    return all;
+}
+
+std::vector<MachineModel::UncertainField> MachineModel::uncertain_fields() const {
+    std::vector<UncertainField> fields;
+    std::size_t place = 0;
+    each_number(*this, [&](const double& number, const auto& path, std::string_view, Allowed, const About& about) {
+        const std::size_t here = place++;
+        const auto entry = tolerance.find(std::string(about.tolerance));
+        // What is zero stays so by any factor.
+        if (number == 0 || entry == tolerance.end() || entry->second == 0) return;
+        const std::string own = path();
+        const std::string name = without_indices(own) == entry->first ? own : entry->first;
+        for (auto& field : fields) {
+            if (field.name == name) return field.places.push_back(here);
+        }
+        fields.push_back({name, entry->second, {here}});
+    });
+    return fields;
+}
+
+std::vector<std::string> MachineModel::warnings(const std::string& where) const {
+    std::vector<std::string> sentences;
+    each_number(*this, [&](const double& number, const auto& path, std::string_view unit, Allowed, const About& about) {
+        if (about.plausible(number)) return;
+        const std::string suffix = unit.empty() ? "" : fmt::format(" {}", unit);
+        sentences.push_back(fmt::format("{}: {} = {}{} is implausible, {} to {} is usual{}{}", where, path(),
+                                        to_text(number), suffix, to_text(about.min), to_text(about.max),
+                                        about.hint.empty() ? "" : "; ", about.hint));
+    });
+    return sentences;
+}
+
+const std::vector<std::string>& MachineModel::tolerance_keys() {
+    static const std::vector<std::string> keys = [] {
+        FieldLister lister;
+        const MachineModel machine;
+        describe_known(machine, lister);
+        std::vector<std::string> all;
+        for (const auto& row : lister.rows) {
+            const std::string key(row.about.tolerance);
+            if (!key.empty() && std::find(all.begin(), all.end(), key) == all.end()) all.push_back(key);
+        }
+        return all;
+    }();
+    return keys;
+}
+
+std::string MachineModel::field_table() {
+    FieldLister lister;
+    const MachineModel machine;
+    describe(machine, lister);
+    std::string text = "| field | unit | values | default | plausible | `tolerance` key | meaning |\n"
+                       "|---|---|---|---|---|---|---|\n";
+    for (const auto& row : lister.rows) {
+        if (row.path.starts_with("tolerance.")) continue; // in the column of keys
+        const auto& about = row.about;
+        const std::string range =
+            about.min == about.max ? "" : fmt::format("{} to {}", to_text(about.min), to_text(about.max));
+        const std::string key = about.tolerance.empty() ? "" : fmt::format("`{}`", about.tolerance);
+        text += fmt::format("| `{}` | {} | {} | {} | {} | {} | {} |\n", row.path, row.unit, row.values, row.fallback,
+                            range, key, about.meaning);
+    }
+    return text;
+}
+
+MachineModel MachineModel::with_effects(std::vector<Effect> others) const {
+    MachineModel m = *this;
+    m.effects = std::move(others);
+    erase_below(m.left_out, "effects"); // all of them are written
+    m.axis();                           // may refuse
+    return m;
+}
+
+ServoAxis MachineModel::axis() const {
+    ServoAxis axis;
+    axis.plant = {rigid_gain, modes, RollingFriction(elements), dry, viscous, current_loop_hz};
+    axis.input_delay = input_delay;
+    axis.encoder_resolution = encoder_resolution;
+    for (const auto& effect : effects) effect.apply(axis);
+    axis.require_possible();
+    if (axis.input_delay > max_delayed_samples * sample_time) {
+        throw InputError(fmt::format("they leave an input delay of {} s, must be {} sample times at most",
+                                     to_text(axis.input_delay), max_delayed_samples));
+    }
+    return axis;
 }
 
 } // namespace tribode

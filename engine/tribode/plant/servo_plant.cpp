@@ -65,7 +65,7 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
     }
     assert(total_gain_ > 0);
     release_margin_ =
-        1e-12 * (1 + p_.dry.static_level + std::max(p_.forward.level, p_.backward.level) + p_.rolling.coulomb_level());
+        1e-12 * (1 + p_.dry.static_level() + std::max(p_.forward.level, p_.backward.level) + p_.rolling.coulomb_level());
 }
 
 ServoPlant::State ServoPlant::start(double y, double v, std::span<double> x) const {
@@ -205,7 +205,7 @@ double ServoPlant::dry_level(double v, const State& s) const {
 
 // The axis is let go a little above the static level, so that rounding does not stop it again at once [N].
 double ServoPlant::release_level(double towards, double t, std::span<const double> x) const {
-    const double level = p_.dry.static_level + (towards > 0 ? p_.forward : p_.backward).level;
+    const double level = p_.dry.static_level() + (towards > 0 ? p_.forward : p_.backward).level;
     return (level + release_margin_) * friction_factor(t, x);
 }
 
@@ -439,8 +439,8 @@ void ServoPlant::forcing_columns(const State& s, std::span<double> b, std::span<
         c[release_backward] = 1;
         if (forcing_count() < 2) return;
         const std::span<double> level = c.subspan(guard_count());
-        level[release_forward] = p_.dry.static_level + p_.forward.level + release_margin_;
-        level[release_backward] = p_.dry.static_level + p_.backward.level + release_margin_;
+        level[release_forward] = p_.dry.static_level() + p_.forward.level + release_margin_;
+        level[release_backward] = p_.dry.static_level() + p_.backward.level + release_margin_;
         return;
     }
     b[1] = total_gain_;

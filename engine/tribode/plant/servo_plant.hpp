@@ -18,6 +18,15 @@ struct VibrationMode {
     double gain;    // k_j [m/(N s^2)]
     double freq_hz; // w_j / 2 pi [Hz], > 0
     double zeta;    // z_j, >= 0
+
+    static void describe(auto& mode, auto& fields) {
+        fields.required("gain", mode.gain, "m/(N s^2)", Allowed::positive,
+                        About("k_j, its share of the gain").usually(1e-9, 10).uncertain("modes.gain"));
+        fields.required("freq_hz", mode.freq_hz, "Hz", Allowed::positive,
+                        About("natural frequency").usually(0.1, 1e5).uncertain("modes.freq_hz"));
+        fields.required("zeta", mode.zeta, "", Allowed::non_negative,
+                        About("damping ratio").usually(1e-6, 1).uncertain("modes.zeta"));
+    }
 };
 
 // A sine force on the driven point: amplitude sin(2 pi freq_hz t + phase).

@@ -27,7 +27,7 @@ Json diagnose_machine(const ScriptContext& script, const Json& arguments) {
     for (const auto& name : result.files) script.run.folder().add(where + "/" + name);
     script.run.note_work(
         {{"function", "diagnose"}, {"machine", request.machine.hash()}, {"verdict", result.diagnosis.verdict}});
-    result.summary["machine"] = result.diagnosis.after.description;
+    result.summary["machine"] = result.diagnosis.after.description();
     return std::move(result.summary);
 }
 

@@ -56,9 +56,8 @@ Json change_machine(const Json& arguments) {
     const Json& replaced = fields.value("fields");
     const Json& scaled = fields.value("scale");
     fields.finish();
-    Json changed = with_fields(machine, replaced, scaled, name);
-    MachineModel::from_description(changed, name); // names and values are checked here, not at the first run
-    return changed;
+    if (!machine.is_object()) throw InputError(name + ": machine must be a machine description, see tb.machine");
+    return MachineModel::from_description(machine, name).with_fields(replaced, scaled, name).description();
 }
 
 } // namespace

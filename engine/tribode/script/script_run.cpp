@@ -176,7 +176,9 @@ Json ScriptRun::machine(const std::string& file, const Json& argument) {
     lua_.access().check_read(path);
     Json description = read_description(path, lua_.limits(), argument, files_read_, control_);
     note_read(path);
-    machines_[file] = MachineModel::from_description(description, file).hash();
+    const MachineModel model = MachineModel::from_description(description, file);
+    for (const auto& warning : model.warnings(file)) remark("warning: " + warning);
+    machines_[file] = model.hash();
     return description;
 }
 

@@ -172,48 +172,5 @@ TEST(Design, RefusesWithThePlace) {
     holds(refusal(many), "are 21, must be at most 20");
 }
 
-// ---- fields of a machine ------------------------------------------------------------------------------------------
-
-const Json machine = {{"Ts", 5e-4},
-                      {"modes", {{{"gain", 0.01}, {"freq_hz", 33}}, {{"gain", 0.005}, {"freq_hz", 82}}}},
-                      {"friction", {{"viscous", 2.35}}}};
-
-std::string field_refusal(const Json& replaced, const Json& scaled = nullptr) {
-    try {
-        with_fields(machine, replaced, scaled, "test");
-    } catch (const InputError& error) {
-        return error.what();
-    }
-    return "not refused";
-}
-
-TEST(WithFields, ReplacesAndScalesByPath) {
-    const Json changed =
-        with_fields(machine, {{"friction.viscous", 3}, {"modes[2].freq_hz", 80}, {"noise_rms_m", 1e-8}},
-                    {{"modes[*].gain", 2}, {"modes[2].freq_hz", 0.5}}, "test");
-    EXPECT_EQ(changed["friction"]["viscous"], 3);
-    EXPECT_EQ(changed["modes"][1]["freq_hz"], 40); // replaced, then scaled
-    EXPECT_EQ(changed["modes"][0]["freq_hz"], 33);
-    EXPECT_EQ(changed["modes"][0]["gain"], 0.02);
-    EXPECT_EQ(changed["modes"][1]["gain"], 0.01);
-    EXPECT_EQ(changed["noise_rms_m"], 1e-8);
-    EXPECT_EQ(changed["Ts"], machine["Ts"]);
-}
-
-TEST(WithFields, RefusesWhatIsNotThere) {
-    EXPECT_EQ(field_refusal({{"modes[3].gain", 1}}), "test: modes[3].gain: modes has 2 entries");
-    EXPECT_EQ(field_refusal({{"frction.viscous", 1}}),
-              "test: frction.viscous: there is no frction (did you mean \"friction\"?)");
-    EXPECT_EQ(field_refusal({{"Ts.x", 1}}), "test: Ts.x: Ts is no table of fields");
-    EXPECT_EQ(field_refusal({{"friction[1].viscous", 1}}), "test: friction[1].viscous: friction is no list");
-    EXPECT_EQ(field_refusal(nullptr, {{"modes", 2}}), "test: modes is no number, so it cannot be multiplied");
-    EXPECT_EQ(field_refusal(nullptr, {{"noise_rms_m", 2}}),
-              "test: noise_rms_m is no number, so it cannot be multiplied");
-    for (const char* path :
-         {"", ".", "a..b", "modes[0].gain", "modes[1.gain", "modes[x].gain", "modes[1]x.gain", "[1]"}) {
-        EXPECT_NE(field_refusal({{path, 1}}).find("is no path of a field"), std::string::npos) << path;
-    }
-}
-
 } // namespace
 } // namespace tribode

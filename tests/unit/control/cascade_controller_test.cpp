@@ -8,7 +8,7 @@ namespace {
 // kp = 10, kv = 2, Ts = 1 ms, r = 0.6 m, q = 0.5, 0.502, 0.506 m:
 //     qf = 0.5, 0.501, 0.504;  dq = 0, 1, 3 m/s
 //     u = 2 (1 - 0), 2 (0.98 - 1), 2 (0.94 - 3) = 2, -0.04, -4.12 N
-constexpr double reference = 0.6;
+constexpr double sample_time = 1e-3, reference = 0.6;
 const std::vector<double> positions = {0.5, 0.502, 0.506};
 
 // Positions near 0.5 m, known to 1e-16 m, divided by 1 ms.
@@ -17,7 +17,7 @@ constexpr double rounding = 2e-12;
 std::vector<double> outputs(const CascadeController& controller) {
     CascadeController::State state;
     std::vector<double> u;
-    for (const double q : positions) u.push_back(controller.step(state, reference, q));
+    for (const double q : positions) u.push_back(controller.step(state, reference, q, sample_time));
     return u;
 }
 
@@ -27,24 +27,24 @@ void expect_outputs(const CascadeController& controller, const std::vector<doubl
 }
 
 TEST(CascadeController, ThreeSamplesByHand) {
-    expect_outputs({.kp = 10, .kv = 2, .sample_time = 1e-3}, {2, -0.04, -4.12});
+    expect_outputs({.kp = 10, .kv = 2}, {2, -0.04, -4.12});
 }
 
 TEST(CascadeController, TheOutputIsLimitedInBothDirections) {
-    expect_outputs({.kp = 10, .kv = 2, .limit = 1.5, .sample_time = 1e-3}, {1.5, -0.04, -1.5});
+    expect_outputs({.kp = 10, .kv = 2, .limit = 1.5}, {1.5, -0.04, -1.5});
 }
 
 TEST(CascadeController, ADelayHandsOnEarlierOutputsAfterZeros) {
-    expect_outputs({.kp = 10, .kv = 2, .delay_samples = 1, .sample_time = 1e-3}, {0, 2, -0.04});
-    expect_outputs({.kp = 10, .kv = 2, .delay_samples = 2, .sample_time = 1e-3}, {0, 0, 2});
-    expect_outputs({.kp = 10, .kv = 2, .delay_samples = 3, .sample_time = 1e-3}, {0, 0, 0});
+    expect_outputs({.kp = 10, .kv = 2, .delay_samples = 1}, {0, 2, -0.04});
+    expect_outputs({.kp = 10, .kv = 2, .delay_samples = 2}, {0, 0, 2});
+    expect_outputs({.kp = 10, .kv = 2, .delay_samples = 3}, {0, 0, 0});
 }
 
 TEST(CascadeController, AtTheStartTheAxisIsTakenToRestWhereItIs) {
-    const CascadeController controller{.kp = 10, .kv = 2, .sample_time = 1e-3};
+    const CascadeController controller{.kp = 10, .kv = 2};
     CascadeController::State state;
-    EXPECT_EQ(controller.step(state, 7.0, 7.0), 0.0);
-    EXPECT_EQ(controller.step(state, 7.0, 7.0), 0.0);
+    EXPECT_EQ(controller.step(state, 7.0, 7.0, sample_time), 0.0);
+    EXPECT_EQ(controller.step(state, 7.0, 7.0, sample_time), 0.0);
 }
 
 } // namespace

@@ -133,7 +133,7 @@ TEST(Diagnosis, AMachineWithItsEffectLacksNothing) {
     const Json hidden = Json::parse(R"([{"name": "constant_force", "parameters": {"F": -2.5}}])");
     const Diagnosis first = diagnosed(hidden);
     ASSERT_EQ(first.verdict, "effect_found");
-    EXPECT_EQ(diagnosed(hidden, first.after.description).verdict, "nothing_missing");
+    EXPECT_EQ(diagnosed(hidden, first.after.description()).verdict, "nothing_missing");
 }
 
 // A slow record shows little of the drag, a fast one beside it a good deal more.

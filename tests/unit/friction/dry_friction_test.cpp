@@ -10,7 +10,7 @@ namespace {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 TEST(DryFriction, PlainCoulombFrictionHasOneLevelAtEveryVelocity) {
-    const DryFriction dry{.coulomb = 3, .static_level = 3, .velocity = 0.01, .exponent = 1};
+    const DryFriction dry{.coulomb = 3, .stribeck = tribode::Stribeck{3, 0.01, 1}};
     EXPECT_TRUE(dry.present());
     EXPECT_FALSE(dry.velocity_dependent());
     for (const double v : {-1.0, 0.0, 1e-9, 5.0}) {
@@ -21,13 +21,13 @@ TEST(DryFriction, PlainCoulombFrictionHasOneLevelAtEveryVelocity) {
 
 TEST(DryFriction, IsAbsentWithoutAnyLevel) {
     EXPECT_FALSE(DryFriction{}.present());
-    EXPECT_TRUE((DryFriction{.coulomb = 0, .static_level = 1, .velocity = 1, .exponent = 1}.present()));
-    EXPECT_TRUE((DryFriction{.coulomb = 1, .static_level = 0, .velocity = 1, .exponent = 1}.present()));
+    EXPECT_TRUE((DryFriction{.coulomb = 0, .stribeck = tribode::Stribeck{1, 1, 1}}.present()));
+    EXPECT_TRUE((DryFriction{.coulomb = 1, .stribeck = tribode::Stribeck{0, 1, 1}}.present()));
 }
 
 class Stribeck : public ::testing::TestWithParam<double> {
   protected:
-    const DryFriction dry{.coulomb = 3, .static_level = 5, .velocity = 0.02, .exponent = GetParam()};
+    const DryFriction dry{.coulomb = 3, .stribeck = tribode::Stribeck{5, 0.02, GetParam()}};
 };
 
 INSTANTIATE_TEST_SUITE_P(Exponents, Stribeck, ::testing::Values(0.5, 1.0, 2.0));

@@ -156,7 +156,7 @@ TEST(ServoSystem, ADelayOfWholeSamplesMeetsItsClockExactly) {
 
 TEST(ServoSystem, AtOneInstantTheOrderIsEncoderControllerHold) {
     MachineModel m = free_body();
-    m.controller = PidSettings{.kp = 100, .ki = 0, .kd = 0, .derivative_filter_hz = {}};
+    m.controller = PidController{.kp = 100, .ki = 0, .kd = 0, .derivative_filter_hz = {}};
     const ServoSystem system(m, towards(0.5, 7), 0, {0.2, 0});
     FreeRun run(system);
     run.to(0);
@@ -170,7 +170,7 @@ TEST(ServoSystem, AtOneInstantTheOrderIsEncoderControllerHold) {
 TEST(ServoSystem, ThePidHasItsGainsAndTheSampleTime) {
     MachineModel m = free_body();
     m.rigid_gain = 1e-12; // stays where it is
-    m.controller = PidSettings{.kp = 100, .ki = 1 / period, .kd = period, .derivative_filter_hz = {}};
+    m.controller = PidController{.kp = 100, .ki = 1 / period, .kd = period, .derivative_filter_hz = {}};
     const ServoSystem system(m, towards(0.3, 0));
     FreeRun run(system);
     std::vector<double> u;
@@ -182,7 +182,7 @@ TEST(ServoSystem, ThePidHasItsGainsAndTheSampleTime) {
 
 TEST(ServoSystem, TheExcitationIsAddedAfterTheLimitOfTheCascade) {
     MachineModel m = free_body();
-    m.controller = CascadeSettings{.kp = 100, .kv = 10, .limit = 20, .delay_samples = 1};
+    m.controller = CascadeController{.kp = 100, .kv = 10, .limit = 20, .delay_samples = 1};
     const ServoSystem system(m, towards(0.3, 5));
     FreeRun run(system);
     std::vector<double> u;
@@ -198,7 +198,7 @@ TEST(ServoSystem, WithoutAControllerItDoesNotRunInClosedLoop) {
 
 TEST(ServoSystem, AControllerIsLeftAloneInOpenLoop) {
     MachineModel m = free_body();
-    m.controller = PidSettings{.kp = 100, .ki = 0, .kd = 0, .derivative_filter_hz = {}};
+    m.controller = PidController{.kp = 100, .ki = 0, .kd = 0, .derivative_filter_hz = {}};
     const ServoSystem system(m, thrust([](long k) { return static_cast<double>(k) + 1; }), 0, {0.2, 0});
     FreeRun run(system);
     run.to(2 * period);
@@ -228,7 +228,7 @@ TEST(ServoSystem, TheIntegratorRestartsOnlyWhereTheThrustChanges) {
 TEST(ServoSystem, GuardsAreLookedAtAgainWhereTheThrustHoldsTheAxisItself) {
     const auto effect_of_a_jump = [](double current_loop_hz) {
         MachineModel m = free_body();
-        m.dry = {.coulomb = 2, .static_level = 2};
+        m.dry.coulomb = 2;
         m.current_loop_hz = current_loop_hz;
         const ServoSystem system(m, thrust([](long) { return 1.0; }));
         FreeRun run(system);
@@ -243,7 +243,7 @@ TEST(ServoSystem, InitialStateIsTheDrivenPointsPositionAndVelocity) {
     MachineModel m = free_body();
     m.modes = {{1, 30, 0.01}};
     m.elements = {{1000, 1, 0}};
-    m.dry = {.coulomb = 1, .static_level = 1, .velocity = 1, .exponent = 1};
+    m.dry.coulomb = 1;
     const ServoSystem system(m, no_thrust(), 0, {0.1, -0.3});
     const SystemState state = system.initial_state();
     EXPECT_EQ(state.t, 0);
@@ -332,7 +332,7 @@ MachineModel body_with_friction() {
     MachineModel m = free_body();
     m.elements = {{100, 1, 5}};
     m.viscous = 2;
-    m.controller = PidSettings{10, 0, 0, std::nullopt};
+    m.controller = PidController{10, 0, 0, 0};
     return m;
 }
 

@@ -19,10 +19,8 @@ constexpr double per_second = 1 / two_pi; // 1 rad/s in Hz
 // The guards in their declared order.
 enum : GuardId { forward_limit, backward_limit, reversal, release_forward, release_backward };
 
-constexpr DryFriction coulomb(double level) {
-    return {.coulomb = level, .static_level = level, .velocity = 1, .exponent = 1};
-}
-constexpr DryFriction stribeck{.coulomb = 2, .static_level = 4, .velocity = 0.02, .exponent = 1};
+constexpr DryFriction coulomb(double level) { return {.coulomb = level, .stribeck = {}}; }
+constexpr DryFriction stribeck{.coulomb = 2, .stribeck = Stribeck{4, 0.02, 1}};
 
 // Rigid gain 1/2; one mode of gain 1/4, 10 rad/s and zeta 0.1: q'' = u_e/4 - 2 q' - 100 q.
 // Friction: one element of 100 N/m, 1 N (limit 10 mm) and 3 N s/m; 2 N s/m viscous.
@@ -342,7 +340,7 @@ TEST(ServoPlantGuards, WithDryFrictionOnlyTheLimitAheadIsWatched) {
 
 // 20 N of thrust, no deflection: 20 N are held of 25 N; forward 5 N are left, backward 45 N.
 TEST(ServoPlantGuards, InStickWhatIsLeftOfTheStaticLevelIsWatched) {
-    Machine m(simple({.coulomb = 10, .static_level = 25, .velocity = 0.01, .exponent = 1}));
+    Machine m(simple({.coulomb = 10, .stribeck = Stribeck{25, 0.01, 1}}));
     m.push(20);
     const double more = 25 * 1e-11; // the axis is let go a little above the level, by 1e-12 of it
     expect_near(m.guards(), {1, 1, 1, 5, 45}, more);

@@ -1,5 +1,6 @@
 #include "messages.hpp"
 #include "temporary_folder.hpp"
+#include "tribode/machine/machine_model.hpp"
 #include "tribode/script/machine_file.hpp"
 
 #include <gtest/gtest.h>
@@ -60,6 +61,29 @@ TEST_F(MachineFileTest, ErrorsNameFileAndLine) {
     EXPECT_NE(problem(folder.write("a.lua", "return {\n  Ts = = 1}")).find("a.lua:2: unexpected symbol"),
               std::string::npos);
     EXPECT_NE(problem(folder.write("b.json", "{\n  \"Ts\": ,\n}")).find("b.json:2:"), std::string::npos);
+}
+
+TEST(ReadyMachines, AreWrittenAsTheyWereReadAndKeepTheirHashes) {
+    std::size_t count = 0;
+    const std::map<std::string, std::string> hashes = {
+        {"linear_motor_table.lua", "05d7eaacc2e6d7e11f449f098b12cd6541bbae60f8752fffe0bb01712dc18cea"},
+        {"bare_mass.lua", "f485d9fd89a1320260a5664c47a733c040170e55d2fb3b82bc02d9cff2e628b0"},
+        {"ball_screw_axis.lua", "fb52b5cf5cadbd40e2c02fd7a611855920ae94b69d4a0d421e0cf53a7c859e67"}};
+    for (const auto& file : std::filesystem::directory_iterator(std::string(TRIBODE_SOURCE_DIR) + "/models")) {
+        if (!file.is_regular_file()) continue;
+        ++count;
+        const std::string name = file.path().filename().string();
+        const MachineModel machine = MachineModel::from_description(read_description(file.path()), name);
+        const MachineModel again = MachineModel::from_description(machine.description(), name);
+        EXPECT_EQ(again.description().dump(), machine.description().dump()) << name;
+        EXPECT_EQ(again.hash(), machine.hash()) << name;
+        EXPECT_EQ(machine.warnings(name), std::vector<std::string>()) << name;
+        // As in result files written before; a new machine has none there.
+        if (hashes.contains(name)) {
+            EXPECT_EQ(machine.hash(), hashes.at(name)) << name;
+        }
+    }
+    EXPECT_GE(count, hashes.size());
 }
 
 } // namespace

@@ -18,8 +18,9 @@ extern const EffectKind coulomb_friction = {
     .neutral = {{"dF", 0}},
     .apply =
         [](const Effect& e, ServoAxis& axis) {
-            axis.plant.dry.coulomb += e.number("dF");
-            axis.plant.dry.static_level += e.number("dF");
+            DryFriction& dry = axis.plant.dry;
+            dry.coulomb += e.number("dF");
+            if (dry.stribeck) dry.stribeck->static_level += e.number("dF");
         },
     .lua = R"lua(
 m.friction.coulomb = m.friction.coulomb + p.dF

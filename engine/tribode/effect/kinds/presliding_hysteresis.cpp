@@ -99,8 +99,9 @@ extern const EffectKind presliding_hysteresis = {
             for (const auto& record : e.records("elements")) elements.push_back({record[0], record[1], record[2]});
             axis.plant.rolling = RollingFriction(std::move(elements));
             if (!e.flag("replace_coulomb")) return;
-            axis.plant.dry.static_level -= axis.plant.dry.coulomb;
-            axis.plant.dry.coulomb = 0;
+            DryFriction& dry = axis.plant.dry;
+            if (dry.stribeck) dry.stribeck->static_level -= dry.coulomb;
+            dry.coulomb = 0;
         },
     .lua = R"lua(
 for _, element in ipairs(p.elements) do table.insert(m.friction.elements, element) end

@@ -38,9 +38,7 @@ extern const EffectKind stribeck_friction = {
     .apply =
         [](const Effect& e, ServoAxis& axis) {
             DryFriction& dry = axis.plant.dry;
-            dry.static_level = dry.coulomb + e.number("dFs");
-            dry.velocity = e.number("velocity");
-            dry.exponent = e.number("exponent");
+            dry.stribeck = {dry.coulomb + e.number("dFs"), e.number("velocity"), e.number("exponent")};
         },
     .lua = R"lua(
 m.friction.static = m.friction.coulomb + p.dFs
