@@ -29,14 +29,8 @@ class StuckTable {
             starts_.push_back(start);
         }
         const auto n = static_cast<Eigen::Index>(start.x.size());
-        matrix_.resize(n, n);
-        VectorXd unit = VectorXd::Zero(n);
-        for (Eigen::Index j = 0; j < n; ++j) {
-            unit[j] = 1;
-            system_.affine_derivative(1, 0, 1, {unit.data(), start.x.size()}, *start.discrete,
-                                      {matrix_.col(j).data(), start.x.size()});
-            unit[j] = 0;
-        }
+        const AffineForm form = system_.affine_form(*start.discrete);
+        matrix_ = Eigen::Map<const MatrixXd>(form.a.data(), n, n);
     }
 
     static constexpr int count = 64;

@@ -156,18 +156,7 @@ class Bookkeeper final : public HybridSystem {
     void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const override {
         servo_.guards(t, x, d, g);
     }
-    std::optional<std::string> why_not_affine() const override { return servo_.why_not_affine(); }
-    void affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                           std::span<double> coefficient) const override {
-        servo_.affine_derivative(n, t0, h, c, d, coefficient);
-    }
-    void affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                       std::span<double> coefficient) const override {
-        servo_.affine_guards(n, t0, h, c, d, coefficient);
-    }
-    std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const override {
-        return servo_.affine_pattern(d);
-    }
+    const PiecewiseAffine* piecewise_affine() const override { return servo_.piecewise_affine(); }
     EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const override {
         book(state);
         const EventEffect effect = servo_.on_crossing(guard, state, log);

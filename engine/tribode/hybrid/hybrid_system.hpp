@@ -2,7 +2,6 @@
 #include "tribode/hybrid/enclosure.hpp"
 #include "tribode/hybrid/system_state.hpp"
 
-#include <array>
 #include <cstddef>
 #include <optional>
 #include <span>
@@ -18,7 +17,7 @@ struct StateVariable {
     std::string name;
     std::string unit;
     std::optional<std::size_t> rate; // the state that is its derivative: a position's velocity
-    double scale = 1; // its absolute tolerance is scale times the run's: 1 for a position, for which atol is in metres
+    double scale = 1; // its absolute tolerance is scale times the run's: 1 for a position, for which atol is in meters
     double limit = 1e100; // a size beyond which the solution counts as diverged
     // Of an algebraic variable its equation, for messages: it has no derivative, derivative() gives the value of the equation
     // that must be zero. Empty: a state.
@@ -46,8 +45,7 @@ struct Event {
 
 using EventLog = std::vector<Event>;
 
-// See HybridSystem::affine_pattern.
-using AffinePattern = std::array<double, 3>;
+class PiecewiseAffine;
 
 // What handling an event did to the right side.
 enum class EventEffect {
@@ -65,8 +63,8 @@ struct SparsityPattern {
 // A system of ordinary differential equations with events and sampled blocks:
 //
 //     dx/dt = f(t, x; d)         between events, d constant
-//     g(t, x; d) > 0             guards: each is positive while the present discrete state may last; where one
-//                                falls through zero, on_crossing changes d (and, where need be, x)
+//     g(t, x; d) > 0             guards: each is positive while the present discrete state is valid; at a zero
+//                                crossing on_crossing changes d (and, where need be, x)
 //     (x, d) := h(k, x, d)       at the instants of the sample clocks, on_sample
 //
 // Some of x may be algebraic variables: in place of their dx/dt stand equations f = 0 of index 1, which hold in the initial
@@ -113,11 +111,12 @@ class HybridSystem {
     // Of a system that encloses its guards: whether this one does not depend on x, whatever d is.
     virtual bool depends_on_time_alone(GuardId) const { return false; }
 
-    // The guard fell. Throws NoSolution where the algebraic equations have none then; so does on_sample. Discrete states change here and in on_sample, nowhere else. What changed goes to the log.
+    // The guard crossed zero. Throws NoSolution where the algebraic equations have none then; so does on_sample. Discrete
+    // states change here and in on_sample, nowhere else. Changes are logged.
     virtual EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const = 0;
 
-    // Guards that fell at one instant, in declared order. Unless overridden they are handled one after the other, and then
-    // none of them may say `guards`.
+    // Guards that crossed zero at one instant, in declared order. Unless overridden they are handled one after the other, and
+    // then none of them may say `guards`.
     virtual EventEffect on_crossings(std::span<const GuardId> guards, SystemState& state, EventLog& log) const;
 
     // Sample instant k of the clock.
@@ -126,41 +125,8 @@ class HybridSystem {
     // Whether an event of the instant just handled ends the run.
     virtual bool ends_run(const SystemState&) const { return false; }
 
-    // The part L of f = L x + rest that a discretization by zero-order hold takes in, into a column-major square matrix
-    // preset to zero; zero where the system knows none.
-    virtual void linear_part(std::span<double> matrix) const;
-
-    // Why the system is not piecewise affine; nothing where it is: between events, at constant d,
-    //     dx/dt = A x + b(t),  g = G x + h(t),
-    // A and G constant, b and h polynomials in t. Then the functions below say more of it.
-    virtual std::optional<std::string> why_not_affine() const;
-
-    // For x(t0 + s h) = sum c_n s^n (0 <= s <= 1), the n-th coefficient in s of dx/dt, A c_n + b_n, and of the guards,
-    // G c_n + h_n, from c_n = c alone. For n = 0 they are derivative() and guards().
-    virtual void affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                                   std::span<double> coefficient) const;
-    virtual void affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                               std::span<double> coefficient) const;
-
-    // Numbers that determine A and G: where they are equal to those of another discrete state, so are A and G.
-    // Nothing where b or h vary between events.
-    virtual std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const;
-
-    // Why the system is not nearly affine; nothing where it is: between events, at constant d,
-    //     dx/dt = A x + b(t) + B w(t, x),  g = G x + h(t) + C w(t, x),
-    // with a few functions w that are smooth but for isolated points, and all else as above. affine_derivative() and
-    // affine_guards() are as above, so that for n = 0 they contain w, and for n > 0 they do not.
-    virtual std::optional<std::string> why_not_nearly_affine() const;
-    virtual std::size_t forcing_count() const; // of w; where it is none, the next two are not called
-
-    // w(t, x; d), where it goes on smoothly beyond the guards, forcing_count() entries.
-    virtual void forcing(double t, std::span<const double> x, const DiscreteState& d, std::span<double> w) const;
-
-    // B (states x w) and C (guards x w), column by column, preset to zero.
-    virtual void forcing_columns(const DiscreteState& d, std::span<double> b, std::span<double> c) const;
-
-    // As affine_pattern, of A, B, C and G, whether b and h vary or not.
-    virtual AffinePattern forced_pattern(const DiscreteState& d) const;
+    // For solvers that use the structure of the equations; null: none is known.
+    virtual const PiecewiseAffine* piecewise_affine() const { return nullptr; }
 
     // For messages: what the guard watches at present ("element 3").
     virtual std::string guard_name(GuardId guard, const SystemState& state) const = 0;

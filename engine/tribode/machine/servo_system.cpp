@@ -99,42 +99,16 @@ double ServoSystem::detect(double position, long k) const {
 
 void ServoSystem::derivative(double t, std::span<const double> x, const DiscreteState& d,
                              std::span<double> dxdt) const {
-    plant_.derivative(t, x, static_cast<const State&>(d).plant, dxdt);
+    plant_.derivative(t, x, plant_state(d), dxdt);
 }
 
 bool ServoSystem::jacobian(double t, std::span<const double> x, const DiscreteState& d,
                            std::span<double> matrix) const {
-    return plant_.jacobian(t, x, static_cast<const State&>(d).plant, matrix);
+    return plant_.jacobian(t, x, plant_state(d), matrix);
 }
 
 void ServoSystem::guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const {
-    plant_.guards(t, x, static_cast<const State&>(d).plant, g);
-}
-
-void ServoSystem::affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                                    std::span<double> coefficient) const {
-    plant_.affine_derivative(n, t0, h, c, static_cast<const State&>(d).plant, coefficient);
-}
-
-void ServoSystem::affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                                std::span<double> coefficient) const {
-    plant_.affine_guards(n, t0, h, c, static_cast<const State&>(d).plant, coefficient);
-}
-
-std::optional<AffinePattern> ServoSystem::affine_pattern(const DiscreteState& d) const {
-    return plant_.affine_pattern(static_cast<const State&>(d).plant);
-}
-
-void ServoSystem::forcing(double t, std::span<const double> x, const DiscreteState& d, std::span<double> w) const {
-    plant_.forcing(t, x, static_cast<const State&>(d).plant, w);
-}
-
-void ServoSystem::forcing_columns(const DiscreteState& d, std::span<double> b, std::span<double> c) const {
-    plant_.forcing_columns(static_cast<const State&>(d).plant, b, c);
-}
-
-AffinePattern ServoSystem::forced_pattern(const DiscreteState& d) const {
-    return plant_.forced_pattern(static_cast<const State&>(d).plant);
+    plant_.guards(t, x, plant_state(d), g);
 }
 
 EventEffect ServoSystem::on_crossing(GuardId guard, SystemState& state, EventLog& log) const {

@@ -1,6 +1,6 @@
 #pragma once
 #include "tribode/control/sampled_friction.hpp"
-#include "tribode/hybrid/hybrid_system.hpp"
+#include "tribode/hybrid/piecewise_affine.hpp"
 #include "tribode/machine/machine_controller.hpp"
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/plant/servo_plant.hpp"
@@ -45,7 +45,7 @@ using Drive = std::variant<ClosedLoop, OpenLoop>;
 // Delays are clock offsets, exact for any fraction of a sample, with no history buffer: y[k] is read at the earlier
 // instant k Ts - output_delay, u[k] is handed on at the later instant k Ts + input_delay. Whole samples of delay
 // become places in a ring. Where the three meet at one instant the order is encoder, controller, hold.
-class ServoSystem final : public HybridSystem {
+class ServoSystem final : public HybridSystem, public PiecewiseAffine {
   public:
     enum Clock : ClockId { encoder, controller, hold };
 
@@ -84,18 +84,27 @@ class ServoSystem final : public HybridSystem {
     void derivative(double t, std::span<const double> x, const DiscreteState& d, std::span<double> dxdt) const override;
     bool jacobian(double t, std::span<const double> x, const DiscreteState& d, std::span<double> matrix) const override;
     void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const override;
+    const PiecewiseAffine* piecewise_affine() const override { return this; }
     void linear_part(std::span<double> matrix) const override { plant_.linear_part(matrix); }
     std::optional<std::string> why_not_affine() const override { return plant_.why_not_affine(); }
-    void affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                           std::span<double> coefficient) const override;
-    void affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                       std::span<double> coefficient) const override;
-    std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const override;
     std::optional<std::string> why_not_nearly_affine() const override { return plant_.why_not_nearly_affine(); }
+    AffineForm affine_form(const DiscreteState& d) const override { return plant_.affine_form(plant_state(d)); }
+    void append_affine_key(const DiscreteState& d, AffineKey& key) const override {
+        plant_.append_affine_key(plant_state(d), key);
+    }
+    bool has_varying_input(const DiscreteState& d) const override { return plant_.has_varying_input(plant_state(d)); }
+    void rate_coefficient(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                          std::span<double> coefficient) const override {
+        plant_.rate_coefficient(n, t0, h, c, plant_state(d), coefficient);
+    }
+    void guard_coefficient(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                           std::span<double> coefficient) const override {
+        plant_.guard_coefficient(n, t0, h, c, plant_state(d), coefficient);
+    }
     std::size_t forcing_count() const override { return plant_.forcing_count(); }
-    void forcing(double t, std::span<const double> x, const DiscreteState& d, std::span<double> w) const override;
-    void forcing_columns(const DiscreteState& d, std::span<double> b, std::span<double> c) const override;
-    AffinePattern forced_pattern(const DiscreteState& d) const override;
+    void forcing(double t, std::span<const double> x, const DiscreteState& d, std::span<double> w) const override {
+        plant_.forcing(t, x, plant_state(d), w);
+    }
     EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const override;
     EventEffect on_sample(ClockId clock, long k, SystemState& state) const override;
     std::string guard_name(GuardId guard, const SystemState& state) const override;
@@ -103,6 +112,7 @@ class ServoSystem final : public HybridSystem {
   private:
     ServoSystem(const MachineModel& model, ServoAxis axis, Drive drive, std::uint64_t seed, Start start);
 
+    static const ServoPlant::State& plant_state(const DiscreteState& d) { return static_cast<const State&>(d).plant; }
     double detect(double position, long k) const;
     std::array<double, 4> amplified(const std::array<double, 4>& u) const;
     EventEffect control(long k, State& s) const;

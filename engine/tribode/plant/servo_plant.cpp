@@ -1,6 +1,7 @@
 #include "tribode/plant/servo_plant.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cassert>
 #include <cmath>
 #include <fmt/format.h>
@@ -175,22 +176,6 @@ void ServoPlant::contact_crossing(bool first, State& s) const {
     }
 }
 
-// Of the second body and the sine forces.
-void ServoPlant::added_rates(double thrust, std::span<const double> x, const State& s, double one,
-                             std::span<double> dxdt) const {
-    if (p_.backlash) {
-        const double contact = contact_force(x, s, one);
-        dxdt[2] = x[3];
-        dxdt[3] = other_gain_ * (p_.backlash->load_side ? thrust - contact : contact);
-    }
-    for (std::size_t i = 0; i < p_.sine_forces.size(); ++i) {
-        const std::size_t state = first_sine_ + 2 * i;
-        const double omega = two_pi * p_.sine_forces[i].freq_hz;
-        dxdt[state] = omega * x[state + 1];
-        dxdt[state + 1] = -omega * x[state];
-    }
-}
-
 double ServoPlant::friction_factor(double t, std::span<const double> x) const {
     if (!scaled_) return 1;
     double factor = 1;
@@ -238,8 +223,10 @@ ServoPlant::Outputs ServoPlant::outputs(double t, std::span<const double> x, con
     return {position(x), v, f, thrust(t, x, s)};
 }
 
-// Driven point and modes under an effective thrust; linear in both.
-void ServoPlant::motion(std::span<const double> x, double effective, std::span<double> dxdt) const {
+// dx/dt of all but own states of forces, under an effective thrust. Each part is stated here alone; it is linear in x, thrust,
+// input and `one`, so that `one` = 0 gives the linear part.
+void ServoPlant::rates(double effective, double thrust, double input, std::span<const double> x, const State& s,
+                       double one, std::span<double> dxdt) const {
     double acceleration = total_gain_ * effective;
     for (std::size_t j = 0; j < gain_.size(); ++j) {
         const double restoring = damping_[j] * x[2 * j + 3] + stiffness_[j] * x[2 * j + 2];
@@ -248,22 +235,37 @@ void ServoPlant::motion(std::span<const double> x, double effective, std::span<d
         acceleration -= restoring;
     }
     dxdt[0] = x[1];
-    dxdt[1] = acceleration;
+    dxdt[1] = is_stuck(s) ? 0 : acceleration; // exactly
+    if (p_.backlash) {
+        const double contact = contact_force(x, s, one);
+        dxdt[2] = x[3];
+        dxdt[3] = other_gain_ * (p_.backlash->load_side ? thrust - contact : contact);
+    }
+    for (std::size_t i = 0; i < p_.sine_forces.size(); ++i) {
+        const std::size_t state = first_sine_ + 2 * i;
+        const double omega = two_pi * p_.sine_forces[i].freq_hz;
+        dxdt[state] = omega * x[state + 1];
+        dxdt[state + 1] = -omega * x[state];
+    }
+    if (corner_ > 0) dxdt.back() = corner_ * (input - x.back());
+}
+
+// Adds what a force on the driven point does to dx/dt.
+void ServoPlant::push(double force, std::span<double> dxdt) const {
+    dxdt[1] += total_gain_ * force;
+    for (std::size_t j = 0; j < gain_.size(); ++j) dxdt[2 * j + 3] += gain_[j] * force;
 }
 
 void ServoPlant::derivative(double t, std::span<const double> x, const State& s, std::span<double> dxdt) const {
-    const bool stuck = has_dry_ && s.dry == SlipState::stick;
     double effective;
-    if (stuck) {
+    if (is_stuck(s)) {
         effective = restoring(x);
     } else {
         effective = driving(t, x, s) - smooth_friction(t, x, s);
         if (has_dry_) effective -= sign(s.dry) * dry_level(velocity(x), s) * friction_factor(t, x);
     }
-    motion(x, effective, dxdt);
-    if (stuck) dxdt[1] = 0; // exactly
-    if (added_) added_rates(thrust(t, x, s), x, s, 1, dxdt);
-    if (corner_ > 0) dxdt.back() = corner_ * (s.input(t) - x.back());
+    const double input = corner_ > 0 || p_.backlash ? s.input(t) : 0;
+    rates(effective, corner_ > 0 ? x.back() : input, input, x, s, 1, dxdt);
     if (p_.forces.empty()) return;
     std::size_t own = first_own_;
     for (std::size_t i = 0; i < p_.forces.size(); ++i) {
@@ -273,18 +275,41 @@ void ServoPlant::derivative(double t, std::span<const double> x, const State& s,
     }
 }
 
-void ServoPlant::linear_part(std::span<double> matrix) const {
-    const std::size_t n = states_.size();
-    std::vector<double> unit(n);
-    for (std::size_t j = 0; j < n; ++j) {
+// The part of derivative() that is linear in x and in the input.
+void ServoPlant::linear_derivative(double input, std::span<const double> x, const State& s,
+                                   std::span<double> dxdt) const {
+    const double thrust = corner_ > 0 ? x.back() : input;
+    const double effective = is_stuck(s) ? restoring(x) : pushing(thrust, x, s, 0) - linear_friction(x, s);
+    rates(effective, thrust, input, x, s, 0, dxdt);
+}
+
+namespace {
+
+// A matrix column by column, as the images of the unit vectors.
+template <class Image>
+void put_images(std::size_t states, std::size_t rows, std::span<double> matrix, const Image& image) {
+    std::vector<double> unit(states);
+    for (std::size_t j = 0; j < states; ++j) {
         unit[j] = 1;
-        const std::span<double> column = matrix.subspan(j * n, n);
-        const double thrust = corner_ > 0 ? unit[n - 1] : 0.0;
-        motion(unit, pushing(thrust, unit, {}, 0), column);
-        if (added_) added_rates(thrust, unit, {}, 0, column);
-        if (corner_ > 0) column[n - 1] = -corner_ * unit[n - 1];
+        image(unit, matrix.subspan(j * rows, rows));
         unit[j] = 0;
     }
+}
+
+} // namespace
+
+void ServoPlant::linear_derivatives(const State& s, std::span<double> matrix) const {
+    put_images(states_.size(), states_.size(), matrix,
+               [&](std::span<const double> unit, std::span<double> column) { linear_derivative(0, unit, s, column); });
+}
+
+void ServoPlant::linear_part(std::span<double> matrix) const {
+    State sliding; // without friction: the rolling friction of this state has no stiffness
+    sliding.dry = SlipState::slip_forward;
+    put_images(states_.size(), states_.size(), matrix, [&](std::span<const double> unit, std::span<double> column) {
+        const double thrust = corner_ > 0 ? unit.back() : 0;
+        rates(pushing(thrust, unit, sliding, 0), thrust, 0, unit, sliding, 0, column);
+    });
 }
 
 std::optional<std::string> ServoPlant::why_not_affine() const {
@@ -294,36 +319,11 @@ std::optional<std::string> ServoPlant::why_not_affine() const {
     return std::nullopt;
 }
 
-void ServoPlant::affine_derivative(int n, double t0, double h, std::span<const double> c, const State& s,
-                                   std::span<double> coefficient) const {
-    if (n == 0) return derivative(t0, c, s, coefficient);
-    linear_derivative(s.input.taylor(n, t0, h), c, s, coefficient);
-}
-
-// The part of derivative() that is linear in x and in the input.
-void ServoPlant::linear_derivative(double input, std::span<const double> x, const State& s,
-                                   std::span<double> dxdt) const {
-    const bool stuck = has_dry_ && s.dry == SlipState::stick;
-    const double thrust = corner_ > 0 ? x.back() : input;
-    motion(x, stuck ? restoring(x) : pushing(thrust, x, s, 0) - linear_friction(x, s), dxdt);
-    if (stuck) dxdt[1] = 0; // exactly
-    if (added_) added_rates(thrust, x, s, 0, dxdt);
-    if (corner_ > 0) dxdt.back() = corner_ * (input - x.back());
-}
-
 bool ServoPlant::jacobian(double t, std::span<const double> x, const State& s, std::span<double> matrix) const {
     const std::size_t n = states_.size();
     const double y = position(x), v = velocity(x);
-    const auto entry = [&](std::size_t row, std::size_t column) -> double& { return matrix[column * n + row]; };
-    const bool stuck = has_dry_ && s.dry == SlipState::stick;
-    // Linear parts as images of the unit vectors, then what is not linear in y and v.
-    std::vector<double> unit(n);
-    for (std::size_t column = 0; column < n; ++column) {
-        unit[column] = 1;
-        linear_derivative(0, unit, s, matrix.subspan(column * n, n));
-        unit[column] = 0;
-    }
-    if (stuck || !why_not_affine()) return true;
+    linear_derivatives(s, matrix);
+    if (is_stuck(s) || !why_not_affine()) return true;
     // d u_e/dy and d u_e/dv beyond those of the linear part.
     double by_position = s.rolling.stiffness, by_velocity = s.rolling.damping + viscous(s);
     const double factor = friction_factor(t, x);
@@ -345,12 +345,8 @@ bool ServoPlant::jacobian(double t, std::span<const double> x, const State& s, s
         by_position += slopes->position;
         by_velocity += slopes->velocity;
     }
-    const auto push = [&](std::size_t column, double slope) {
-        entry(1, column) += total_gain_ * slope;
-        for (std::size_t j = 0; j < gain_.size(); ++j) entry(2 * j + 3, column) += gain_[j] * slope;
-    };
-    push(0, by_position);
-    push(1, by_velocity);
+    push(by_position, matrix.first(n));
+    push(by_velocity, matrix.subspan(n, n));
     return true;
 }
 
@@ -367,33 +363,29 @@ ServoPlant::Watched ServoPlant::watched(const State& s) const {
     return w;
 }
 
-void ServoPlant::guards(double t, std::span<const double> x, const State& s, std::span<double> g) const {
+// Linear in the force that holds the axis, in levels, x and `one`, as rates() is.
+void ServoPlant::guards_of(double holding, double forward_level, double backward_level, std::span<const double> x,
+                           const State& s, double one, std::span<double> g) const {
     const Watched w = watched(s);
     const double y = position(x);
-    g[forward_limit] = w.forward ? s.rolling.forward_limit - y : 1;
-    g[backward_limit] = w.backward ? y - s.rolling.backward_limit : 1;
-    g[reversal] = w.towards != 0 ? w.towards * velocity(x) : 1;
-    if (p_.backlash) contact_guards(x, s, 1, g.subspan(first_contact_guard()));
+    g[forward_limit] = w.forward ? one * s.rolling.forward_limit - y : one;
+    g[backward_limit] = w.backward ? y - one * s.rolling.backward_limit : one;
+    g[reversal] = w.towards != 0 ? w.towards * velocity(x) : one;
+    if (p_.backlash) contact_guards(x, s, one, g.subspan(first_contact_guard()));
     if (!has_dry_) return;
-    const double holding = w.release ? holding_force(t, x, s) : 0;
-    g[release_forward] = w.release ? release_level(1, t, x) - holding : 1;
-    g[release_backward] = w.release ? release_level(-1, t, x) + holding : 1;
+    g[release_forward] = w.release ? forward_level - holding : one;
+    g[release_backward] = w.release ? backward_level + holding : one;
 }
 
-void ServoPlant::affine_guards(int n, double t0, double h, std::span<const double> c, const State& s,
-                               std::span<double> g) const {
-    if (n == 0) return guards(t0, c, s, g);
-    const Watched w = watched(s);
-    const double y = position(c);
-    g[forward_limit] = w.forward ? -y : 0;
-    g[backward_limit] = w.backward ? y : 0;
-    g[reversal] = w.towards * velocity(c);
-    if (p_.backlash) contact_guards(c, s, 0, g.subspan(first_contact_guard()));
-    if (!has_dry_) return;
-    const double thrust = corner_ > 0 ? c.back() : s.input.taylor(n, t0, h);
-    const double holding = w.release ? pushing(thrust, c, s, 0) - linear_friction(c, s) - restoring(c) : 0;
-    g[release_forward] = -holding;
-    g[release_backward] = holding;
+void ServoPlant::guards(double t, std::span<const double> x, const State& s, std::span<double> g) const {
+    if (!is_stuck(s)) return guards_of(0, 0, 0, x, s, 1, g);
+    guards_of(holding_force(t, x, s), release_level(1, t, x), release_level(-1, t, x), x, s, 1, g);
+}
+
+void ServoPlant::linear_guards(double input, std::span<const double> x, const State& s, std::span<double> g) const {
+    const double thrust = corner_ > 0 ? x.back() : input;
+    const double holding = is_stuck(s) ? pushing(thrust, x, s, 0) - linear_friction(x, s) - restoring(x) : 0;
+    guards_of(holding, 0, 0, x, s, 0, g);
 }
 
 // Takes the velocity of the driven point to exactly zero, by an impulse there.
@@ -403,9 +395,33 @@ void ServoPlant::stop(std::span<double> x) const {
     x[1] = 0;
 }
 
-std::optional<AffinePattern> ServoPlant::affine_pattern(const State& s) const {
-    if (s.input.rate != 0) return std::nullopt; // u varies between its samples
-    return forced_pattern(s);
+AffineForm ServoPlant::affine_form(const State& s) const {
+    const std::size_t n = states_.size(), guards = guard_count(), forcings = forcing_count();
+    AffineForm form{std::vector<double>(n * n), std::vector<double>(guards * n), std::vector<double>(n * forcings),
+                    std::vector<double>(guards * forcings)};
+    linear_derivatives(s, form.a);
+    put_images(n, guards, form.g,
+               [&](std::span<const double> unit, std::span<double> column) { linear_guards(0, unit, s, column); });
+    if (forcings == 0) return form;
+    if (!is_stuck(s)) {
+        push(1, std::span(form.b).first(n));
+        return form;
+    }
+    form.c[release_forward] = -1;
+    form.c[release_backward] = 1;
+    if (forcings > 1) {
+        form.c[guards + release_forward] = p_.dry.static_level() + p_.forward.level + release_margin_;
+        form.c[guards + release_backward] = p_.dry.static_level() + p_.backward.level + release_margin_;
+    }
+    return form;
+}
+
+void ServoPlant::append_affine_key(const State& s, AffineKey& key) const {
+    const Watched w = watched(s);
+    const int watch = static_cast<int>(w.towards) + 1 + 3 * w.forward + 6 * w.backward + 12 * w.release +
+                      24 * (static_cast<int>(s.contact) + 2);
+    key.insert(key.end(), {std::bit_cast<std::uint64_t>(s.rolling.stiffness),
+                           std::bit_cast<std::uint64_t>(s.rolling.damping), static_cast<std::uint64_t>(watch)});
 }
 
 std::optional<std::string> ServoPlant::why_not_nearly_affine() const {
@@ -433,27 +449,6 @@ void ServoPlant::forcing(double t, std::span<const double> x, const State& s, st
     if (w.size() > 1) w[1] = factor - 1;
 }
 
-void ServoPlant::forcing_columns(const State& s, std::span<double> b, std::span<double> c) const {
-    if (has_dry_ && s.dry == SlipState::stick) {
-        c[release_forward] = -1;
-        c[release_backward] = 1;
-        if (forcing_count() < 2) return;
-        const std::span<double> level = c.subspan(guard_count());
-        level[release_forward] = p_.dry.static_level() + p_.forward.level + release_margin_;
-        level[release_backward] = p_.dry.static_level() + p_.backward.level + release_margin_;
-        return;
-    }
-    b[1] = total_gain_;
-    for (std::size_t j = 0; j < gain_.size(); ++j) b[2 * j + 3] = gain_[j];
-}
-
-AffinePattern ServoPlant::forced_pattern(const State& s) const {
-    const Watched w = watched(s);
-    const double watch =
-        w.towards + 3 * w.forward + 6 * w.backward + 12 * w.release + 24 * static_cast<double>(s.contact);
-    return AffinePattern{s.rolling.stiffness, s.rolling.damping, watch};
-}
-
 EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const {
     const auto report = [&](std::size_t element, SlipState now) {
         log.push_back({t, static_cast<int>(element) + 1, static_cast<int>(now)});
@@ -477,7 +472,7 @@ EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x
             const double towards = sign(s.dry);
             stop(x);
             // A force beyond the level in the direction of motion never let it stop: the velocity is zero, as it is
-            // after a release, and fell below by rounding.
+            // after a release, and is below zero by rounding.
             if (towards * holding_force(t, x, s) > release_level(towards, t, x)) break;
             set_dry(SlipState::stick);
         }

@@ -1,7 +1,7 @@
 #pragma once
 #include "tribode/friction/dry_friction.hpp"
 #include "tribode/friction/rolling_friction.hpp"
-#include "tribode/hybrid/hybrid_system.hpp"
+#include "tribode/hybrid/piecewise_affine.hpp"
 #include "tribode/plant/backlash.hpp"
 #include "tribode/plant/held_input.hpp"
 #include "tribode/plant/point_force.hpp"
@@ -49,7 +49,7 @@ struct SineForce {
 // as long as its magnitude does not exceed the static level. With no mode, u_e = 0 there.
 //
 // The states are x = [y, v, q_1, q_1', ..., Fm]: y and v in place of the rigid body's x0 and x0', with v' = k u_e -
-// sum r_j. Limits and reversals are then falls of single states, and an axis that sticks has v = 0 exactly; as sums
+// sum r_j. Limits and reversals are then zero crossings of single states, and an axis that sticks has v = 0 exactly; as sums
 // over the bodies they would carry the rounding, and the integration error, of every mode. Before Fm there may be the
 // other body of a backlash, [y, v] each, each sine force [F, F a quarter of its period later], and the states of forces.
 class ServoPlant {
@@ -112,22 +112,25 @@ class ServoPlant {
     void guards(double t, std::span<const double> x, const State& s, std::span<double> g) const;
     // Whether a jump of the input makes one of a guard: of the force that holds an axis without a lag.
     bool guards_see_input() const { return has_dry_ && corner_ == 0; }
-    // Driven point, modes and current loop without any friction.
+    // As PiecewiseAffine, of which a servo system has the functions. linear_part: without any friction. w: in slip the force
+    // on the driven point that is not affine, in stick what keeps it from being released; where friction is scaled, also
+    // the factor less one, for the level of the release.
     void linear_part(std::span<double> matrix) const;
     std::optional<std::string> why_not_affine() const;
-    void affine_derivative(int n, double t0, double h, std::span<const double> c, const State& s,
-                           std::span<double> coefficient) const;
-    void affine_guards(int n, double t0, double h, std::span<const double> c, const State& s,
-                       std::span<double> coefficient) const;
-    std::optional<AffinePattern> affine_pattern(const State& s) const;
-    // Nearly affine, unless a force has states of its own. w: in slip the force on the driven point that is not affine,
-    // in stick what keeps it from being let go; where friction is scaled, also the factor less one, for the level of
-    // the release.
     std::optional<std::string> why_not_nearly_affine() const;
+    AffineForm affine_form(const State& s) const;
+    void append_affine_key(const State& s, AffineKey& key) const;
+    bool has_varying_input(const State& s) const { return s.input.rate != 0; }
+    void rate_coefficient(int n, double t0, double h, std::span<const double> c, const State& s,
+                          std::span<double> coefficient) const {
+        linear_derivative(s.input.taylor(n, t0, h), c, s, coefficient);
+    }
+    void guard_coefficient(int n, double t0, double h, std::span<const double> c, const State& s,
+                           std::span<double> coefficient) const {
+        linear_guards(s.input.taylor(n, t0, h), c, s, coefficient);
+    }
     std::size_t forcing_count() const;
     void forcing(double t, std::span<const double> x, const State& s, std::span<double> w) const;
-    void forcing_columns(const State& s, std::span<double> b, std::span<double> c) const;
-    AffinePattern forced_pattern(const State& s) const;
     EventEffect on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const;
     std::string guard_name(GuardId guard, const State& s) const;
 
@@ -162,14 +165,19 @@ class ServoPlant {
     double contact_force(std::span<const double> x, const State& s, double one) const;
     void contact_guards(std::span<const double> x, const State& s, double one, std::span<double> g) const;
     void contact_crossing(bool first, State& s) const;
-    void added_rates(double thrust, std::span<const double> x, const State& s, double one,
-                     std::span<double> dxdt) const;
+    bool is_stuck(const State& s) const { return has_dry_ && s.dry == SlipState::stick; }
+    void rates(double effective, double thrust, double input, std::span<const double> x, const State& s, double one,
+               std::span<double> dxdt) const;
     void linear_derivative(double input, std::span<const double> x, const State& s, std::span<double> dxdt) const;
     double restoring(std::span<const double> x) const;                                 // sum r_j / k [N]
     double smooth_friction(double t, std::span<const double> x, const State& s) const; // f - f_dry [N]
     double holding_force(double t, std::span<const double> x, const State& s) const;   // f_dry in stick [N]
     double linear_friction(std::span<const double> x, const State& s) const;
-    void motion(std::span<const double> x, double effective, std::span<double> dxdt) const;
+    void linear_derivatives(const State& s, std::span<double> matrix) const;
+    void linear_guards(double input, std::span<const double> x, const State& s, std::span<double> g) const;
+    void guards_of(double holding, double forward_level, double backward_level, std::span<const double> x,
+                   const State& s, double one, std::span<double> g) const;
+    void push(double force, std::span<double> dxdt) const;
     // The axis is let go a little above the static level, so that rounding does not stop it again at once: also where
     // one direction, or both, have no level at all.
     double release_level(double towards, double t, std::span<const double> x) const;

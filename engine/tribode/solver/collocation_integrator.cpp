@@ -1,6 +1,5 @@
 #include "tribode/solver/collocation_integrator.hpp"
 #include "tribode/base/error.hpp"
-#include "tribode/solver/exact_integrator.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -10,10 +9,6 @@
 namespace tribode {
 
 namespace {
-
-constexpr double half_ulp = 0x1p-54; // relative
-constexpr double none = 2;           // no fall in [0, 1]
-constexpr std::size_t block_size = 8;
 
 // Besides s = 0. Quadrature at these nodes is of order 6, so that the step gains over the cubics.
 const double inner = 1 / std::sqrt(5.0);
@@ -35,34 +30,6 @@ constexpr double largest_between = 1.7;
 // |x^3 less the parabola through three of the nodes| on [0, 1], of which the effect on x(1) is at most this.
 constexpr double cubic_remainder = 0.05;
 
-using Block = double __attribute__((vector_size(64), aligned(8), may_alias));
-const Block& block(const double* at) { return *reinterpret_cast<const Block*>(at); }
-Block& block(double* at) { return *reinterpret_cast<Block*>(at); }
-
-// sum = start + matrix x
-template <std::size_t Fixed>
-[[gnu::always_inline]] inline void add_product(const double* start, const double* matrix, std::size_t columns,
-                                               std::size_t any_height, const double* x, double* sum) {
-    const std::size_t height = Fixed ? Fixed : any_height;
-    for (std::size_t row = 0; row < height; row += block_size) {
-        Block even = block(start + row), odd{};
-        std::size_t j = 0;
-        for (; j + 1 < columns; j += 2) {
-            even += block(matrix + j * height + row) * x[j];
-            odd += block(matrix + (j + 1) * height + row) * x[j + 1];
-        }
-        if (j < columns) even += block(matrix + j * height + row) * x[j];
-        block(sum + row) = even + odd;
-    }
-}
-
-[[gnu::target_clones("avx512f", "avx2", "default")]] void add_columns(const double* start, const double* matrix,
-                                                                      std::size_t columns, std::size_t height,
-                                                                      const double* x, double* sum) {
-    if (height == 8) return add_product<8>(start, matrix, columns, 8, x, sum);
-    add_product<0>(start, matrix, columns, height, x, sum);
-}
-
 double dot(const std::vector<double>& row, const double* x) {
     double sum = 0;
     for (std::size_t i = 0; i < row.size(); ++i) sum += row[i] * x[i];
@@ -71,15 +38,17 @@ double dot(const std::vector<double>& row, const double* x) {
 
 } // namespace
 
+const HybridSystem& CollocationIntegrator::checked(const HybridSystem& system) {
+    const auto reason = why_not_nearly_affine(system);
+    if (!reason) return system;
+    throw InputError(fmt::format("solver \"collocation\" cannot be used: {}; choose erk, adams or cvode", *reason));
+}
+
 CollocationIntegrator::CollocationIntegrator(const HybridSystem& system, const SolverOptions& options)
-    : system_(system),
-      size_(system.states().size()),
-      height_((size_ + block_size - 1) / block_size * block_size),
-      guard_count_(system.guard_count()),
-      forcing_count_(system.forcing_count()),
+    : SeriesIntegrator(checked(system), 12),
+      forcing_count_(affine_.forcing_count()),
       relative_tolerance_(options.relative_tolerance),
       longest_(std::numeric_limits<double>::infinity()),
-      terms_((max_terms + 1) * height_),
       slope_(height_),
       w0_(forcing_count_),
       w_(forcing_count_),
@@ -88,13 +57,7 @@ CollocationIntegrator::CollocationIntegrator(const HybridSystem& system, const S
       cubics_(forcing_count_),
       work_(height_),
       largest_(height_),
-      tolerance_(height_),
-      guards0_(guard_count_),
-      guard_terms_((max_terms + 1) * guard_count_),
-      polynomial_(max_terms + 1) {
-    if (const auto reason = system.why_not_nearly_affine()) {
-        throw InputError(fmt::format("solver \"collocation\" cannot be used: {}; choose erk, adams or cvode", *reason));
-    }
+      tolerance_(height_) {
     for (const auto& state : system.states()) absolute_tolerance_.push_back(options.absolute_tolerance * state.scale);
     for (auto& x : free_) x.resize(height_);
     for (auto& x : at_) x.resize(height_);
@@ -102,48 +65,34 @@ CollocationIntegrator::CollocationIntegrator(const HybridSystem& system, const S
 
 void CollocationIntegrator::restart(SystemState& state) {
     state_ = &state;
-    varies_ = !system_.affine_pattern(*state.discrete);
-    const AffinePattern key = system_.forced_pattern(*state.discrete);
-    if (pattern_ && key == key_) return;
-    key_ = key;
-    auto known = patterns_.find(key_);
-    if (known == patterns_.end()) {
-        // Patterns that never come again must not fill the memory.
-        if (patterns_.size() == max_patterns) patterns_.clear();
-        known = patterns_.emplace(key_, make_pattern()).first;
-    }
-    pattern_ = &known->second;
+    varies_ = affine_.has_varying_input(*state.discrete);
+    const bool is_new = is_new_pattern(*state.discrete);
+    if (pattern_ && !is_new) return;
+    pattern_ = &patterns_.find(key_, [this](ForcedPattern& pattern) { pattern = make_pattern(); });
 }
 
-// A and G column by column, as the images of the unit vectors: at a time without end no input is left that varies.
-CollocationIntegrator::Pattern CollocationIntegrator::make_pattern() const {
-    Pattern pattern;
-    const DiscreteState& d = *state_->discrete;
-    std::vector<double> unit(size_), column(size_), guard_column(guard_count_);
+CollocationIntegrator::ForcedPattern CollocationIntegrator::make_pattern() const {
+    ForcedPattern pattern;
+    const AffineForm form = affine_.affine_form(*state_->discrete);
     pattern.a.resize(size_ * height_);
     pattern.g.assign(guard_count_, std::vector<double>(size_));
-    // A coefficient beyond those of any input.
-    constexpr int far = max_terms;
     for (std::size_t j = 0; j < size_; ++j) {
-        unit[j] = 1;
-        system_.affine_derivative(far, 0, 1, unit, d, {pattern.a.data() + j * height_, size_});
-        system_.affine_guards(far, 0, 1, unit, d, guard_column);
-        for (std::size_t guard = 0; guard < guard_count_; ++guard) pattern.g[guard][j] = guard_column[guard];
-        unit[j] = 0;
+        std::copy_n(form.a.data() + j * size_, size_, pattern.a.data() + j * height_);
+        for (std::size_t guard = 0; guard < guard_count_; ++guard) {
+            pattern.g[guard][j] = form.g[j * guard_count_ + guard];
+        }
     }
-    std::vector<double> b(size_ * forcing_count_);
-    pattern.c.resize(guard_count_ * forcing_count_);
-    if (forcing_count_ > 0) system_.forcing_columns(d, b, pattern.c);
+    pattern.c = form.c;
     pattern.b.resize(height_ * forcing_count_);
     pattern.size.resize(2 * height_ * forcing_count_);
     const auto present = [](double value) { return value != 0; };
     pattern.forced =
-        std::any_of(b.begin(), b.end(), present) || std::any_of(pattern.c.begin(), pattern.c.end(), present);
+        std::any_of(form.b.begin(), form.b.end(), present) || std::any_of(pattern.c.begin(), pattern.c.end(), present);
     const Columns zero(height_);
     for (std::size_t j = 0; j < forcing_count_; ++j) {
         double* own = pattern.b.data() + j * height_;
         double* size = pattern.size.data() + 2 * j * height_;
-        std::copy_n(b.data() + j * size_, size_, own);
+        std::copy_n(form.b.data() + j * size_, size_, own);
         add_columns(zero.data(), pattern.a.data(), size_, height_, own, size + height_);
         for (std::size_t i = 0; i < height_; ++i) {
             size[i] = std::abs(own[i]);
@@ -216,39 +165,8 @@ void CollocationIntegrator::prepare(double h) {
     order_ = 0;
 }
 
-// Sample instants are rounded, so equal lengths differ by that much.
-bool CollocationIntegrator::same_length(double a, double b) const {
-    return std::abs(a - b) <= 0x1p-51 * (std::abs(state_->t) + std::abs(a));
-}
-
-const CollocationIntegrator::Prepared* CollocationIntegrator::prepared_for(double h) const {
-    if (varies_) return nullptr;
-    for (const auto& prepared : pattern_->prepared) {
-        if (same_length(prepared.h, h)) return &prepared;
-    }
-    return nullptr;
-}
-
-// Whether steps of this length come again: those from sample to sample do, those between events do not.
-bool CollocationIntegrator::is_regular(double h) {
-    const auto same = [&](double length) { return same_length(length, h); };
-    if (std::any_of(regular_.begin(), regular_.end(), same)) return true;
-    if (regular_.size() == max_regular) return false;
-    if (std::any_of(recent_.begin(), recent_.end(), same)) {
-        regular_.push_back(h);
-        return true;
-    }
-    if (recent_.size() < most_recent) {
-        recent_.push_back(h);
-    } else {
-        recent_[next_recent_++ % most_recent] = h;
-    }
-    return false;
-}
-
 // Of an interval in 1, 2, 4, ... equal pieces, so that their lengths come again, that of the next piece.
-double CollocationIntegrator::first_length(double t_stop) {
-    const double whole = t_stop - t0_ + lag_;
+double CollocationIntegrator::first_length(double whole, double t_stop) {
     if (piece_end_ != t_stop || piece_ > longest_) {
         piece_ = whole;
         while (piece_ > longest_ * (1 + 1e-9)) piece_ /= 2;
@@ -295,7 +213,7 @@ bool CollocationIntegrator::settle(double h, const Prepared* prepared, double& e
         before_.swap(dw_);
         double change = 0, bend = 0; // effect on x(1) over the tolerance
         for (std::size_t k = 0; k < nodes; ++k) {
-            system_.forcing(t0_ + node[k] * h, {at_[k].data(), size_}, *state_->discrete, w_);
+            affine_.forcing(t0_ + node[k] * h, {at_[k].data(), size_}, *state_->discrete, w_);
             for (std::size_t j = 0; j < forcing_count_; ++j) dw_[j * nodes + k] = w_[j] - w0_[j];
         }
         counts_.derivative_evaluations += nodes;
@@ -338,7 +256,7 @@ bool CollocationIntegrator::settle(double h, const Prepared* prepared, double& e
     return h <= 1e-9;
 }
 
-// Whether no guard can fall in the step; else its series will tell.
+// Whether no guard can cross zero in the step; else its series will tell.
 bool CollocationIntegrator::clear_of_guards(const Prepared& prepared) const {
     for (GuardId guard = 0; guard < guard_count_; ++guard) {
         const Reach& reach = prepared.reach[guard];
@@ -354,77 +272,48 @@ bool CollocationIntegrator::clear_of_guards(const Prepared& prepared) const {
             for (std::size_t l = 0; l < nodes; ++l) largest = std::max(largest, std::abs(dw_[j * nodes + l]));
             rest += reach.forced[j] * largest * largest_between;
         }
-        const double least = guards0_[guard] + std::min(0.0, first + std::min(0.0, second)) - rest;
-        const double margin = 1e-12 * (std::abs(first) + std::abs(second) + rest);
-        if (!(least > margin)) return false;
+        if (!stays_positive(guard_terms_[guard], first, second, rest)) return false;
     }
     return true;
 }
 
 // Fills terms_ for a step h from term(0), slope_ and the cubics; false where they do not come to an end.
 bool CollocationIntegrator::expand(double h) {
-    for (std::size_t i = 0; i < height_; ++i) {
-        term(1)[i] = h * slope_[i];
-        largest_[i] = std::max(std::abs(term(0)[i]), std::abs(term(1)[i]));
-    }
-    const Columns& zero = work_;
+    for (std::size_t i = 0; i < height_; ++i) term(1)[i] = h * slope_[i];
+    std::fill(largest_.begin(), largest_.end(), 0.0);
     std::fill(work_.begin(), work_.end(), 0.0);
-    bool last_was_small = false;
-    for (int n = 1; n < max_terms; ++n) {
+    const Columns& zero = work_;
+    return add_terms(h, largest_, [&](int n) {
         double* next = term(n + 1);
         if (varies_) {
-            system_.affine_derivative(n, t0_, h, {term(n), size_}, *state_->discrete, {next, size_});
+            affine_.rate_coefficient(n, t0_, h, {term(n), size_}, *state_->discrete, {next, size_});
         } else {
             add_columns(zero.data(), pattern_->a.data(), size_, height_, term(n), next);
         }
-        if (n <= static_cast<int>(nodes)) {
-            for (std::size_t j = 0; j < forcing_count_; ++j) {
-                const double* b = pattern_->b.data() + j * height_;
-                for (std::size_t i = 0; i < size_; ++i) next[i] += b[i] * cubics_[j][static_cast<std::size_t>(n)];
-            }
+        if (n > static_cast<int>(nodes)) return;
+        for (std::size_t j = 0; j < forcing_count_; ++j) {
+            const double* b = pattern_->b.data() + j * height_;
+            for (std::size_t i = 0; i < size_; ++i) next[i] += b[i] * cubics_[j][static_cast<std::size_t>(n)];
         }
-        bool small = true;
-        for (std::size_t i = 0; i < height_; ++i) {
-            next[i] *= h / (n + 1);
-            const double size = std::abs(next[i]);
-            largest_[i] = std::max(largest_[i], size);
-            small = small && size <= half_ulp * largest_[i];
-        }
-        if (small && last_was_small && n > 5) {
-            order_ = n + 1;
-            return std::all_of(next, next + size_, [](double c) { return std::isfinite(c); });
-        }
-        last_was_small = small;
-    }
-    return false;
+    });
 }
 
-// The earliest fall of a guard within the step; which ones fall there goes to crossed_.
-double CollocationIntegrator::first_crossing() {
-    const auto row = [&](int n) { return guard_terms_.data() + static_cast<std::size_t>(n) * guard_count_; };
-    for (int n = 1; n <= order_ && varies_; ++n) {
-        system_.affine_guards(n, t0_, h_, {term(n), size_}, *state_->discrete, {row(n), guard_count_});
-    }
-    crossed_.clear();
-    double first = none;
-    for (GuardId guard = 0; guard < guard_count_; ++guard) {
-        polynomial_[0] = guards0_[guard];
-        for (int n = 1; n <= order_; ++n) {
-            double g = varies_ ? row(n)[guard] : dot(pattern_->g[guard], term(n));
-            if (n <= static_cast<int>(nodes)) {
+double CollocationIntegrator::find_crossing() {
+    if (varies_) find_guard_terms();
+    return first_crossing([&](GuardId guard) -> std::optional<std::size_t> {
+        const auto last = static_cast<std::size_t>(order_);
+        polynomial_[0] = guard_terms_[guard];
+        for (std::size_t n = 1; n <= last; ++n) {
+            double g = varies_ ? guard_term(n)[guard] : dot(pattern_->g[guard], term(static_cast<int>(n)));
+            if (n <= nodes) {
                 for (std::size_t j = 0; j < forcing_count_; ++j) {
-                    g += pattern_->c[j * guard_count_ + guard] * cubics_[j][static_cast<std::size_t>(n)];
+                    g += pattern_->c[j * guard_count_ + guard] * cubics_[j][n];
                 }
             }
-            polynomial_[static_cast<std::size_t>(n)] = g;
+            polynomial_[n] = g;
         }
-        const double s = first_crossing_below_zero({polynomial_.data(), static_cast<std::size_t>(order_) + 1});
-        if (s == none || s > first) continue;
-        if (s < first) crossed_.clear();
-        first = s;
-        crossed_.push_back(guard);
-    }
-    return first;
+        return last;
+    });
 }
 
 // sum c_n s^n
@@ -437,15 +326,12 @@ void CollocationIntegrator::evaluate(double s, double* x) const {
 }
 
 Integrator::Progress CollocationIntegrator::step(double t_stop) {
-    t0_ = state_->t;
-    lag_ = behind_;
+    const double whole = begin(t_stop);
     auto& x = state_->x;
     const DiscreteState& d = *state_->discrete;
-    const double whole = t_stop - t0_ + lag_;
-    std::copy(x.begin(), x.end(), term(0));
     system_.derivative(t0_, x, d, {slope_.data(), size_});
-    system_.guards(t0_, x, d, guards0_);
-    if (forcing_count_ > 0) system_.forcing(t0_, x, d, w0_);
+    system_.guards(t0_, x, d, {guard_term(0), guard_count_});
+    if (forcing_count_ > 0) affine_.forcing(t0_, x, d, w0_);
     for (std::size_t i = 0; i < size_; ++i) {
         tolerance_[i] = 1 / (absolute_tolerance_[i] + relative_tolerance_ * std::abs(x[i]));
     }
@@ -453,10 +339,10 @@ Integrator::Progress CollocationIntegrator::step(double t_stop) {
     ++counts_.guard_evaluations;
     ++counts_.steps;
 
-    double h = first_length(t_stop), error = 0;
+    double h = first_length(whole, t_stop), error = 0;
     const Prepared* prepared = nullptr;
     for (;;) {
-        prepared = prepared_for(h);
+        prepared = prepared_for_length(h);
         const Prepared* usable = prepared && !prepared->psi[0].empty() ? prepared : nullptr;
         if (settle(h, usable, error)) {
             prepared = usable;
@@ -467,45 +353,29 @@ Integrator::Progress CollocationIntegrator::step(double t_stop) {
         longest_ = piece_ = h;
         piece_end_ = t_stop;
         if (h > 1e-15 * std::max(1.0, t0_) && h > 1e-12 * whole) continue;
-        failure_ = {RunEnd::non_finite, t0_,
-                    fmt::format("the state is not finite near t = {:.9g} s: the loop may be unstable", t0_)};
-        return Progress::failed;
+        return fail(std::nullopt);
     }
     // The estimates go with the fourth power of h.
     if (error < 1.0 / 40 && h >= 0.99 * longest_) longest_ = 2 * h;
-    const bool whole_way = h == whole;
 
     fit_cubics();
     if (!(prepared && clear_of_guards(*prepared))) {
         if (order_ == 0 && !expand(h)) order_ = 0; // cannot be: the response was made of the same terms
-        const double s = first_crossing();
-        if (s != none) {
+        const double s = find_crossing();
+        if (s != no_crossing) {
             evaluate(s, work_.data());
             std::copy_n(work_.begin(), size_, x.begin());
-            const double span = s * h - lag_;
-            state_->t = t0_ + std::max(span, 0.0);
-            behind_ = std::max(-span, 0.0);
-            if (s == 1 && whole_way) state_->t = t_stop;
-            return Progress::crossing;
+            return cross(s, h, whole, t_stop);
         }
     }
     std::copy_n(at_[nodes - 1].begin(), size_, x.begin());
     if (!std::all_of(x.begin(), x.end(), [](double value) { return std::isfinite(value); })) {
         std::copy_n(term(0), size_, x.begin());
-        failure_ = {RunEnd::non_finite, t0_,
-                    fmt::format("the state is not finite near t = {:.9g} s: the loop may be unstable", t0_)};
-        return Progress::failed;
+        return fail(std::nullopt);
     }
-    if (!prepared_for(h) && !varies_ && is_regular(h) && ++pattern_->series > 1) prepare(h);
-    if (!whole_way) {
-        const double span = h - lag_;
-        state_->t = t0_ + std::max(span, 0.0);
-        behind_ = std::max(-span, 0.0);
-        return Progress::stepped;
-    }
-    state_->t = t_stop;
-    behind_ = prepared ? whole - prepared->h : 0;
-    return Progress::stopped;
+    const double behind = prepared ? whole - prepared->h : 0;
+    if (!varies_ && !prepared_for_length(h) && is_worth_preparing(*pattern_, h)) prepare(h);
+    return stop(h, whole, t_stop, behind);
 }
 
 void CollocationIntegrator::interpolate(double t, std::span<double> x) {

@@ -1,13 +1,9 @@
 #pragma once
-#include "tribode/solver/integrator.hpp"
-
-#include <array>
-#include <map>
-#include <vector>
+#include "tribode/solver/series_integrator.hpp"
 
 namespace tribode {
 
-// Exponential collocation, for systems that are affine but for a few smooth functions w (HybridSystem::forcing):
+// Exponential collocation, for systems that are affine but for a few smooth functions w (PiecewiseAffine::forcing):
 //
 //     dx/dt = A x + b + B w(t, x)
 //
@@ -19,10 +15,9 @@ namespace tribode {
 //
 // The error of a step is held below the tolerance by two estimates: the change of x(1) in the last round, and what
 // the cubic part of w does to x, which is that of a quadratic w and so rather too large. A step that fails is halved.
-// The guards are polynomials in s, of which the first fall is found safely, as by ExactIntegrator; what bounds them in
-// a step of a length that comes again is prepared once, with the responses of x to every value of w.
+// What bounds the guards in a step of a length that recurs is prepared once, with the responses of x to every value of w.
 // docs/decisions/0015 has the measurements.
-class CollocationIntegrator final : public Integrator {
+class CollocationIntegrator final : public SeriesIntegrator {
   public:
     // Throws InputError, with the reason, where the system is not nearly affine.
     CollocationIntegrator(const HybridSystem& system, const SolverOptions& options);
@@ -30,16 +25,11 @@ class CollocationIntegrator final : public Integrator {
     void restart(SystemState& state) override;
     Progress step(double t_stop) override;
     void interpolate(double t, std::span<double> x) override;
-    RunStatistics statistics() const override { return counts_; }
 
   private:
-    static constexpr int max_terms = 30;
     static constexpr std::size_t nodes = 3; // besides s = 0
-    static constexpr std::size_t max_patterns = 2000, max_regular = 12, most_recent = 8;
     static constexpr int max_rounds = 6;
 
-    // Padded to `height_` numbers, a multiple of eight.
-    using Columns = std::vector<double>;
     using Cubic = std::array<double, nodes + 1>; // coefficients of s^n
 
     // How one guard moves in a step from the derivative f at its beginning: first and second coefficient, and at most
@@ -58,58 +48,40 @@ class CollocationIntegrator final : public Integrator {
         std::vector<Reach> reach; // (guards)
     };
 
-    // Of one A, B, C and G.
-    struct Pattern {
+    struct ForcedPattern : Pattern<Prepared> {
         Columns a, b;                       // (height x states), (height x w)
         std::vector<double> size;           // (2 height): largest |B|, |A B| of every w, how an error of w enters x
         std::vector<std::vector<double>> g; // (guards x states)
         std::vector<double> c;              // (guards x w)
         bool forced = false;                // B or C is not zero
-        int series = 0;                     // steps of a regular length that were not prepared
-        std::vector<Prepared> prepared;
     };
 
-    Pattern make_pattern() const;
+    static const HybridSystem& checked(const HybridSystem& system);
+    ForcedPattern make_pattern() const;
     void prepare(double h);
-    bool same_length(double a, double b) const;
-    const Prepared* prepared_for(double h) const;
-    bool is_regular(double h);
-    double first_length(double t_stop);
+    const Prepared* prepared_for_length(double h) const { return varies_ ? nullptr : prepared_for(*pattern_, h); }
+    double first_length(double whole, double t_stop);
     bool settle(double h, const Prepared* prepared, double& error);
     bool clear_of_guards(const Prepared& prepared) const;
     bool expand(double h);
-    double first_crossing();
+    double find_crossing();
     void fit_cubics();
     void evaluate(double s, double* x) const;
-    double* term(int n) { return terms_.data() + static_cast<std::size_t>(n) * height_; }
-    const double* term(int n) const { return terms_.data() + static_cast<std::size_t>(n) * height_; }
 
-    const HybridSystem& system_;
-    const std::size_t size_, height_, guard_count_, forcing_count_;
+    const std::size_t forcing_count_;
     const double relative_tolerance_;
     std::vector<double> absolute_tolerance_; // (states)
-    SystemState* state_ = nullptr;
-    std::map<AffinePattern, Pattern> patterns_;
-    AffinePattern key_{};
-    Pattern* pattern_ = nullptr;
-    bool varies_ = false;                  // b does
-    std::vector<double> regular_, recent_; // step lengths that come again, and those met last [s]
-    std::size_t next_recent_ = 0;
-    double longest_;                   // step that the error allows [s]
-    double piece_ = 0, piece_end_ = 0; // an interval in equal pieces: their length, its end [s]
-    double t0_ = 0, h_ = 0;            // of the last step [s]
-    // x counts as that of the time state.t - behind_, as in ExactIntegrator.
-    double behind_ = 0, lag_ = 0;
-    int order_ = 0;                            // of its series; 0: there is none yet
-    Columns terms_;                            // (height x max_terms + 1): c_n
+    Patterns<ForcedPattern> patterns_;
+    ForcedPattern* pattern_ = nullptr;
+    bool varies_ = false;                      // b does
+    double longest_;                           // step that the error allows [s]
+    double piece_ = 0, piece_end_ = 0;         // an interval in equal pieces: their length, its end [s]
     Columns slope_;                            // f at t0_
     std::array<Columns, nodes> free_, at_;     // x at the nodes with w as at the beginning, and as it is
     std::vector<double> w0_, w_, dw_, before_; // (w), (w), (nodes x w): w at the nodes less w0_
     std::vector<Cubic> cubics_;                // (w)
     Columns work_, largest_;
     std::vector<double> tolerance_; // (height), of the present step, inverse
-    std::vector<double> guards0_, guard_terms_, polynomial_;
-    RunStatistics counts_;
 };
 
 } // namespace tribode

@@ -13,31 +13,28 @@ constexpr double d1 = -12715105075.0 / 11282082432.0, d3 = 87487479700.0 / 32700
                  d4 = -10690763975.0 / 1880347072.0, d5 = 701980252875.0 / 199316789632.0,
                  d6 = -1453857185.0 / 822651844.0, d7 = 69997945.0 / 29380423.0;
 
+constexpr SundialsLibrary erk_step = {ERKStepFree,         ERKStepSetErrHandlerFn,   ERKStepSetUserData,
+                                      ERKStepSVtolerances, ERKStepSetMaxStep,        ERKStepSetInitStep,
+                                      ERKStepSetStopTime,  ERKStepGetNumErrTestFails};
+
 } // namespace
 
 ErkIntegrator::ErkIntegrator(const HybridSystem& system, const SolverOptions& options)
-    : SundialsIntegrator(system, options),
+    : SundialsIntegrator(system, options, erk_step),
       relative_tolerance_(options.relative_tolerance) {
-    memory_ = ERKStepCreate(derivative_callback, 0.0, vector_.get(), context_);
-    check(memory_ ? 0 : -1, "ERKStepCreate");
-    check(ERKStepSetUserData(memory_, this), "ERKStepSetUserData");
-    check(ERKStepSetErrHandlerFn(memory_, message_callback, this), "ERKStepSetErrHandlerFn");
-    check(ERKStepSetTableNum(memory_, ARKODE_DORMAND_PRINCE_7_4_5), "ERKStepSetTableNum");
-    check(ERKStepSVtolerances(memory_, options.relative_tolerance, tolerance_.get()), "ERKStepSVtolerances");
-    check(ERKStepSetAdaptivityFn(memory_, choose_step, this), "ERKStepSetAdaptivityFn");
+    take_memory(ERKStepCreate(derivative_callback, 0.0, vector_.get(), context_.get()), "ERKStepCreate");
+    set_up(options);
+    check(ERKStepSetTableNum(memory(), ARKODE_DORMAND_PRINCE_7_4_5), "ERKStepSetTableNum");
+    check(ERKStepSetAdaptivityFn(memory(), choose_step, this), "ERKStepSetAdaptivityFn");
     // What lies within a step is found from its slopes; the library interpolates at its ends only.
-    check(ERKStepSetInterpolantDegree(memory_, 1), "ERKStepSetInterpolantDegree");
-    if (options.max_step > 0) check(ERKStepSetMaxStep(memory_, options.max_step), "ERKStepSetMaxStep");
-    check(ERKStepSetMaxHnilWarns(memory_, -1), "ERKStepSetMaxHnilWarns");
+    check(ERKStepSetInterpolantDegree(memory(), 1), "ERKStepSetInterpolantDegree");
+    check(ERKStepSetMaxHnilWarns(memory(), -1), "ERKStepSetMaxHnilWarns");
     for (auto& slope : last_slopes_) slope.resize(size_);
     start_.resize(size_);
 }
 
-ErkIntegrator::~ErkIntegrator() { ERKStepFree(&memory_); }
-
-void ErkIntegrator::native_restart(double t, double h) {
-    check(ERKStepReset(memory_, t, vector_.get()), "ERKStepReset");
-    check(ERKStepSetInitStep(memory_, h), "ERKStepSetInitStep");
+void ErkIntegrator::native_restart(double t) {
+    check(ERKStepReset(memory(), t, vector_.get()), "ERKStepReset");
     start_awaited_ = true;
     stepped_ = false;
 }
@@ -52,15 +49,10 @@ void ErkIntegrator::derivative_seen(std::span<const double> slope) {
 }
 
 SundialsIntegrator::Native ErkIntegrator::native_step(double t_stop, double& t) {
-    check(ERKStepSetStopTime(memory_, t_stop), "ERKStepSetStopTime");
     // The last stage of a step is the first of the next one.
     if (stepped_) start_ = last_slopes_[(next_slope_ + stages - 2) % last_slopes_.size()];
     stepped_ = true;
-    switch (ERKStepEvolve(memory_, t_stop, vector_.get(), &t, ARK_ONE_STEP)) {
-    case ARK_SUCCESS: return t == t_stop ? Native::stopped : Native::stepped;
-    case ARK_TSTOP_RETURN: t = t_stop; return Native::stopped;
-    default: return Native::failed;
-    }
+    return solve(t_stop, t, [&] { return ERKStepEvolve(memory(), t_stop, vector_.get(), &t, ARK_ONE_STEP); });
 }
 
 std::array<const double*, ErkIntegrator::stages> ErkIntegrator::slopes() const {
@@ -89,12 +81,6 @@ double ErkIntegrator::stability_number() const {
         of_states += apart * apart / (tolerated * tolerated);
     }
     return of_states > 0 ? std::sqrt(of_slopes / of_states) : 0;
-}
-
-long ErkIntegrator::native_rejected_steps() const {
-    long failures = 0;
-    ERKStepGetNumErrTestFails(memory_, &failures);
-    return failures;
 }
 
 // The step that would have met the tolerance: the error grows with its fifth power. The library shortens what it

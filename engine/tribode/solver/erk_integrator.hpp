@@ -11,7 +11,6 @@ namespace tribode {
 class ErkIntegrator final : public SundialsIntegrator {
   public:
     ErkIntegrator(const HybridSystem& system, const SolverOptions& options);
-    ~ErkIntegrator() override;
 
     // The last step times the rate by which its last two stages, both at its end, differ [Hairer 1996, IV.2]. On a stiff
     // problem it stays near 3.3, where the method ceases to be stable; where accuracy asks for the steps it is well below.
@@ -20,11 +19,10 @@ class ErkIntegrator final : public SundialsIntegrator {
   private:
     static constexpr std::size_t stages = 7;
 
-    void native_restart(double t, double h) override;
+    void native_restart(double t) override;
     Native native_step(double t_stop, double& t) override;
     void native_polynomial(std::span<const double> x0, StepPolynomial& polynomial) override;
     void derivative_seen(std::span<const double> slope) override;
-    long native_rejected_steps() const override;
     bool counters_restart() const override { return false; }
     double kept_step(bool first, bool cut) const override;
     bool keeps_step_at_events() const override { return true; }
@@ -36,7 +34,6 @@ class ErkIntegrator final : public SundialsIntegrator {
     std::array<const double*, stages> slopes() const;
 
     const double relative_tolerance_;
-    void* memory_ = nullptr;
     std::vector<double> start_;                               // the slope at the beginning of the step
     std::array<std::vector<double>, stages - 1> last_slopes_; // those seen last, a ring
     std::size_t next_slope_ = 0;

@@ -8,7 +8,7 @@ namespace tribode {
 
 namespace {
 
-constexpr double none = no_fall;
+constexpr double none = no_crossing;
 
 using Bernstein = std::array<double, max_polynomial_terms>;
 
@@ -68,7 +68,7 @@ double close_in(std::span<const double> p, double low, double high) {
     return s;
 }
 
-// The first fall in [low, high], at whose beginning the polynomial is zero or above; b: its Bernstein coefficients there.
+// The first crossing in [low, high], at whose beginning the polynomial is zero or above; b: its Bernstein coefficients there.
 double search(std::span<const double> p, const Bernstein& b, double low, double high) {
     const std::size_t degree = p.size() - 1;
     int changes = 0; // of sign, zeros passed over: as many as roots inside, or more by an even number (Descartes)

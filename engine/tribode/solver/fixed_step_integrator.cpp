@@ -1,4 +1,5 @@
 #include "tribode/solver/fixed_step_integrator.hpp"
+#include "tribode/hybrid/piecewise_affine.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -58,7 +59,7 @@ FixedStepIntegrator::FixedStepIntegrator(const HybridSystem& system, Method meth
     guards_.resize(system.guard_count());
     if (method == Method::zoh) {
         linear_.resize(n * n);
-        system.linear_part(linear_);
+        if (const PiecewiseAffine* affine = system.piecewise_affine()) affine->linear_part(linear_);
     }
 }
 

@@ -7,28 +7,31 @@
 
 namespace tribode {
 
+namespace {
+
+constexpr MultistepLibrary ida = {{IDAFree, IDASetErrHandlerFn, IDASetUserData, IDASVtolerances, IDASetMaxStep,
+                                   IDASetInitStep, IDASetStopTime, IDAGetNumErrTestFails},
+                                  IDAGetLastOrder,
+                                  IDAGetCurrentStep,
+                                  IDAGetDky};
+
+} // namespace
+
 IdaIntegrator::IdaIntegrator(const HybridSystem& system, const SolverOptions& options)
-    : SundialsIntegrator(system, options),
-      max_step_(options.max_step) {
-    memory_ = IDACreate(context_);
-    check(memory_ ? 0 : -1, "IDACreate");
-    slope_.reset(N_VClone(vector_.get()));
-    derivative_.reset(N_VClone(vector_.get()));
+    : MultistepIntegrator(system, options, ida),
+      max_step_(options.max_step),
+      slope_(own(N_VClone(vector_.get()), "N_VClone")) {
     N_VConst(0.0, slope_.get());
-    check(IDASetErrHandlerFn(memory_, message_callback, this), "IDASetErrHandlerFn");
-    check(IDAInit(memory_, residual_callback, 0.0, vector_.get(), slope_.get()), "IDAInit");
-    check(IDASetUserData(memory_, this), "IDASetUserData");
-    check(IDASVtolerances(memory_, options.relative_tolerance, tolerance_.get()), "IDASVtolerances");
+    take_memory(IDACreate(context_.get()), "IDACreate");
+    check(IDAInit(memory(), residual_callback, 0.0, vector_.get(), slope_.get()), "IDAInit");
+    set_up(options);
     const bool analytic = make_jacobian();
-    check(IDASetLinearSolver(memory_, linear_solver_.get(), matrix_.get()), "IDASetLinearSolver");
-    if (analytic) check(IDASetJacFn(memory_, jacobian_callback), "IDASetJacFn");
+    check(IDASetLinearSolver(memory(), linear_solver_.get(), matrix_.get()), "IDASetLinearSolver");
+    if (analytic) check(IDASetJacFn(memory(), jacobian_callback), "IDASetJacFn");
     // What Newton's method leaves of a step's error counts as noise in the estimates of all orders.
     constexpr double of_tolerance = 0.01;
-    check(IDASetNonlinConvCoef(memory_, of_tolerance), "IDASetNonlinConvCoef");
-    check(IDASetMaxStep(memory_, max_step_), "IDASetMaxStep"); // 0: none
+    check(IDASetNonlinConvCoef(memory(), of_tolerance), "IDASetNonlinConvCoef");
 }
-
-IdaIntegrator::~IdaIntegrator() { IDAFree(&memory_); }
 
 int IdaIntegrator::residual_callback(double t, N_Vector x, N_Vector dxdt, N_Vector residual, void* self) {
     auto& me = *static_cast<IdaIntegrator*>(self);
@@ -59,14 +62,13 @@ int IdaIntegrator::jacobian_callback(double t, double weight, N_Vector x, N_Vect
     return 0;
 }
 
-void IdaIntegrator::native_restart(double t, double h) {
+void IdaIntegrator::native_restart(double t) {
     const std::span<double> slope(N_VGetArrayPointer(slope_.get()), size_);
     system_.rates(t, values(vector_.get()), *state_->discrete, slope);
     ++counts_.derivative_evaluations;
     slope_is_finite_ = !not_finite_in(slope, t);
-    check(IDAReInit(memory_, t, vector_.get(), slope_.get()), "IDAReInit");
-    check(IDASetInitStep(memory_, h), "IDASetInitStep");
-    check(IDASetMaxStep(memory_, max_step_), "IDASetMaxStep");
+    check(IDAReInit(memory(), t, vector_.get(), slope_.get()), "IDAReInit");
+    set_max_step(max_step_);
     held_steps_ = 0;
     failures_ = 0;
     low_steps_ = 0;
@@ -76,20 +78,18 @@ SundialsIntegrator::Native IdaIntegrator::native_step(double t_stop, double& t) 
     constexpr int max_low_steps = 50;
     constexpr double shorter = 0.01;
     if (low_steps_ > max_low_steps) {
-        check(IDAGetLastStep(memory_, &kept_step_), "IDAGetLastStep");
+        check(IDAGetLastStep(memory(), &kept_step_), "IDAGetLastStep");
         kept_step_ *= shorter;
         restart(*state_);
     }
     if (!slope_is_finite_) {
-        derivative_callback(t, vector_.get(), derivative_.get(), this); // notes which one
+        derivative_callback(t, vector_.get(), derivative(), this); // notes which one
         return Native::failed;
     }
-    check(IDASetStopTime(memory_, t_stop), "IDASetStopTime");
-    const int flag = IDASolve(memory_, t_stop, &t, vector_.get(), slope_.get(), IDA_ONE_STEP);
-    if (flag != IDA_SUCCESS && flag != IDA_TSTOP_RETURN) return Native::failed;
-    watch_order();
-    if (flag == IDA_TSTOP_RETURN) t = t_stop;
-    return t == t_stop ? Native::stopped : Native::stepped;
+    const Native result =
+        solve(t_stop, t, [&] { return IDASolve(memory(), t_stop, &t, vector_.get(), slope_.get(), IDA_ONE_STEP); });
+    if (result != Native::failed) watch_order();
+    return result;
 }
 
 // IDA doubles its step as soon as its estimate allows, also right after it has failed with the doubled one, and raises the
@@ -101,41 +101,18 @@ void IdaIntegrator::watch_order() {
     const long failures = native_rejected_steps();
     const bool failed = failures > failures_;
     failures_ = failures;
-    int last = 0, next = 0;
-    check(IDAGetLastOrder(memory_, &last), "IDAGetLastOrder");
-    check(IDAGetCurrentOrder(memory_, &next), "IDAGetCurrentOrder");
+    const int last = last_order();
+    int next = 0;
+    check(IDAGetCurrentOrder(memory(), &next), "IDAGetCurrentOrder");
     low_steps_ = last <= 2 ? low_steps_ + (failed ? 6 : 1) : std::max(0, low_steps_ - 3);
     if (failed) {
         double h = 0;
-        check(IDAGetLastStep(memory_, &h), "IDAGetLastStep");
-        check(IDASetMaxStep(memory_, h), "IDASetMaxStep");
+        check(IDAGetLastStep(memory(), &h), "IDAGetLastStep");
+        set_max_step(h);
         held_steps_ = next + 2;
     } else if (held_steps_ > 0 && --held_steps_ == 0) {
-        check(IDASetMaxStep(memory_, max_step_), "IDASetMaxStep");
+        set_max_step(max_step_);
     }
-}
-
-long IdaIntegrator::native_rejected_steps() const {
-    long failures = 0;
-    IDAGetNumErrTestFails(memory_, &failures);
-    return failures;
-}
-
-double IdaIntegrator::kept_step(bool first, bool cut) const {
-    if (!first) return kept_step_;
-    double next = 0;
-    IDAGetCurrentStep(memory_, &next);
-    return cut ? std::max(next, kept_step_) : next;
-}
-
-void IdaIntegrator::native_polynomial(std::span<const double> x0, StepPolynomial& polynomial) {
-    int order = 0;
-    check(IDAGetLastOrder(memory_, &order), "IDAGetLastOrder");
-    const auto derivative = [&](int k) {
-        check(IDAGetDky(memory_, polynomial.t0, k, derivative_.get()), "IDAGetDky");
-        return values(derivative_.get());
-    };
-    polynomial_of_derivatives(order, derivative, x0, values(vector_.get()), polynomial);
 }
 
 } // namespace tribode

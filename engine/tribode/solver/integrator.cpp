@@ -1,5 +1,6 @@
 #include "tribode/solver/integrator.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/hybrid/piecewise_affine.hpp"
 #include "tribode/solver/automatic_integrator.hpp"
 #include "tribode/solver/collocation_integrator.hpp"
 #include "tribode/solver/cvode_integrator.hpp"
@@ -42,8 +43,8 @@ Method resolved(Method method, const HybridSystem& system, Purpose purpose) {
                         name_of(method), algebraic->name));
     }
     if (method != Method::automatic) return method;
-    if (!system.why_not_affine()) return Method::exact;
-    return purpose == Purpose::search && !system.why_not_nearly_affine() ? Method::collocation : Method::erk;
+    if (!why_not_affine(system)) return Method::exact;
+    return purpose == Purpose::search && !why_not_nearly_affine(system) ? Method::collocation : Method::erk;
 }
 
 std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const SolverOptions& options) {

@@ -6,10 +6,6 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <limits>
-#include <sunlinsol/sunlinsol_dense.h>
-#include <sunlinsol/sunlinsol_klu.h>
-#include <sunmatrix/sunmatrix_dense.h>
-#include <sunmatrix/sunmatrix_sparse.h>
 #include <utility>
 
 namespace tribode {
@@ -17,9 +13,6 @@ namespace tribode {
 namespace {
 
 constexpr long max_creeping_steps = 100'000;
-// Where KLU is faster than dense factors, measured on the grids of tests/problems.
-constexpr std::size_t sparse_from = 20; // states
-constexpr double sparse_below = 0.2;    // of the entries
 
 // z = sum c_k x_k, in the order of the library's own function, but in registers: half the work of a method with few
 // states are such sums.
@@ -46,20 +39,25 @@ void SundialsIntegrator::check(int flag, const char* function) {
     if (flag < 0) throw Error(fmt::format("{} failed with flag {}", function, flag));
 }
 
-SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverOptions& options)
+SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverOptions& options,
+                                       const SundialsLibrary& library)
     : system_(system),
       size_(system.states().size()),
+      library_(library),
+      memory_(nullptr, {&library}),
       search_(system),
       has_guards_(system.guard_count() > 0),
       x_before_(size_) {
-    check(SUNContext_Create(nullptr, &context_), "SUNContext_Create");
+    SUNContext context = nullptr;
+    check(SUNContext_Create(nullptr, &context), "SUNContext_Create");
+    context_.reset(context);
     // A system of clocks alone has no states, which the library does not allow: it gets one that rests.
     const auto length = static_cast<sunindextype>(std::max<std::size_t>(size_, 1));
-    vector_.reset(N_VNew_Serial(length, context_));
+    vector_ = own(N_VNew_Serial(length, context), "N_VNew_Serial");
     // Sums of many vectors in one call: with few states the calls are the work. The library's own vectors are copies.
     check(N_VEnableFusedOps_Serial(vector_.get(), SUNTRUE), "N_VEnableFusedOps_Serial");
     if (size_ > 0 && size_ <= combine_few.size()) vector_->ops->nvlinearcombination = combine_few[size_ - 1];
-    tolerance_.reset(N_VNew_Serial(length, context_));
+    tolerance_ = own(N_VNew_Serial(length, context), "N_VNew_Serial");
     N_VConst(0.0, vector_.get());
     N_VConst(1.0, tolerance_.get());
     for (std::size_t i = 0; i < size_; ++i) {
@@ -67,73 +65,16 @@ SundialsIntegrator::SundialsIntegrator(const HybridSystem& system, const SolverO
     }
 }
 
-SundialsIntegrator::~SundialsIntegrator() {
-    linear_solver_.reset();
-    matrix_.reset();
-    vector_.reset();
-    tolerance_.reset();
-    SUNContext_Free(&context_);
+void SundialsIntegrator::take_memory(void* memory, const char* function) {
+    check(memory ? 0 : -1, function);
+    memory_.reset(memory);
 }
 
-bool SundialsIntegrator::make_jacobian() {
-    const SparsityPattern* pattern = system_.jacobian_pattern();
-    if (pattern && size_ >= sparse_from &&
-        static_cast<double>(pattern->rows.size()) < sparse_below * static_cast<double>(size_ * size_)) {
-        make_sparse_jacobian(*pattern);
-        return true;
-    }
-    const sunindextype n = N_VGetLength(vector_.get());
-    matrix_.reset(SUNDenseMatrix(n, n, context_));
-    linear_solver_.reset(SUNLinSol_Dense(vector_.get(), matrix_.get(), context_));
-    if (pattern) return true;
-    // Whether there is an analytic Jacobian does not depend on the state.
-    const SystemState start = system_.initial_state();
-    return system_.jacobian(0.0, start.x, *start.discrete, {SM_DATA_D(matrix_.get()), size_ * size_});
-}
-
-void SundialsIntegrator::make_sparse_jacobian(const SparsityPattern& pattern) {
-    for (std::size_t j = 0; j < size_; ++j) {
-        starts_.push_back(static_cast<sunindextype>(rows_.size()));
-        bool diagonal = false; // whether it is in
-        const auto add_diagonal = [&] {
-            if (!diagonal) rows_.push_back(static_cast<sunindextype>(j));
-            if (!diagonal) diagonal_.push_back(static_cast<sunindextype>(rows_.size()) - 1);
-            diagonal = true;
-        };
-        for (std::size_t i = pattern.starts[j]; i < pattern.starts[j + 1]; ++i) {
-            const std::size_t row = pattern.rows[i];
-            if (row >= j) add_diagonal();
-            if (row != j) rows_.push_back(static_cast<sunindextype>(row));
-            places_.push_back(static_cast<sunindextype>(rows_.size()) - 1);
-        }
-        add_diagonal();
-    }
-    starts_.push_back(static_cast<sunindextype>(rows_.size()));
-    entries_.resize(places_.size());
-    const auto n = static_cast<sunindextype>(size_);
-    matrix_.reset(SUNSparseMatrix(n, n, starts_.back(), CSC_MAT, context_));
-    linear_solver_.reset(SUNLinSol_KLU(vector_.get(), matrix_.get(), context_));
-}
-
-int SundialsIntegrator::put_jacobian(double t, N_Vector x, SUNMatrix matrix) {
-    ++counts_.jacobian_evaluations;
-    try {
-        if (!has_sparse_jacobian()) {
-            SUNMatZero(matrix);
-            system_.jacobian(t, values(x), *state_->discrete, {SM_DATA_D(matrix), size_ * size_});
-            return 0;
-        }
-        system_.sparse_jacobian(t, values(x), *state_->discrete, entries_);
-    } catch (...) {
-        thrown_ = std::current_exception();
-        return -1;
-    }
-    std::copy(starts_.begin(), starts_.end(), SM_INDEXPTRS_S(matrix));
-    std::copy(rows_.begin(), rows_.end(), SM_INDEXVALS_S(matrix));
-    double* data = SM_DATA_S(matrix);
-    std::fill_n(data, rows_.size(), 0.0);
-    for (std::size_t i = 0; i < places_.size(); ++i) data[places_[i]] = entries_[i];
-    return 0;
+void SundialsIntegrator::set_up(const SolverOptions& options) {
+    check(library_.set_error_handler(memory(), message_callback, this), "SetErrHandlerFn");
+    check(library_.set_user_data(memory(), this), "SetUserData");
+    check(library_.set_tolerances(memory(), options.relative_tolerance, tolerance_.get()), "SVtolerances");
+    set_max_step(options.max_step);
 }
 
 int SundialsIntegrator::derivative_callback(double t, N_Vector x, N_Vector dxdt, void* self) {
@@ -143,11 +84,11 @@ int SundialsIntegrator::derivative_callback(double t, N_Vector x, N_Vector dxdt,
     if (me.size_ == 0) N_VConst(0.0, dxdt);
     try {
         me.system_.derivative(t, me.values(x), *me.state_->discrete, slope);
+        me.derivative_seen(slope);
     } catch (...) {
         me.thrown_ = std::current_exception();
         return -1; // the library ends its step
     }
-    me.derivative_seen(slope);
     const auto not_finite = not_finite_in(slope, t);
     if (!not_finite) return 0;
     me.not_finite_ = not_finite;
@@ -157,28 +98,36 @@ int SundialsIntegrator::derivative_callback(double t, N_Vector x, N_Vector dxdt,
 
 void SundialsIntegrator::message_callback(int code, const char*, const char*, char* text, void* self) {
     // Warnings have positive codes; what matters of them is seen in the outcome.
-    if (code < 0) static_cast<SundialsIntegrator*>(self)->last_message_ = text;
+    if (code >= 0) return;
+    auto& me = *static_cast<SundialsIntegrator*>(self);
+    try {
+        me.last_message_ = text;
+    } catch (...) {
+        me.thrown_ = std::current_exception();
+    }
 }
 
 void SundialsIntegrator::restart(SystemState& state) {
     state_ = &state;
     std::copy(state.x.begin(), state.x.end(), N_VGetArrayPointer(vector_.get()));
     if (counters_restart()) rejected_before_ += native_rejected_steps();
-    if (fell_ && !keeps_step_at_events()) kept_step_ = 0;
-    native_restart(state.t, kept_step_);
+    if (crossing_ && !keeps_step_at_events()) kept_step_ = 0;
+    native_restart(state.t);
+    // 0: the method's own estimate.
+    check(library_.set_initial_step(memory(), kept_step_), "SetInitStep");
     first_step_ = true;
-    ahead_ = fell_ = false;
+    ahead_ = crossing_ = false;
     t_native_ = clear_to_ = state.t;
     polynomial_made_ = false;
 }
 
-// The rest of the step stands, and is searched for falls of the new guards.
+// The rest of the step is valid, and is searched for zero crossings of the new guards.
 void SundialsIntegrator::change_guards(SystemState& state) {
-    fell_ = false;
+    crossing_ = false;
     clear_to_ = state.t;
 }
 
-// Up to where the library may go: no further than the next fall of a guard of the time alone.
+// Up to where the library may go: no further than the next zero crossing of a guard of the time alone.
 double SundialsIntegrator::next_stop(double t_stop) {
     if (!search_.has_time_guards()) return t_stop;
     if (clear_to_ <= state_->t) {
@@ -189,10 +138,10 @@ double SundialsIntegrator::next_stop(double t_stop) {
 
 Integrator::Progress SundialsIntegrator::step(double t_stop) {
     if (ahead_ && t_native_ <= t_stop) {
-        // It begins where the state stands, to the bit: the new guards are at zero or above there.
+        // It begins at the state, to the bit: the new guards are at zero or above there.
         polynomial_.begin_at(state_->t);
         std::copy(state_->x.begin(), state_->x.end(), polynomial_.term(0));
-        return look_for_falls(t_stop);
+        return look_for_crossings(t_stop);
     }
     if (ahead_) restart(*state_);
     const double t_start = state_->t;
@@ -230,33 +179,46 @@ Integrator::Progress SundialsIntegrator::step(double t_stop) {
     t_native_ = t;
     polynomial_made_ = false;
     std::copy(state_->x.begin(), state_->x.end(), x_before_.begin());
-    return look_for_falls(t_stop);
+    return look_for_crossings(t_stop);
 }
 
-// An exception does not pass through the library, which is C: it waits here.
 SundialsIntegrator::Native SundialsIntegrator::take_native_step(double t_stop, double& t) {
     const Native result = native_step(t_stop, t);
     if (thrown_) std::rethrow_exception(std::exchange(thrown_, nullptr));
     return result;
 }
 
-// Takes the state to the first fall in what there is of the library's step, or to its end.
-Integrator::Progress SundialsIntegrator::look_for_falls(double t_stop) {
+// 0: the step is done; 1: it has ended at the stop time; the other flags are of failures.
+SundialsIntegrator::Native SundialsIntegrator::outcome_of(int flag, double t_stop, double& t) {
+    constexpr int success = 0, at_stop_time = 1;
+    if (flag != success && flag != at_stop_time) return Native::failed;
+    if (flag == at_stop_time) t = t_stop;
+    return t == t_stop ? Native::stopped : Native::stepped;
+}
+
+long SundialsIntegrator::native_rejected_steps() const {
+    long count = 0;
+    library_.get_rejected_steps(memory(), &count);
+    return count;
+}
+
+// Takes the state to the first zero crossing in what there is of the library's step, or to its end.
+Integrator::Progress SundialsIntegrator::look_for_crossings(double t_stop) {
     state_->t = t_native_;
     const auto x = values(vector_.get());
     std::copy(x.begin(), x.end(), state_->x.begin());
     ahead_ = false;
     if (has_guards_ && t_native_ > t_before_) {
         const auto found = search_.first_crossing(polynomial(), *state_->discrete, crossed_);
-        // A fall within rounding of the step's end is one at its end.
+        // A crossing within rounding of the step's end is one at its end.
         const double at = polynomial_.time(found.at);
         ahead_ = found.at < 1 && at < t_native_;
         if (ahead_) {
             state_->t = at;
             polynomial_.evaluate(found.at, state_->x);
         }
-        fell_ = found.falls;
-        if (fell_) return Progress::crossing;
+        crossing_ = found.falls;
+        if (crossing_) return Progress::crossing;
         if (ahead_) return Progress::stepped;
     }
     return t_native_ == t_stop ? Progress::stopped : Progress::stepped;
@@ -273,27 +235,6 @@ const StepPolynomial& SundialsIntegrator::polynomial() {
 
 void SundialsIntegrator::interpolate(double t, std::span<double> x) {
     polynomial().evaluate((t - polynomial_.t0) / polynomial_.h, x);
-}
-
-// The ends are taken as they are: a state may move by more than its rounding within the rounding of the time.
-void SundialsIntegrator::polynomial_of_derivatives(int order,
-                                                   const std::function<std::span<const double>(int)>& derivative,
-                                                   std::span<const double> x0, std::span<const double> x1,
-                                                   StepPolynomial& polynomial) {
-    polynomial.resize(x0.size(), order);
-    double factor = 1;
-    for (int k = 0; k <= order; ++k) {
-        if (k > 0) factor *= polynomial.h / k;
-        const auto values = derivative(k);
-        for (std::size_t i = 0; i < x0.size(); ++i) polynomial.term(k)[i] = factor * values[i];
-    }
-    for (std::size_t i = 0; i < x0.size(); ++i) {
-        double end = 0;
-        for (int k = order; k >= 0; --k) end += polynomial.term(k)[i];
-        const double shift = x0[i] - polynomial.term(0)[i];
-        polynomial.term(0)[i] = x0[i];
-        polynomial.term(1)[i] += x1[i] - end - shift;
-    }
 }
 
 void SundialsIntegrator::record_failure(double t) {

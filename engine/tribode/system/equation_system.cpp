@@ -1,9 +1,11 @@
 #include "tribode/system/equation_system.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/system/algebraic_equations.hpp"
+#include "tribode/system/work_space.hpp"
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <fmt/format.h>
 #include <numeric>
@@ -11,6 +13,8 @@
 namespace tribode {
 
 namespace {
+
+constexpr std::size_t usual_size = 64; // of a work space: more goes to the heap
 
 // The end of a chain, for messages: long expressions are cut.
 std::string shortened(std::string text) {
@@ -510,25 +514,9 @@ void EquationSystem::recognize_affine() {
     for (std::size_t i = first_value; i < inputs_.size(); ++i) {
         if (!std::binary_search(used.begin(), used.end(), inputs_[i])) continue;
         const std::size_t place = i - first_value;
-        const bool is_own = place < equations_.discrete.size();
-        const bool is_relation = !is_own && place < counter_value_place(0);
-        const auto modes = is_own ? static_cast<double>(equations_.discrete[place].modes.size()) : 0;
-        pattern_.push_back({place, is_relation ? 3 : modes, is_relation});
+        const bool is_relation = place >= value_place(0) && place < counter_value_place(0);
+        (is_relation ? matrix_relations_ : matrix_values_).push_back(is_relation ? place - value_place(0) : place);
     }
-    // A value has a number of its own, base 0; relations and modes are digits of as many others as they need.
-    constexpr double most = 0x1p53; // up to which whole numbers are exact
-    std::ranges::stable_sort(pattern_, {}, [](const Digit& digit) { return digit.base > 0; });
-    double reach = most; // none is begun yet
-    std::size_t numbers = 0;
-    for (Digit& digit : pattern_) {
-        if (digit.base == 0 || reach * digit.base > most) {
-            ++numbers;
-            reach = digit.base == 0 ? most : 1;
-        }
-        reach *= digit.base == 0 ? 1 : digit.base;
-        digit.number = numbers - 1;
-    }
-    has_pattern_ = !varies_ && numbers <= AffinePattern{}.size();
 }
 
 void EquationSystem::make_blocks() {
@@ -626,14 +614,14 @@ void EquationSystem::derivative(double t, std::span<const double> x, const Discr
 
 bool EquationSystem::rates(double t, std::span<const double> x, const DiscreteState& d, std::span<double> dxdt) const {
     derivative(t, x, d, dxdt);
-    thread_local Rounding rounding;
+    Rounding rounding;
     return algebraic_.empty() || algebraic_rates(t, x, memory(d), dxdt, rounding);
 }
 
 bool EquationSystem::jacobian(double t, std::span<const double> x, const DiscreteState& d,
                               std::span<double> matrix) const {
-    thread_local std::vector<double> values;
-    values.resize(jacobian_.entries.size());
+    WorkSpace<double, usual_size> memory(jacobian_.entries.size());
+    const std::span<double> values(memory.data(), jacobian_.entries.size());
     sparse_jacobian(t, x, d, values);
     for (std::size_t i = 0; i < values.size(); ++i) {
         // An infinite slope, as that of a root at zero, would keep Newton's iteration where it is: without it, it goes on.
@@ -716,10 +704,8 @@ bool EquationSystem::algebraic_rates(double t, std::span<const double> x, const 
                                      Rounding& rounding) const {
     using Eigen::Index;
     constexpr double relative = 1e-12; // of the terms of a rate
-    thread_local std::vector<double> values, by_time;
-    values.resize(jacobian_.entries.size());
+    std::vector<double> values(jacobian_.entries.size()), by_time(algebraic_.size());
     jacobian_.tape.evaluate({std::span(&t, 1), x, held.values}, values);
-    by_time.resize(algebraic_.size());
     algebraic_by_time_.evaluate({std::span(&t, 1), x, held.values}, by_time);
     rounding.value.assign(x.size(), 0);
     rounding.rate.assign(x.size(), 0);
@@ -775,7 +761,7 @@ void EquationSystem::guards(double t, std::span<const double> x, const DiscreteS
     const double* values = held.values.data() + equations_.discrete.size();
     for (std::size_t i = 0; i < relations_.size(); ++i) {
         g[i] = held.active[i] == 0 ? 1 : (values[i] != 0 ? g[i] : -g[i]) + held.slack[i];
-        if (std::isnan(g[i])) g[i] = -1; // a step that leaves where it has a value must not pass over its fall
+        if (std::isnan(g[i])) g[i] = -1; // a step that leaves where it has a value must not pass over it
     }
     if (has_endless_guard()) g.back() = held.restless || held.unsettled ? -1 : 1;
 }
@@ -783,10 +769,7 @@ void EquationSystem::guards(double t, std::span<const double> x, const DiscreteS
 void EquationSystem::enclose_guards(const Enclosure& t, std::span<const Enclosure> x, const DiscreteState& d,
                                     std::span<Enclosure> g) const {
     const Memory& held = memory(d);
-    thread_local std::vector<Enclosure> values;
-    values.clear();
-    for (const double value : held.values) values.push_back(Enclosure::constant(value));
-    guard_.enclose({std::span(&t, 1), x, values}, g.first(relations_.size()));
+    guard_.enclose({{std::span(&t, 1), x}, held.values}, g.first(relations_.size()));
     const double* sides = held.values.data() + equations_.discrete.size();
     for (std::size_t i = 0; i < relations_.size(); ++i) {
         if (held.active[i] == 0) {
@@ -830,8 +813,8 @@ bool EquationSystem::write(const std::vector<std::size_t>& places, std::span<con
 
 bool EquationSystem::carry_out(const Update& update, SystemState& state) const {
     if (update.targets.empty()) return false;
-    thread_local std::vector<double> values;
-    values.resize(update.targets.size());
+    WorkSpace<double, usual_size> memory_of_values(update.targets.size());
+    const std::span<double> values(memory_of_values.data(), update.targets.size());
     update.tape.evaluate({std::span(&state.t, 1), state.x, memory(*state.discrete).values}, values);
     double sum = 0; // stays zero as long as all values are finite
     for (const double value : values) sum += 0 * value;
@@ -853,9 +836,10 @@ constexpr double epsilon = std::numeric_limits<double>::epsilon();
 } // namespace
 
 EquationSystem::Instant& EquationSystem::instant_of(SystemState& state) const {
-    thread_local Instant now; // its memory serves one instant after the other
+    auto& memory = static_cast<Memory&>(*state.discrete);
+    Instant& now = memory.instant.get();
     now.state = &state;
-    now.memory = static_cast<Memory*>(state.discrete.get());
+    now.memory = &memory;
     now.margins.resize(relations_.size());
     now.active = now.memory->active;
     now.crossed.assign(relations_.size(), Crossed::no);
@@ -909,7 +893,7 @@ void EquationSystem::make_consistent(Instant& now) const {
             return true;
         });
         if (list.empty()) return;
-        if (round >= together) list.resize(1);
+        if (round >= together) list.erase(list.begin() + 1, list.end());
         for (const std::size_t i : list) {
             if (relations_[i].counter) {
                 now.written.push_back(count(now, i));
@@ -948,18 +932,18 @@ void EquationSystem::enclose_margins(Instant& now, double t, std::span<const dou
         const double off = ulps * std::abs(x[j]) + t_rounding * std::abs(now.rates[j]);
         now.inputs.push_back({about(x[j], off + now.uncertain[j] + now.rounding.value[j]), {0, 0}});
     }
-    for (const double value : now.memory->values) now.inputs.push_back(Enclosure::constant(value));
-    const auto states = std::span(now.inputs).first(x.size()), values = std::span(now.inputs).subspan(x.size());
+    const std::span states(now.inputs);
+    const std::span<const double> values(now.memory->values);
     if (with_rates) {
         now.rate_bounds.resize(x.size());
-        rate_.enclose({std::span(&time, 1), states, values}, now.rate_bounds);
+        rate_.enclose({{std::span(&time, 1), states}, values}, now.rate_bounds);
         for (const std::size_t j : algebraic_) {
             now.rate_bounds[j].value = about(now.rates[j], now.rounding.rate[j]);
         }
         for (std::size_t j = 0; j < x.size(); ++j) states[j].rate = now.rate_bounds[j].value;
     }
     now.bounds.resize(relations_.size());
-    guard_.enclose({std::span(&time, 1), states, values}, now.bounds);
+    guard_.enclose({{std::span(&time, 1), states}, values}, now.bounds);
 }
 
 // Its guard begins at zero or above.
@@ -1110,8 +1094,8 @@ EventEffect EquationSystem::on_crossings(std::span<const GuardId> guards, System
     if (!of_relations && !now.memory->unsettled) return EventEffect::none; // restless: the run ends
     now.memory->unsettled = false;
     if (!of_relations) guards = guards.first(guards.size() - 1);
-    thread_local std::vector<int> fired;
-    thread_local std::vector<std::size_t> places;
+    auto& fired = now.fired;
+    auto& places = now.places;
     fired.clear();
     places.clear();
     if (!algebraic_.empty()) {
@@ -1185,15 +1169,46 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
     return reach_[clock].motion ? EventEffect::derivative : EventEffect::none;
 }
 
-void EquationSystem::affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                                       std::span<double> coefficient) const {
-    if (n == 0) return derivative(t0, c, d, coefficient);
+// The entries of A and G are constant between events: any state gives them.
+AffineForm EquationSystem::affine_form(const DiscreteState& d) const {
+    const std::size_t n = variables_.size();
+    AffineForm form{std::vector<double>(n * n), std::vector<double>(guard_count() * n), {}, {}};
+    put_matrix(jacobian_, n, memory(d), form.a);
+    put_matrix(guard_jacobian_, guard_count(), memory(d), form.g);
+    return form;
+}
+
+void EquationSystem::put_matrix(const Sparse& sparse, std::size_t rows, const Memory& held,
+                                std::span<double> matrix) const {
+    const double t = 0;
+    const std::vector<double> x(variables_.size());
+    std::vector<double> values(sparse.entries.size());
+    sparse.tape.evaluate({std::span(&t, 1), x, held.values}, values);
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        matrix[sparse.entries[i].column * rows + sparse.entries[i].row] = values[i];
+    }
+}
+
+// A relation that does not matter is the same, whatever its value is: two bits each.
+void EquationSystem::append_affine_key(const DiscreteState& d, AffineKey& key) const {
+    const Memory& held = memory(d);
+    for (const std::size_t place : matrix_values_) key.push_back(std::bit_cast<std::uint64_t>(held.values[place]));
+    constexpr std::size_t in_a_word = 32;
+    for (std::size_t i = 0; i < matrix_relations_.size(); ++i) {
+        if (i % in_a_word == 0) key.push_back(0);
+        const std::size_t relation = matrix_relations_[i];
+        const bool holds = held.values[value_place(relation)] != 0;
+        key.back() = 4 * key.back() + (held.active[relation] == 0 ? 0 : holds ? 2 : 1);
+    }
+}
+
+void EquationSystem::rate_coefficient(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                                      std::span<double> coefficient) const {
     affine_coefficient(jacobian_, rate_by_time_, n, t0, h, c, d, coefficient);
 }
 
-void EquationSystem::affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                                   std::span<double> coefficient) const {
-    if (n == 0) return guards(t0, c, d, coefficient);
+void EquationSystem::guard_coefficient(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                                       std::span<double> coefficient) const {
     if (has_endless_guard()) coefficient.back() = 0;
     affine_coefficient(guard_jacobian_, guard_by_time_, n, t0, h, c, d, coefficient.first(relations_.size()));
 }
@@ -1202,33 +1217,19 @@ void EquationSystem::affine_guards(int n, double t0, double h, std::span<const d
 void EquationSystem::affine_coefficient(const Sparse& matrix, const std::vector<Tape>& by_time, int n, double t0,
                                         double h, std::span<const double> c, const DiscreteState& d,
                                         std::span<double> coefficient) const {
-    thread_local std::vector<double> values;
     std::fill(coefficient.begin(), coefficient.end(), 0.0);
-    if (varies_ && n <= max_degree) {
+    if (n <= max_degree) {
         by_time[static_cast<std::size_t>(n) - 1].evaluate({std::span(&t0, 1), c, memory(d).values}, coefficient);
         double factor = 1;
         for (int i = 1; i <= n; ++i) factor *= h / i;
         for (double& value : coefficient) value *= factor;
     }
-    values.resize(matrix.entries.size());
+    WorkSpace<double, usual_size> memory_of_values(matrix.entries.size());
+    const std::span<double> values(memory_of_values.data(), matrix.entries.size());
     matrix.tape.evaluate({std::span(&t0, 1), c, memory(d).values}, values);
     for (std::size_t i = 0; i < values.size(); ++i) {
         coefficient[matrix.entries[i].row] += values[i] * c[matrix.entries[i].column];
     }
-}
-
-std::optional<AffinePattern> EquationSystem::affine_pattern(const DiscreteState& d) const {
-    if (!has_pattern_) return std::nullopt;
-    const auto& values = memory(d).values;
-    const auto& active = memory(d).active;
-    AffinePattern pattern{};
-    for (const Digit& digit : pattern_) {
-        double value = values[digit.place];
-        // One that does not matter is the same, whatever it is.
-        if (digit.is_relation) value = active[digit.place - equations_.discrete.size()] != 0 ? 1 + value : 0;
-        pattern[digit.number] = digit.base * pattern[digit.number] + value;
-    }
-    return pattern;
 }
 
 std::string EquationSystem::guard_name(GuardId guard, const SystemState& state) const {

@@ -1,5 +1,5 @@
 #pragma once
-#include "tribode/hybrid/hybrid_system.hpp"
+#include "tribode/hybrid/piecewise_affine.hpp"
 #include "tribode/system/compiled_c.hpp"
 #include "tribode/system/equations.hpp"
 #include "tribode/system/root_finder.hpp"
@@ -48,7 +48,7 @@ namespace tribode {
 //
 // The system is affine where all rates and guards are affine in x, with coefficients that do not depend on t, plus a
 // polynomial in t of degree 3 at most, whatever d is. Then the exact integrator runs it.
-class EquationSystem final : public HybridSystem {
+class EquationSystem final : public HybridSystem, public PiecewiseAffine {
   public:
     static constexpr int max_rounds = 100;
 
@@ -79,12 +79,15 @@ class EquationSystem final : public HybridSystem {
     EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const override;
     EventEffect on_crossings(std::span<const GuardId> guards, SystemState& state, EventLog& log) const override;
     EventEffect on_sample(ClockId clock, long k, SystemState& state) const override;
+    const PiecewiseAffine* piecewise_affine() const override { return this; }
     std::optional<std::string> why_not_affine() const override { return why_not_affine_; }
-    void affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+    AffineForm affine_form(const DiscreteState& d) const override;
+    void append_affine_key(const DiscreteState& d, AffineKey& key) const override;
+    bool has_varying_input(const DiscreteState&) const override { return varies_; }
+    void rate_coefficient(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                          std::span<double> coefficient) const override;
+    void guard_coefficient(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
                            std::span<double> coefficient) const override;
-    void affine_guards(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                       std::span<double> coefficient) const override;
-    std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const override;
     bool ends_run(const SystemState& state) const override { return memory(*state.discrete).stopped; }
     std::string guard_name(GuardId guard, const SystemState& state) const override;
 
@@ -112,6 +115,48 @@ class EquationSystem final : public HybridSystem {
     std::size_t instruction_count() const { return rate_.instruction_count(); } // of the right side
 
   private:
+    struct Memory;
+    enum class Crossed : char { no, to_hold, to_fail };
+    struct Rounding {
+        std::vector<double> value, rate; // of the states; zero where they are no algebraic variables
+    };
+
+    // The work at one instant. Its memory serves one instant of a run after the other.
+    struct Instant {
+        SystemState* state = nullptr;
+        Memory* memory = nullptr;
+        std::vector<double> margins, active; // of the relations, as last looked at
+        std::vector<double> margins_before, active_before;
+        std::vector<Crossed> crossed; // of the relations: at this instant
+        std::vector<char> touched;    // whether their operands have been written since,
+        std::vector<char> turned;     // or what the operands' rates of change depend on
+        std::vector<double> rates, conditions, ahead;
+        std::vector<double> uncertain; // of the states: how far off algebraic variables may be
+        Rounding rounding;
+        std::vector<Enclosure> inputs, rate_bounds, bounds; // of the states; of dx/dt; of the margins
+        std::vector<std::size_t> list, written;
+        std::vector<char> counted; // of the list: whether nothing but its counter has changed
+        std::vector<double> operands;
+        std::vector<int> fired;          // by crossings
+        std::vector<std::size_t> places; // written as guards crossed zero
+        bool moved = false;              // whether x or dx/dt have changed
+    };
+
+    // Belongs to a state, whose copies begin with one of their own: what it holds outlives no instant.
+    class OwnInstant {
+      public:
+        OwnInstant() = default;
+        OwnInstant(const OwnInstant&) {}
+        OwnInstant& operator=(const OwnInstant&) { return *this; }
+        Instant& get() {
+            if (!instant_) instant_ = std::make_unique<Instant>();
+            return *instant_;
+        }
+
+      private:
+        std::unique_ptr<Instant> instant_;
+    };
+
     struct Memory final : DiscreteValues<Memory> {
         std::vector<double> values;     // discrete variables; what is held of each relation, 1 or 0; the counters
         std::vector<double> conditions; // of each `when`, as last seen
@@ -123,6 +168,7 @@ class EquationSystem final : public HybridSystem {
         bool restless = false;  // max_rounds were not enough
         bool unsettled = false; // a condition that is true at the start is an event, still to be carried out
         bool stopped = false;   // an event that ends the run has been carried out
+        OwnInstant instant;
     };
     static const Memory& memory(const DiscreteState& d) { return static_cast<const Memory&>(d); }
     // What of the memory a snapshot holds: the rest follows from it.
@@ -190,9 +236,6 @@ class EquationSystem final : public HybridSystem {
     SystemState start_values(double t) const;
     std::optional<std::string> solve_algebraic(double t, std::span<double> x, const Memory& values,
                                                std::vector<double>& uncertain) const;
-    struct Rounding {
-        std::vector<double> value, rate; // of the states; zero where they are no algebraic variables
-    };
     bool algebraic_rates(double t, std::span<const double> x, const Memory& values, std::span<double> dxdt,
                          Rounding& rounding) const;
     Update update_of(const std::string& name, const Equations::Assignments& set) const;
@@ -203,26 +246,6 @@ class EquationSystem final : public HybridSystem {
     std::size_t held_place(std::size_t relation) const { return 1 + equations_.states.size() + value_place(relation); }
     std::size_t value_place(std::size_t relation) const { return equations_.discrete.size() + relation; } // in values
     std::size_t counter_value_place(std::size_t counter) const { return value_place(relations_.size()) + counter; }
-    enum class Crossed : char { no, to_hold, to_fail };
-
-    // The work at one instant.
-    struct Instant {
-        SystemState* state = nullptr;
-        Memory* memory = nullptr;
-        std::vector<double> margins, active; // of the relations, as last looked at
-        std::vector<double> margins_before, active_before;
-        std::vector<Crossed> crossed; // of the relations: at this instant
-        std::vector<char> touched;    // whether their operands have been written since,
-        std::vector<char> turned;     // or what the operands' rates of change depend on
-        std::vector<double> rates, conditions, ahead;
-        std::vector<double> uncertain; // of the states: how far off algebraic variables may be
-        Rounding rounding;
-        std::vector<Enclosure> inputs, rate_bounds, bounds; // of states and values; of dx/dt; of the margins
-        std::vector<std::size_t> list, written;
-        std::vector<char> counted; // of the list: whether nothing but its counter has changed
-        std::vector<double> operands;
-        bool moved = false; // whether x or dx/dt have changed
-    };
     Instant& instant_of(SystemState& state) const;
     void look(Instant& now) const;
     std::vector<double> correct_algebraic(SystemState& state) const;
@@ -237,6 +260,7 @@ class EquationSystem final : public HybridSystem {
     Interval rate_ahead(Instant& now, std::size_t relation) const;
     void find_dependences();
     void find_active(SystemState& state) const;
+    void put_matrix(const Sparse& sparse, std::size_t rows, const Memory& values, std::span<double> matrix) const;
     void affine_coefficient(const Sparse& matrix, const std::vector<Tape>& by_time, int n, double t0, double h,
                             std::span<const double> c, const DiscreteState& d, std::span<double> coefficient) const;
     std::set<Term> moving_terms(const std::vector<Term>& order) const;
@@ -268,16 +292,8 @@ class EquationSystem final : public HybridSystem {
     static constexpr int max_degree = 3;
     std::vector<Tape> rate_by_time_, guard_by_time_; // n-th derivatives by t, n = 1 .. max_degree
     bool varies_ = false;                            // b or h depend on t
-    // What A and G depend on: relations, modes and numbers, as places in values, and which number of the pattern each is
-    // in: as its next digit to this base, or alone where that is 0.
-    struct Digit {
-        std::size_t place;
-        double base;
-        bool is_relation;
-        std::size_t number = 0;
-    };
-    std::vector<Digit> pattern_;
-    bool has_pattern_ = false; // they fit into a pattern, and nothing depends on t besides
+    // What A and G depend on: modes and numbers, as places in values; and relations.
+    std::vector<std::size_t> matrix_values_, matrix_relations_;
 };
 
 } // namespace tribode

@@ -1,5 +1,6 @@
 #include "tribode/system/tape.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/system/work_space.hpp"
 
 #include <algorithm>
 #include <array>
@@ -222,15 +223,8 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
 }
 
 void Tape::interpret(const std::array<const double*, 3>& inputs, double* outputs) const {
-    // Most tapes fit on the stack; a large one has the thread's own memory, which grows once.
-    constexpr std::size_t usual = 512;
-    std::array<double, usual> small;
-    double* registers = small.data();
-    if (register_count_ > usual) {
-        thread_local std::vector<double> large;
-        if (large.size() < register_count_) large.resize(register_count_);
-        registers = large.data();
-    }
+    WorkSpace<double, 512> memory(register_count_);
+    double* registers = memory.data();
     double* next = registers;
     *next++ = 1;
     for (const auto& [part, index] : reads_) *next++ = inputs[part][index];
@@ -312,12 +306,16 @@ void Tape::interpret(const std::array<const double*, 3>& inputs, double* outputs
     for (std::size_t i = 0; i < outputs_.size(); ++i) outputs[i] = registers[outputs_[i]];
 }
 
-void Tape::enclose(const std::array<std::span<const Enclosure>, 3>& inputs, std::span<Enclosure> outputs) const {
-    thread_local std::vector<Enclosure> registers;
-    registers.clear();
-    registers.push_back(Enclosure::constant(1));
-    for (const auto& [part, index] : reads_) registers.push_back(inputs[part][index]);
-    for (const double value : constants_) registers.push_back(Enclosure::constant(value));
+void Tape::enclose(const EnclosedInputs& inputs, std::span<Enclosure> outputs) const {
+    WorkSpace<Enclosure, 256> memory(register_count_);
+    Enclosure* registers = memory.data();
+    Enclosure* next = registers;
+    *next++ = Enclosure::constant(1);
+    for (const auto& [part, index] : reads_) {
+        *next++ =
+            part < inputs.moving.size() ? inputs.moving[part][index] : Enclosure::constant(inputs.constant[index]);
+    }
+    for (const double value : constants_) *next++ = Enclosure::constant(value);
     const Operands* operands = operands_.data();
     const Summand* summands = summands_.data();
     for (const auto& [code, count, length] : runs_) {
@@ -334,7 +332,7 @@ void Tape::enclose(const std::array<std::span<const Enclosure>, 3>& inputs, std:
                 result = op == Op::lookup ? look_up(*tables_[length], slopes_[length], a, b, c) : apply(op, a, b, c);
                 ++operands;
             }
-            registers.push_back(result);
+            *next++ = result;
         }
     }
     for (std::size_t i = 0; i < outputs_.size(); ++i) outputs[i] = registers[outputs_[i]];

@@ -14,8 +14,8 @@ namespace tribode {
 
 // Expressions as a list of instructions on numbered registers, operands first. A sum of products is one instruction;
 // instructions of the same kind that do not need one another stand in runs, so that what to do is asked once a run.
-// Every operation is rounded as it was written. Evaluating allocates nothing and calls nothing but the functions of
-// <cmath>; a tape is constant and may be shared by threads.
+// Every operation is rounded as it was written. Evaluating calls nothing but the functions of <cmath>, and allocates nothing
+// unless the tape is very long; a tape is constant and may be shared by threads.
 class Tape {
   public:
     Tape() = default; // no outputs
@@ -34,8 +34,13 @@ class Tape {
         function_(part(0), part(1), part(2), function_constants_.data(), outputs.data());
     }
 
-    // Bounds of the outputs and their rates of change from those of the inputs, part by part, by interval arithmetic.
-    void enclose(const std::array<std::span<const Enclosure>, 3>& inputs, std::span<Enclosure> outputs) const;
+    // Bounds of the outputs and their rates of change from those of the inputs, part by part, by interval arithmetic. The
+    // inputs of the third part are constant.
+    struct EnclosedInputs {
+        std::array<std::span<const Enclosure>, 2> moving;
+        std::span<const double> constant;
+    };
+    void enclose(const EnclosedInputs& inputs, std::span<Enclosure> outputs) const;
 
     // The same as a function of a C program, without its constants, which the tape keeps: where only numbers differ, the
     // texts are equal. By the rules of C it gives the same bits.

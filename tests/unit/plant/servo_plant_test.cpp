@@ -281,8 +281,13 @@ TEST_P(Series, OfDerivativeAndGuardsSumUpToTheirValues) {
         Vector slope(n, 0.0), guards(m.plant.guard_count(), 0.0), term(n), guard_term(guards.size());
         for (int k = 0; k <= 3; ++k) {
             const auto& power = c[static_cast<std::size_t>(k)];
-            m.plant.affine_derivative(k, t0, h, power, m.state, term);
-            m.plant.affine_guards(k, t0, h, power, m.state, guard_term);
+            if (k == 0) {
+                m.plant.derivative(t0, power, m.state, term);
+                m.plant.guards(t0, power, m.state, guard_term);
+            } else {
+                m.plant.rate_coefficient(k, t0, h, power, m.state, term);
+                m.plant.guard_coefficient(k, t0, h, power, m.state, guard_term);
+            }
             for (std::size_t i = 0; i < n; ++i) m.x[i] += power[i] * std::pow(share, k);
             for (std::size_t i = 0; i < n; ++i) slope[i] += term[i] * std::pow(share, k);
             for (std::size_t i = 0; i < guards.size(); ++i) guards[i] += guard_term[i] * std::pow(share, k);

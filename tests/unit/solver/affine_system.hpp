@@ -1,7 +1,8 @@
 #pragma once
-#include "tribode/hybrid/hybrid_system.hpp"
+#include "tribode/hybrid/piecewise_affine.hpp"
 #include "tribode/plant/held_input.hpp"
 
+#include <bit>
 #include <functional>
 #include <string>
 #include <vector>
@@ -9,7 +10,7 @@
 namespace tribode {
 
 // dx/dt = A x + b u(t) with guards g = G x + h, inside a test.
-class AffineSystem final : public HybridSystem {
+class AffineSystem final : public HybridSystem, public PiecewiseAffine {
   public:
     struct Memory final : DiscreteValues<Memory> {
         HeldInput u;
@@ -30,7 +31,7 @@ class AffineSystem final : public HybridSystem {
     std::vector<double> start_memory;   // its first entry is part of the pattern
     bool scaled = false;                // whether A is multiplied by that entry
     std::vector<Guard> guard;
-    bool patterns = true; // whether the system says which A and G come again
+    bool patterns = true; // whether the system says that its input is constant between events
     std::vector<SampleClock> sample_clocks;
     std::function<EventEffect(GuardId, SystemState&)> crossing;
     std::function<EventEffect(ClockId, long k, SystemState&)> sample;
@@ -49,30 +50,40 @@ class AffineSystem final : public HybridSystem {
     }
     void derivative(double t, std::span<const double> x, const DiscreteState& d,
                     std::span<double> dxdt) const override {
-        affine_derivative(0, t, 1, x, d, dxdt);
+        rate_coefficient(0, t, 1, x, d, dxdt);
     }
     void guards(double t, std::span<const double> x, const DiscreteState& d, std::span<double> g) const override {
-        affine_guards(0, t, 1, x, d, g);
+        guard_coefficient(0, t, 1, x, d, g);
     }
+    const PiecewiseAffine* piecewise_affine() const override { return this; }
     std::optional<std::string> why_not_affine() const override { return std::nullopt; }
-    void affine_derivative(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
-                           std::span<double> coefficient) const override {
+    void rate_coefficient(int n, double t0, double h, std::span<const double> c, const DiscreteState& d,
+                          std::span<double> coefficient) const override {
         for (std::size_t i = 0; i < c.size(); ++i) {
             coefficient[i] = b.empty() ? 0 : b[i] * memory(d).u.taylor(n, t0, h);
             const double scale = scaled ? memory(d).value[0] : 1;
             for (std::size_t j = 0; j < c.size(); ++j) coefficient[i] += scale * a[i][j] * c[j];
         }
     }
-    void affine_guards(int n, double, double, std::span<const double> c, const DiscreteState&,
-                       std::span<double> coefficient) const override {
+    void guard_coefficient(int n, double, double, std::span<const double> c, const DiscreteState&,
+                           std::span<double> coefficient) const override {
         for (std::size_t i = 0; i < guard.size(); ++i) {
             coefficient[i] = n == 0 ? guard[i].offset : 0;
             for (std::size_t j = 0; j < c.size(); ++j) coefficient[i] += guard[i].row[j] * c[j];
         }
     }
-    std::optional<AffinePattern> affine_pattern(const DiscreteState& d) const override {
-        if (!patterns || memory(d).u.rate != 0) return std::nullopt;
-        return AffinePattern{memory(d).value.empty() ? 0.0 : memory(d).value[0], 0.0, 0.0};
+    bool has_varying_input(const DiscreteState& d) const override { return !patterns || memory(d).u.rate != 0; }
+    void append_affine_key(const DiscreteState& d, AffineKey& key) const override {
+        key.push_back(std::bit_cast<std::uint64_t>(memory(d).value.empty() ? 0.0 : memory(d).value[0]));
+    }
+    AffineForm affine_form(const DiscreteState& d) const override {
+        const std::size_t n = start.size();
+        AffineForm form{std::vector<double>(n * n), std::vector<double>(n * guard.size()), {}, {}};
+        for (std::size_t j = 0; j < n; ++j) {
+            for (std::size_t i = 0; i < n; ++i) form.a[j * n + i] = (scaled ? memory(d).value[0] : 1) * a[i][j];
+            for (std::size_t i = 0; i < guard.size(); ++i) form.g[j * guard.size() + i] = guard[i].row[j];
+        }
+        return form;
     }
     EventEffect on_crossing(GuardId id, SystemState& state, EventLog& log) const override {
         log.push_back({state.t, static_cast<int>(id), 0});

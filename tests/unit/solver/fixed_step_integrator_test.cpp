@@ -1,5 +1,6 @@
 // The methods of a fixed step: what one step does, how the error falls with the step, what happens to events.
 #include "function_system.hpp"
+#include "tribode/hybrid/piecewise_affine.hpp"
 #include "tribode/solver/fixed_step_integrator.hpp"
 #include "tribode/solver/simulator.hpp"
 
@@ -12,7 +13,7 @@ namespace {
 constexpr std::array methods = {Method::fixed, Method::euler, Method::semi_implicit_euler, Method::zoh};
 
 // x'' = force(t, x, v): one position, whose rate is the velocity. The linear part is that of a damped oscillator.
-class Particle final : public HybridSystem {
+class Particle final : public HybridSystem, public PiecewiseAffine {
   public:
     std::vector<double> start;                                 // x, v
     std::function<double(double t, double x, double v)> force; // the whole of it
@@ -36,6 +37,8 @@ class Particle final : public HybridSystem {
     void guards(double t, std::span<const double> x, const DiscreteState&, std::span<double> g) const override {
         if (guard) g[0] = guard(t, x[0]);
     }
+    const PiecewiseAffine* piecewise_affine() const override { return this; }
+    std::optional<std::string> why_not_affine() const override { return "its force is not"; }
     void linear_part(std::span<double> matrix) const override {
         matrix[1] = -stiffness;
         matrix[2] = 1;

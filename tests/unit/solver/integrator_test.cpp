@@ -63,6 +63,15 @@ TEST_P(EveryIntegrator, an_exception_of_the_system_arrives_as_it_is) {
     }
 }
 
+// The leak sanitizer watches.
+TEST(ImplicitIntegrators, that_are_not_finished_leave_nothing_behind) {
+    FunctionSystem system = decay();
+    system.matrix = [](double, FunctionSystem::Values, std::span<double>) { throw InputError("no Jacobian"); };
+    for (const Method method : {Method::bdf, Method::ida}) {
+        EXPECT_THROW(make_integrator(system, {.method = method}), InputError) << name_of(method);
+    }
+}
+
 TEST_P(VariableStepIntegrator, the_error_follows_the_tolerance) {
     double previous = 1;
     for (const double tolerance : {1e-4, 1e-6, 1e-8, 1e-10}) {

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <gtest/gtest.h>
+#include <set>
 
 namespace tribode {
 namespace {
@@ -234,6 +235,50 @@ TEST(EquationSystem, AffineIsWhatItIs) {
     EXPECT_EQ(reason(linear), "der(x) is no polynomial of degree 3 in t");
     linear.rate(0, linear.number(1)).when(linear.less(linear.multiply(x, x), linear.number(4)), {});
     EXPECT_NE(reason(linear).find("the relation x*x < 4 is not linear in x"), std::string::npos);
+}
+
+// Forty relations and five numbers in A and G: each has its place in the key, which tells whether the matrices are the same.
+TEST(EquationSystem, TheKeyOfItsMatricesHoldsAnyNumberOfValues) {
+    Writer w;
+    Term sum = w.number(0);
+    const Term x = w.state("x", 0.5);
+    std::vector<Term> gains;
+    for (int i = 0; i < 5; ++i) gains.push_back(w.discrete("gain" + std::to_string(i), -1.0 - i));
+    for (const Term gain : gains) sum = w.add(sum, w.multiply(gain, x));
+    for (int i = 0; i < 40; ++i) {
+        sum = w.add(sum, w.where(w.less(x, w.number(0.1 + 0.02 * i)), w.multiply(w.number(-0.1 * (i + 1)), x), w.number(0)));
+    }
+    w.rate(0, sum);
+    w.equations.clocks.push_back({"clock", 0.01, 0, {{gains[4], w.subtract(gains[4], w.number(0.5))}}, std::nullopt});
+    const EquationSystem system(w.equations);
+    const auto key_of = [&](const SystemState& state) {
+        AffineKey key;
+        system.append_affine_key(*state.discrete, key);
+        return key;
+    };
+    const SystemState start = system.initial_state();
+    EXPECT_EQ(key_of(start), key_of(system.initial_state()));
+    std::set<AffineKey> keys = {key_of(start)};
+    for (GuardId relation = 0; relation < 40; ++relation) {
+        SystemState state = start;
+        EventLog log;
+        system.on_crossing(relation, state, log);
+        EXPECT_TRUE(keys.insert(key_of(state)).second) << relation;
+    }
+    SystemState sampled = start;
+    system.on_sample(0, 0, sampled);
+    EXPECT_TRUE(keys.insert(key_of(sampled)).second);
+
+    // dx/dt has no constant part here.
+    const AffineForm form = system.affine_form(*start.discrete);
+    double slope = 0;
+    system.derivative(0, std::vector<double>{1}, *start.discrete, {&slope, 1});
+    EXPECT_EQ(form.a, std::vector<double>{slope});
+
+    Simulator exact(system, by(Method::exact)), erk(system, by(Method::erk));
+    ASSERT_TRUE(exact.advance_to(0.3).ok());
+    ASSERT_TRUE(erk.advance_to(0.3).ok());
+    EXPECT_NEAR(exact.state().x[0], erk.state().x[0], 1e-9);
 }
 
 // x' = -x + t^3: the exact solver with a polynomial, against the closed form.

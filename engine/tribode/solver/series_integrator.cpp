@@ -1,0 +1,76 @@
+#include "tribode/solver/series_integrator.hpp"
+
+#include <algorithm>
+#include <fmt/format.h>
+
+namespace tribode {
+
+SeriesIntegrator::SeriesIntegrator(const HybridSystem& system, std::size_t max_regular)
+    : system_(system),
+      affine_(*system.piecewise_affine()),
+      size_(system.states().size()),
+      height_(padded(size_)),
+      guard_count_(system.guard_count()),
+      terms_((max_terms + 1) * height_),
+      guard_terms_((max_terms + 1) * guard_count_),
+      max_regular_(max_regular) {}
+
+bool SeriesIntegrator::is_new_pattern(const DiscreteState& d) {
+    next_key_.clear();
+    affine_.append_affine_key(d, next_key_);
+    if (next_key_ == key_) return false;
+    key_.swap(next_key_);
+    return true;
+}
+
+// Whether steps of this length recur: those from sample to sample do, those between events do not.
+bool SeriesIntegrator::is_regular(double h) {
+    constexpr std::size_t most_recent = 8;
+    const auto same = [&](double length) { return same_length(length, h); };
+    if (std::any_of(regular_.begin(), regular_.end(), same)) return true;
+    if (regular_.size() == max_regular_) return false;
+    if (std::any_of(recent_.begin(), recent_.end(), same)) {
+        regular_.push_back(h);
+        return true;
+    }
+    if (recent_.size() < most_recent) {
+        recent_.push_back(h);
+    } else {
+        recent_[next_recent_++ % most_recent] = h;
+    }
+    return false;
+}
+
+Integrator::Progress SeriesIntegrator::cross(double s, double h, double whole, double t_stop) {
+    const double span = s * h - lag_;
+    state_->t = s == 1 && h == whole ? t_stop : t0_ + std::max(span, 0.0);
+    behind_ = std::max(-span, 0.0);
+    return Progress::crossing;
+}
+
+Integrator::Progress SeriesIntegrator::stop(double h, double whole, double t_stop, double behind) {
+    if (h == whole) {
+        state_->t = t_stop;
+        behind_ = behind;
+        return Progress::stopped;
+    }
+    const double span = h - lag_;
+    state_->t = t0_ + std::max(span, 0.0);
+    behind_ = std::max(-span, 0.0);
+    return Progress::stepped;
+}
+
+void SeriesIntegrator::find_guard_terms() {
+    for (int n = 1; n <= order_; ++n) {
+        affine_.guard_coefficient(n, t0_, h_, {term(n), size_}, *state_->discrete,
+                                  {guard_term(static_cast<std::size_t>(n)), guard_count_});
+    }
+}
+
+Integrator::Progress SeriesIntegrator::fail(std::optional<NotFinite> not_finite) {
+    failure_ = {RunEnd::non_finite, t0_,
+                fmt::format("the state is not finite near t = {:.9g} s: the loop may be unstable", t0_), not_finite};
+    return Progress::failed;
+}
+
+} // namespace tribode

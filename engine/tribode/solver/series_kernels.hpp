@@ -1,0 +1,32 @@
+#pragma once
+#include <cstddef>
+
+namespace tribode {
+
+// The arithmetic of the series solvers, on columns of `height` numbers: padded to a multiple of eight, which the processor
+// adds and multiplies at one time. Term n of a series is column n. The results are the same bits on all processors.
+constexpr std::size_t block_size = 8;
+constexpr double half_ulp = 0x1p-54; // relative
+
+constexpr std::size_t padded(std::size_t size) { return (size + block_size - 1) / block_size * block_size; }
+
+// product = matrix x; a multiple of four columns
+void multiply_columns(const double* matrix, std::size_t height, std::size_t columns, const double* x, double* product);
+
+// sum = start + matrix x
+void add_columns(const double* start, const double* matrix, std::size_t columns, std::size_t height, const double* x,
+                 double* sum);
+
+// From c_0 and c_1 on c_{n+1} = h/(n+1) A c_n, until two terms in a row do not count any more. Returns the last n, or 0 where
+// max_terms, an even number, do not do. least: sizes of the states below which nothing counts; limit: set to the sizes
+// below which terms do not count; decay: see ExactIntegrator::fastest_decay.
+int expand_columns(const double* a, const double* square, double decay, const double* least, std::size_t states,
+                   std::size_t height, double h, int max_terms, double* terms, double* limit);
+
+// The sum of all terms, x at the step's end, and of the sizes of those after the first.
+void sum_columns(const double* terms, int order, std::size_t height, double* end, double* travel);
+
+// sum c_n s^n, even and odd powers apart
+void evaluate_columns(const double* terms, int order, std::size_t height, double s, double* x);
+
+} // namespace tribode
