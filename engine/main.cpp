@@ -89,6 +89,7 @@ int run_program(int argc, char** argv) {
     Entry commands[] = {{"simulate", "one machine under a recorded input", simulate_command()},
                         {"compare", "one machine and one input through every method", compare_command()},
                         {"diagnose", "the effect that a machine lacks, from measured records", diagnose_command()},
+                        {"fra", "frequency responses with their uncertainty, from measured records", fra_command()},
                         {"run", "an experiment script in Lua", run_command()},
                         {"batch", "many independent points, that survive what may happen", batch_command()}};
     for (auto& entry : commands) {

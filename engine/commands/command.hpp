@@ -41,6 +41,7 @@ class Command {
 std::unique_ptr<Command> simulate_command();
 std::unique_ptr<Command> compare_command();
 std::unique_ptr<Command> diagnose_command();
+std::unique_ptr<Command> fra_command();
 std::unique_ptr<Command> run_command();
 std::unique_ptr<Command> batch_command();
 

@@ -1,11 +1,11 @@
 #include "tribode/experiment/frequency_sweep.hpp"
-#include "tribode/analysis/periodic_friction.hpp"
 #include "tribode/analysis/sine_fit.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/random.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/control/discrete_transfer_function.hpp"
 #include "tribode/control/sampled_friction.hpp"
+#include "tribode/experiment/improved_analysis.hpp"
 #include "tribode/experiment/sweep_checkpoint.hpp"
 
 #include <algorithm>
@@ -51,26 +51,6 @@ ClosedLoop sine_drive(const SweepOptions& options, Phase phase) {
         return LoopInput{0.0, amplitude * std::sin(phase(static_cast<double>(k)))};
     };
     return {input, options.friction_feedback};
-}
-
-// A: what the actuator makes of a phasor of u, with hold, dead time and thrust lag.
-std::complex<double> actuator_response(const MachineModel& machine, double frequency) {
-    const ServoAxis axis = machine.axis(); // as it is, with its effects
-    const double half_turn = pi * frequency * machine.sample_time;
-    const double late = half_turn + 2 * pi * frequency * axis.input_delay;
-    std::complex<double> response = std::polar(std::sin(half_turn) / half_turn, -late);
-    const double corner = axis.plant.current_loop_hz;
-    if (corner > 0) response /= std::complex(1.0, frequency / corner);
-    return response;
-}
-
-std::complex<double> improved_response(const MachineModel& machine, const FrictionModel& model, double frequency,
-                                       std::complex<double> thrust, std::vector<std::complex<double>> position) {
-    for (std::size_t n = 0; n < position.size(); ++n) {
-        position[n] *= std::polar(1.0, 2 * pi * static_cast<double>(n + 1) * frequency * machine.output_delay);
-    }
-    const auto friction = friction_phasor(position, frequency, model.elements, model.viscous);
-    return position.front() / (actuator_response(machine, frequency) * thrust - friction);
 }
 
 // One frequency: the run and its windows.

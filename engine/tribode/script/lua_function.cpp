@@ -18,9 +18,9 @@ void add_functions(const ScriptContext& script, const std::vector<LuaFunction>& 
 
 std::vector<LuaFunction> all_functions() {
     std::vector<LuaFunction> all;
-    for (const auto* table :
-         {&run_functions(), &machine_functions(), &experiment_functions(), &analysis_functions(), &design_functions(),
-          &diagnosis_functions(), &record_functions(), &batch_functions(), &system_functions()}) {
+    for (const auto* table : {&run_functions(), &machine_functions(), &experiment_functions(), &analysis_functions(),
+                              &measurement_functions(), &design_functions(), &diagnosis_functions(),
+                              &record_functions(), &batch_functions(), &system_functions()}) {
         all.insert(all.end(), table->begin(), table->end());
     }
     return all;

@@ -42,6 +42,7 @@ const std::vector<LuaFunction>& run_functions();
 const std::vector<LuaFunction>& machine_functions();
 const std::vector<LuaFunction>& experiment_functions();
 const std::vector<LuaFunction>& analysis_functions();
+const std::vector<LuaFunction>& measurement_functions();
 const std::vector<LuaFunction>& design_functions();
 const std::vector<LuaFunction>& diagnosis_functions();
 const std::vector<LuaFunction>& record_functions();

@@ -1,0 +1,666 @@
+#include "tribode/analysis/measured_response.hpp"
+#include "tribode/base/error.hpp"
+
+#include <Eigen/Dense>
+#include <unsupported/Eigen/FFT>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <fmt/format.h>
+#include <map>
+#include <numbers>
+#include <optional>
+
+namespace tribode {
+
+namespace {
+
+using std::numbers::pi;
+using Complex = std::complex<double>;
+using Spectrum = std::vector<Complex>;
+
+constexpr double most_variance = 0.1; // of a value: above, gain and phase are known to 2 dB and 13 deg only
+
+const char* const too_uncertain = "noise and distortion are too large: a standard deviation above 2 dB";
+
+Complex turned(double cycles) { return std::polar(1.0, 2 * pi * (cycles - std::floor(cycles))); }
+
+// Phasor of a sum over the samples, x[i] at (first + i) Ts.
+Complex phasor(std::span<const double> x, double cycles_per_sample, std::size_t first) {
+    const Complex step = turned(-cycles_per_sample);
+    Complex sum = 0, turn = 1;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        turn = i % 64 == 0 ? turned(-cycles_per_sample * static_cast<double>(first + i)) : turn * step;
+        sum += x[i] * turn;
+    }
+    return sum * (2.0 / static_cast<double>(x.size()));
+}
+
+// What offset and harmonics leave.
+std::vector<double> residual(std::span<const double> x, const SineFit& fit, double cycles_per_sample,
+                             std::size_t first) {
+    std::vector<double> rest(x.begin(), x.end());
+    const Complex step = turned(cycles_per_sample);
+    Complex turn = 1;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        turn = i % 64 == 0 ? turned(cycles_per_sample * static_cast<double>(first + i)) : turn * step;
+        Complex power = turn;
+        rest[i] -= fit.offset;
+        for (const Complex harmonic : fit.harmonics) {
+            rest[i] -= (harmonic * power).real();
+            power *= turn;
+        }
+    }
+    return rest;
+}
+
+// Transient and noise of a ratio, relative to it.
+struct Precision {
+    Complex transient = 0;                    // of a parabola
+    double transient_variance = 0;            // of that
+    double variance = MeasuredPoint::unknown; // of the noise in the ratio
+    double bias = 0;                          // left where the transient is taken out
+};
+
+// From Z at the lines next to f, by their distance in lines.
+Precision precision_of(const std::vector<int>& distance, const Spectrum& z) {
+    Precision found;
+    const auto count = static_cast<Eigen::Index>(z.size());
+    const auto fit = [&](Eigen::Index terms) {
+        Eigen::MatrixXcd columns(count, terms);
+        Eigen::VectorXcd values(count);
+        for (Eigen::Index i = 0; i < count; ++i) {
+            const double d = distance[static_cast<std::size_t>(i)] / static_cast<double>(distance.back());
+            for (Eigen::Index j = 0; j < terms; ++j) columns(i, j) = std::pow(d, static_cast<double>(j));
+            values[i] = z[static_cast<std::size_t>(i)];
+        }
+        const Eigen::MatrixXcd inverse = (columns.adjoint() * columns).inverse();
+        const Eigen::VectorXcd solution = inverse * (columns.adjoint() * values);
+        const double rest = (values - columns * solution).squaredNorm() / static_cast<double>(count - terms);
+        return std::tuple{solution[0], rest, inverse(0, 0).real()};
+    };
+    if (count < 2) return found;
+    const Eigen::Index terms = count >= 6 ? 3 : 1;
+    const auto [transient, rest, factor] = fit(terms);
+    found.transient = transient;
+    found.variance = rest;
+    found.transient_variance = rest * factor;
+    found.bias = terms == 3 ? std::abs(transient - std::get<0>(fit(1))) : std::abs(transient);
+    return found;
+}
+
+// A window of a segment, with what does not depend on the input.
+class SineWindow {
+  public:
+    SineWindow(const MeasuredSignals& signals, const Window& window, double frequency, long periods, int harmonics)
+        : window_(window),
+          cycles_(frequency * signals.sample_time),
+          basis_(window.count, signals.sample_time, frequency, static_cast<double>(window.first) * signals.sample_time,
+                 harmonics) {
+        const auto n = static_cast<double>(window.count);
+        constexpr int most = 10; // lines on each side
+        for (int d = -most; d <= most; ++d) {
+            const double line = cycles_ * n + d;
+            if (d == 0 || std::abs(d) >= periods || line < 0.5 || line > n / 2 - 0.5) continue;
+            distance_.push_back(d);
+        }
+        output_fit_ = fit(signals.output);
+        output_lines_ = lines(signals.output, output_fit_);
+        // Rounding that repeats itself with the sine is as many different errors as there are different phases.
+        const double step = signals.resolution;
+        if (step > 0) {
+            std::size_t phases = 1;
+            while (phases < window.count) {
+                const double cycles = cycles_ * static_cast<double>(phases);
+                if (std::abs(cycles - std::round(cycles)) < 0.5 / n) break;
+                ++phases;
+            }
+            rounding_ = 4 * step * step / 12 * (1 / static_cast<double>(phases) - 1 / n);
+            dither_ = step / 2;
+        }
+    }
+
+    SineFit fit(std::span<const double> signal) const { return basis_.fit(cut(signal)); }
+    const SineFit& output_fit() const { return output_fit_; }
+    const Window& window() const { return window_; }
+
+    Precision precision(std::span<const double> input, const SineFit& input_fit) const {
+        const Spectrum input_lines = lines(input, input_fit);
+        Spectrum z(distance_.size());
+        for (std::size_t i = 0; i < z.size(); ++i) {
+            z[i] = output_lines_[i] / output_fit_.fundamental() - input_lines[i] / input_fit.fundamental();
+        }
+        Precision found = precision_of(distance_, z);
+        if (rounding_ > 0 && output_fit_.residual_rms < 2 * dither_) {
+            found.variance += rounding_ / std::norm(output_fit_.fundamental());
+        }
+        return found;
+    }
+
+  private:
+    std::span<const double> cut(std::span<const double> signal) const {
+        return signal.subspan(window_.first, window_.count);
+    }
+
+    Spectrum lines(std::span<const double> signal, const SineFit& fitted) const {
+        const std::vector<double> rest = residual(cut(signal), fitted, cycles_, window_.first);
+        Spectrum found;
+        for (const int d : distance_) {
+            found.push_back(phasor(rest, cycles_ + d / static_cast<double>(window_.count), window_.first));
+        }
+        return found;
+    }
+
+    Window window_;
+    double cycles_; // per sample
+    SineBasis basis_;
+    std::vector<int> distance_;
+    SineFit output_fit_;
+    Spectrum output_lines_;
+    double rounding_ = 0, dither_ = 0;
+};
+
+bool is_constant(std::span<const double> x) {
+    return std::ranges::all_of(x, [&](double value) { return value == x.front(); });
+}
+
+// The transient stands out from the noise of its estimate.
+bool stands_out(const Precision& p) { return std::norm(p.transient) > 16 * p.transient_variance; }
+
+double left_over(const Precision& p, bool removed) {
+    if (removed) return stands_out(p) ? p.bias : 0.0;
+    return stands_out(p) ? std::abs(p.transient) : 0.0;
+}
+
+std::optional<SineWindow> window_of(const MeasuredSignals& signals, const SineSegment& segment, long periods,
+                                    int harmonics) {
+    const double f = segment.frequency_hz;
+    Window window = whole_periods(0, periods, signals.sample_time, f);
+    if (window.count > segment.count) return std::nullopt;
+    window.first = segment.first + segment.count - window.count;
+    return std::optional<SineWindow>(std::in_place, signals, window, f, periods, harmonics);
+}
+
+std::optional<SineWindow> best_window(const MeasuredSignals& signals, const SineSegment& segment,
+                                      const SineOptions& options) {
+    const long all = periods_within(segment.count, signals.sample_time, segment.frequency_hz);
+    if (options.periods > 0) return window_of(signals, segment, std::min(options.periods, all), options.harmonics);
+    std::vector<std::pair<double, std::optional<SineWindow>>> tried;
+    for (const double share : {1.0, 0.75, 0.5, 1.0 / 3, 0.25}) {
+        const long periods = std::lround(share * static_cast<double>(all));
+        if (periods < 4 && share < 1) break;
+        auto window = window_of(signals, segment, periods, options.harmonics);
+        if (!window) continue;
+        if (is_constant(signals.output.subspan(window->window().first, window->window().count))) return window;
+        const auto input = signals.inputs.front();
+        const Precision p = window->precision(input, window->fit(input));
+        const double bias = left_over(p, options.remove_transients);
+        tried.push_back({p.variance + bias * bias, std::move(window)});
+    }
+    double least = std::numeric_limits<double>::infinity();
+    for (const auto& [error, window] : tried) least = std::min(least, error);
+    for (auto& [error, window] : tried) {
+        if (error <= 1.5 * least) return std::move(window);
+    }
+    if (!tried.empty()) return std::move(tried.front().second); // its precision is not known
+    return std::nullopt;
+}
+
+Observation observe(const MeasuredSignals& signals, const SineSegment& segment, const SineOptions& options) {
+    Observation o;
+    o.frequency_hz = segment.frequency_hz;
+    if (segment.frequency_hz * signals.sample_time > 0.45) {
+        o.missing = "above 0.45 of the sampling rate, where a sine cannot be told from its alias";
+        return o;
+    }
+    const auto window = best_window(signals, segment, options);
+    if (!window) {
+        o.missing = "the segment is too short";
+        return o;
+    }
+    o.window = window->window();
+    o.duration = static_cast<double>(o.window.count) * signals.sample_time;
+    if (is_constant(signals.output.subspan(o.window.first, o.window.count))) {
+        o.missing = "nothing moves: the position is constant";
+        return o;
+    }
+    o.excitation = window->fit(signals.excitation).fundamental();
+    o.output_harmonics = window->output_fit().harmonics;
+    o.output = o.output_harmonics.front();
+    std::vector<std::span<const double>> cut;
+    for (const auto input : signals.inputs) {
+        cut.push_back(input.subspan(o.window.first, o.window.count));
+        const SineFit fit = window->fit(input);
+        o.input_harmonics.push_back(fit.harmonics);
+        const Precision p = window->precision(input, fit);
+        const bool removed = options.remove_transients && stands_out(p);
+        o.inputs.push_back(removed ? fit.fundamental() * (1.0 + p.transient) : fit.fundamental());
+        o.variance.push_back(p.variance + (removed ? p.transient_variance : 0.0));
+        o.transient.push_back(std::abs(p.transient));
+        o.bias.push_back(left_over(p, options.remove_transients));
+    }
+    try {
+        o.coherence =
+            coherence(cut, signals.output.subspan(o.window.first, o.window.count), signals.sample_time, o.frequency_hz);
+    } catch (const InputError&) { // too few periods
+        o.coherence.assign(cut.size(), MeasuredPoint::unknown);
+    }
+    return o;
+}
+
+// ---- multisines ----------------------------------------------------------------------------------------------------
+
+// Lines 0 .. P/2 of each period.
+std::vector<Spectrum> periods_of(std::span<const double> x, std::size_t period) {
+    Eigen::FFT<double> fft;
+    std::vector<Spectrum> periods;
+    const std::size_t count = x.size() / period;
+    const std::size_t first = x.size() - count * period;
+    for (std::size_t p = 0; p < count; ++p) {
+        const auto begin = x.begin() + static_cast<std::ptrdiff_t>(first + p * period);
+        Spectrum lines;
+        fft.fwd(lines, std::vector<double>(begin, begin + static_cast<std::ptrdiff_t>(period)));
+        lines.resize(period / 2 + 1);
+        for (auto& line : lines) line *= 2.0 / static_cast<double>(period);
+        periods.push_back(std::move(lines));
+    }
+    return periods;
+}
+
+Spectrum mean_of(const std::vector<Spectrum>& periods, std::size_t skipped) {
+    Spectrum mean(periods.front().size());
+    for (std::size_t p = skipped; p < periods.size(); ++p) {
+        for (std::size_t l = 0; l < mean.size(); ++l) mean[l] += periods[p][l];
+    }
+    for (auto& line : mean) line /= static_cast<double>(periods.size() - skipped);
+    return mean;
+}
+
+// Variance of the mean of output - share * input over the periods.
+double variance_of_mean(const std::vector<Spectrum>& output, const std::vector<Spectrum>& input, Complex share,
+                        std::size_t line, std::size_t skipped) {
+    const std::size_t count = output.size() - skipped;
+    if (count < 2) return MeasuredPoint::unknown;
+    Complex mean = 0;
+    for (std::size_t p = skipped; p < output.size(); ++p) mean += output[p][line] - share * input[p][line];
+    mean /= static_cast<double>(count);
+    double sum = 0;
+    for (std::size_t p = skipped; p < output.size(); ++p) {
+        sum += std::norm(output[p][line] - share * input[p][line] - mean);
+    }
+    return sum / static_cast<double>(count - 1) / static_cast<double>(count);
+}
+
+std::vector<std::size_t> excited_lines(const std::vector<Spectrum>& periods, std::size_t skipped) {
+    const Spectrum mean = mean_of(periods, skipped);
+    double largest = 0;
+    for (std::size_t l = 1; l < mean.size(); ++l) largest = std::max(largest, std::abs(mean[l]));
+    std::vector<std::size_t> lines;
+    for (std::size_t l = 1; l < mean.size(); ++l) {
+        const double noise = variance_of_mean(periods, periods, 0, l, skipped);
+        const double least = std::max(1e-4 * largest, std::isfinite(noise) ? 6 * std::sqrt(noise) : 0.0);
+        if (std::abs(mean[l]) > least) lines.push_back(l);
+    }
+    return lines;
+}
+
+// Mean of the values next to place i, `reach` on each side; NaN are left out.
+std::vector<double> smoothed(const std::vector<double>& values, std::size_t reach) {
+    std::vector<double> result;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        double sum = 0;
+        int count = 0;
+        for (std::size_t k = i - std::min(i, reach); k < std::min(i + reach + 1, values.size()); ++k) {
+            if (std::isfinite(values[k])) {
+                sum += values[k];
+                ++count;
+            }
+        }
+        result.push_back(count > 0 ? sum / count : MeasuredPoint::unknown);
+    }
+    return result;
+}
+
+// Response between the excited lines.
+Complex between(const std::vector<std::size_t>& lines, const Spectrum& values, std::size_t line) {
+    const auto above = static_cast<std::size_t>(std::lower_bound(lines.begin(), lines.end(), line) - lines.begin());
+    const double share =
+        static_cast<double>(line - lines[above - 1]) / static_cast<double>(lines[above] - lines[above - 1]);
+    const Complex ratio = std::log(values[above] / values[above - 1]);
+    return values[above - 1] * std::exp(share * ratio);
+}
+
+// Power of the distortion relative to that of the output at each excited line, from the nearest four lines that detect it.
+std::vector<double> distortion(const std::vector<std::size_t>& lines, const Spectrum& output,
+                               const std::map<std::size_t, std::pair<double, double>>& detected, bool odd) {
+    std::vector<std::pair<std::size_t, std::pair<double, double>>> found;
+    for (const auto& entry : detected) {
+        if (entry.first % 2 == (odd ? 1 : 0)) found.push_back(entry);
+    }
+    std::vector<double> shares;
+    for (std::size_t i = 0; i < lines.size(); ++i) {
+        const std::size_t used = std::min<std::size_t>(4, found.size());
+        if (used == 0) {
+            shares.push_back(MeasuredPoint::unknown);
+            continue;
+        }
+        const auto away = [&](const auto& entry) {
+            return entry.first > lines[i] ? entry.first - lines[i] : lines[i] - entry.first;
+        };
+        auto nearest = found;
+        std::partial_sort(nearest.begin(), nearest.begin() + static_cast<std::ptrdiff_t>(used), nearest.end(),
+                          [&](const auto& a, const auto& b) { return away(a) < away(b); });
+        double power = 0, noise = 0;
+        for (std::size_t k = 0; k < used; ++k) {
+            power += nearest[k].second.first / static_cast<double>(used);
+            if (std::isfinite(nearest[k].second.second)) noise += nearest[k].second.second / static_cast<double>(used);
+        }
+        // What is within the scatter of the noise is no distortion; the scatter bounds it.
+        const double bound = noise / std::sqrt(static_cast<double>(used));
+        shares.push_back(std::max(power - noise, bound) / std::norm(output[lines[i]]));
+    }
+    return shares;
+}
+
+} // namespace
+
+double MeasuredPoint::standard_gain_db() const { return 20 / std::log(10.0) * std::sqrt(variance / 2); }
+double MeasuredPoint::standard_phase_deg() const { return 180 / pi * std::sqrt(variance / 2); }
+
+FrequencyResponse response_of(const std::vector<MeasuredPoint>& points) {
+    FrequencyResponse response;
+    for (const auto& point : points) {
+        if (!point.missing.empty()) continue;
+        response.frequency_hz.push_back(point.frequency_hz);
+        response.value.push_back(point.value);
+    }
+    return response;
+}
+
+std::vector<Observation> sine_observations(const MeasuredSignals& signals, const std::vector<SineSegment>& segments,
+                                           const SineOptions& options) {
+    std::vector<Observation> observations;
+    for (const auto& segment : segments) observations.push_back(observe(signals, segment, options));
+    return observations;
+}
+
+std::vector<Observation> multisine_observations(const MeasuredSignals& signals, std::size_t period,
+                                                const std::string& where) {
+    const auto excitation = periods_of(signals.excitation, period), output = periods_of(signals.output, period);
+    std::vector<std::vector<Spectrum>> inputs;
+    for (const auto input : signals.inputs) inputs.push_back(periods_of(input, period));
+
+    // How many periods at the beginning to leave out.
+    std::size_t skipped = 0;
+    const auto lines = excited_lines(excitation, output.size() > 2 ? 1 : 0);
+    if (lines.size() < 2) throw InputError(where + ": the excitation has fewer than two lines above its noise");
+    const double highest = static_cast<double>(lines.back()) / static_cast<double>(period);
+    if (highest > 0.45) {
+        throw InputError(
+            fmt::format("{}: the excitation reaches {:.6g} Hz, above 0.45 of the sampling rate ({:.6g} Hz), "
+                        "where a line cannot be told from its alias",
+                        where, highest / signals.sample_time, 0.45 / signals.sample_time));
+    }
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t tried = 0; tried + 2 <= output.size(); ++tried) {
+        const Spectrum y = mean_of(output, tried), w = mean_of(inputs.front(), tried);
+        double sum = 0;
+        for (const std::size_t l : lines) {
+            sum += variance_of_mean(output, inputs.front(), y[l] / w[l], l, tried) / std::norm(y[l]);
+        }
+        // The variance of few periods is itself uncertain: no period is given up for less than a third.
+        if (sum < least / 1.5) {
+            least = sum;
+            skipped = tried;
+        }
+    }
+    const Spectrum e = mean_of(excitation, skipped), y = mean_of(output, skipped);
+    std::vector<Observation> observations(lines.size());
+    const double period_s = static_cast<double>(period) * signals.sample_time;
+    for (std::size_t i = 0; i < lines.size(); ++i) {
+        auto& o = observations[i];
+        o.frequency_hz = static_cast<double>(lines[i]) / period_s;
+        o.duration = static_cast<double>(output.size() - skipped) * period_s;
+        o.excitation = e[lines[i]];
+        o.output = y[lines[i]];
+        o.is_line = true;
+        if (std::abs(o.output) == 0) o.missing = "nothing moves: the position is constant";
+    }
+    for (const auto& input : inputs) {
+        const Spectrum w = mean_of(input, skipped);
+        Spectrum responses;
+        std::vector<double> noise;
+        for (const std::size_t l : lines) {
+            responses.push_back(y[l] / w[l]);
+            noise.push_back(variance_of_mean(output, input, y[l] / w[l], l, skipped) / std::norm(y[l]));
+        }
+        noise = smoothed(noise, 3);
+        std::map<std::size_t, std::pair<double, double>> detected; // line -> power and noise of the distortion
+        std::size_t next = 0;
+        for (std::size_t l = lines.front(); l < lines.back(); ++l) {
+            if (l == lines[next]) {
+                ++next;
+                continue;
+            }
+            const Complex share = between(lines, responses, l);
+            detected[l] = {std::norm(y[l] - share * w[l]), variance_of_mean(output, input, share, l, skipped)};
+        }
+        const auto odd = distortion(lines, y, detected, true), even = distortion(lines, y, detected, false);
+        for (std::size_t i = 0; i < lines.size(); ++i) {
+            auto& o = observations[i];
+            o.inputs.push_back(w[lines[i]]);
+            o.variance.push_back(noise[i]);
+            o.transient.push_back(0);
+            o.bias.push_back(0);
+            o.odd.push_back(odd[i]);
+            o.even.push_back(even[i]);
+            // Of the periods: how much of the power repeats itself.
+            const double scatter = noise[i] * static_cast<double>(output.size() - skipped);
+            o.coherence.push_back(1 / (1 + scatter));
+        }
+    }
+    return observations;
+}
+
+std::vector<std::vector<MeasuredPoint>> merged(const std::vector<Observation>& observations,
+                                               const SineOptions& options) {
+    std::vector<const Observation*> sorted;
+    std::size_t inputs = 0;
+    for (const auto& o : observations) {
+        sorted.push_back(&o);
+        inputs = std::max(inputs, o.inputs.size());
+    }
+    std::ranges::stable_sort(sorted, {}, &Observation::frequency_hz);
+    std::vector<std::vector<const Observation*>> groups;
+    for (const auto* o : sorted) {
+        const double near = groups.empty() ? 0 : groups.back().front()->frequency_hz;
+        const double apart = std::max(1e-6 * o->frequency_hz, o->duration > 0 ? 0.02 / o->duration : 0.0);
+        if (groups.empty() || o->frequency_hz - near > apart) groups.emplace_back();
+        groups.back().push_back(o);
+    }
+
+    std::vector<std::vector<MeasuredPoint>> responses(inputs);
+    for (std::size_t i = 0; i < inputs; ++i) {
+        auto& points = responses[i];
+        std::vector<double> scatters; // of each point, per repetition
+        for (const auto& group : groups) {
+            MeasuredPoint point;
+            point.frequency_hz = group.front()->frequency_hz;
+            Complex cross = 0, power = 0;
+            std::vector<const Observation*> used;
+            for (const auto* o : group) {
+                if (!o->missing.empty()) {
+                    point.missing = o->missing;
+                    continue;
+                }
+                used.push_back(o);
+                cross += o->output * std::conj(o->excitation);
+                power += o->inputs[i] * std::conj(o->excitation);
+            }
+            double scatter = MeasuredPoint::unknown;
+            if (!used.empty()) {
+                point.missing.clear();
+                point.repetitions = used.size();
+                point.value = cross / power;
+                double noise = 0, difference = 0, odd = 0, even = 0, coherent = 0;
+                for (const auto* o : used) {
+                    const double weight = std::norm(o->inputs[i] * o->excitation) / std::norm(power);
+                    noise += o->variance[i] * weight;
+                    difference += std::norm((o->output / point.value - o->inputs[i]) * std::conj(o->excitation));
+                    const double share = 1 / static_cast<double>(used.size());
+                    coherent += share * o->coherence[i];
+                    point.transient = std::max(point.transient, o->transient[i]);
+                    point.bias = std::max(point.bias, o->bias[i]);
+                    if (o->is_line) {
+                        odd += share * o->odd[i];
+                        even += share * o->even[i];
+                    }
+                }
+                point.coherence = coherent;
+                point.variance = noise;
+                const auto count = static_cast<double>(used.size());
+                if (used.size() > 1) scatter = difference * count / (count - 1) / std::norm(power);
+                if (used.front()->is_line) {
+                    point.odd_distortion = std::sqrt(odd);
+                    point.even_distortion = std::sqrt(even);
+                    if (used.size() == 1 && std::isfinite(odd)) point.variance = noise + odd;
+                } else if (used.size() > 1 && !(scatter <= 5 * noise)) {
+                    point.variance = scatter;
+                }
+            }
+            scatters.push_back(!used.empty() && used.front()->is_line ? scatter : MeasuredPoint::unknown);
+            points.push_back(std::move(point));
+        }
+        scatters = smoothed(scatters, 4);
+        for (std::size_t k = 0; k < points.size(); ++k) {
+            auto& point = points[k];
+            if (!point.missing.empty()) continue;
+            if (point.repetitions > 1 && std::isfinite(scatters[k]) && groups[k].front()->is_line) {
+                point.variance = scatters[k];
+            }
+            point.settled = point.bias <= std::max(options.tolerance, 2 * std::sqrt(point.variance));
+            if (std::abs(point.value) == 0 || point.variance > most_variance || !std::isfinite(std::abs(point.value))) {
+                point.missing = too_uncertain;
+                point.value = {MeasuredPoint::unknown, MeasuredPoint::unknown};
+            }
+        }
+
+        // Harmonics of sines, with the response known by now.
+        const FrequencyResponse response = response_of(points);
+        if (response.size() < 2) continue;
+        for (std::size_t k = 0; k < points.size(); ++k) {
+            double odd = 0, even = 0;
+            int odd_count = 0, even_count = 0, used = 0;
+            if (!points[k].missing.empty()) continue;
+            for (const auto* o : groups[k]) {
+                if (o->is_line || !o->missing.empty() || o->input_harmonics[i].empty()) continue;
+                ++used;
+                for (std::size_t n = 2; n <= o->output_harmonics.size(); ++n) {
+                    const double f = static_cast<double>(n) * o->frequency_hz;
+                    if (f > response.frequency_hz.back() || f < response.frequency_hz.front()) continue;
+                    const Complex own = response.at(f) * o->input_harmonics[i][n - 1];
+                    const double power = std::norm((o->output_harmonics[n - 1] - own) / o->output);
+                    (n % 2 ? odd : even) += power;
+                    ++(n % 2 ? odd_count : even_count);
+                }
+            }
+            const double noise = points[k].variance;
+            const auto level = [&](double power, int count) {
+                if (count == 0) return MeasuredPoint::unknown;
+                return std::sqrt(std::max(power - count * noise, noise) / used);
+            };
+            if (used > 0) {
+                points[k].odd_distortion = level(odd, odd_count);
+                points[k].even_distortion = level(even, even_count);
+            }
+        }
+    }
+    return responses;
+}
+
+std::vector<std::vector<MeasuredPoint>> cross_spectra(const std::vector<MeasuredSignals>& records, std::size_t window) {
+    std::size_t shortest = std::numeric_limits<std::size_t>::max();
+    for (const auto& record : records) shortest = std::min(shortest, record.output.size());
+    if (window == 0) window = std::min<std::size_t>(std::bit_floor(std::max<std::size_t>(shortest / 8, 1)), 8192);
+    if (window < 64) {
+        throw InputError(
+            fmt::format("cross spectra of a record of {} samples: eight windows of 64 samples are needed at "
+                        "least",
+                        shortest));
+    }
+    const std::size_t lines = window / 2, inputs = records.front().inputs.size();
+    std::vector<double> hann(window);
+    for (std::size_t k = 0; k < window; ++k) {
+        hann[k] = 0.5 - 0.5 * std::cos(2 * pi * static_cast<double>(k) / static_cast<double>(window));
+    }
+    Eigen::FFT<double> fft;
+    const auto spectrum = [&](std::span<const double> x) {
+        // Less the straight line nearest to it.
+        const double n = static_cast<double>(window);
+        double mean = 0, slope = 0;
+        for (std::size_t k = 0; k < window; ++k) {
+            mean += x[k] / n;
+            slope += x[k] * (static_cast<double>(k) - (n - 1) / 2);
+        }
+        slope /= n * (n * n - 1) / 12;
+        std::vector<double> weighted(window);
+        for (std::size_t k = 0; k < window; ++k) {
+            weighted[k] = hann[k] * (x[k] - mean - slope * (static_cast<double>(k) - (n - 1) / 2));
+        }
+        Spectrum all;
+        fft.fwd(all, weighted);
+        all.resize(lines);
+        return all;
+    };
+    // Sums of products over all windows.
+    std::vector<double> ee(lines), yy(lines);
+    Spectrum ye(lines);
+    std::vector<Spectrum> we(inputs, Spectrum(lines)), yw(inputs, Spectrum(lines));
+    std::vector<std::vector<double>> ww(inputs, std::vector<double>(lines));
+    double count = 0;
+    for (const auto& record : records) {
+        for (std::size_t first = 0; first + window <= record.output.size(); first += window / 2, ++count) {
+            const auto cut = [&](std::span<const double> x) { return spectrum(x.subspan(first, window)); };
+            const Spectrum e = cut(record.excitation), y = cut(record.output);
+            for (std::size_t l = 0; l < lines; ++l) {
+                ee[l] += std::norm(e[l]);
+                yy[l] += std::norm(y[l]);
+                ye[l] += y[l] * std::conj(e[l]);
+            }
+            for (std::size_t i = 0; i < inputs; ++i) {
+                const Spectrum w = cut(record.inputs[i]);
+                for (std::size_t l = 0; l < lines; ++l) {
+                    ww[i][l] += std::norm(w[l]);
+                    we[i][l] += w[l] * std::conj(e[l]);
+                    yw[i][l] += y[l] * std::conj(w[l]);
+                }
+            }
+        }
+    }
+    // Half overlapping Hann windows are worth 0.95 of as many that do not overlap, for the same record 9/11 of them.
+    const double averages = std::max(1.0, count * 9 / 11);
+    const double strongest = *std::max_element(ee.begin() + 2, ee.end());
+    std::vector<std::vector<MeasuredPoint>> responses(inputs);
+    for (std::size_t i = 0; i < inputs; ++i) {
+        for (std::size_t l = 2; l < lines; ++l) {
+            const double cycles = static_cast<double>(l) / static_cast<double>(window);
+            if (ee[l] < 1e-8 * strongest || cycles > 0.45) continue;
+            MeasuredPoint point;
+            point.frequency_hz = cycles / records.front().sample_time;
+            point.value = ye[l] / we[i][l];
+            // Power of z = Y/H - W, which the excitation does not explain.
+            const double z = yy[l] / std::norm(point.value) + ww[i][l] - 2 * (yw[i][l] / point.value).real();
+            point.variance = std::max(z, 0.0) * ee[l] / std::norm(we[i][l]) / averages;
+            point.coherence = std::norm(yw[i][l]) / (yy[l] * ww[i][l]);
+            if (!(point.variance <= most_variance)) {
+                point.missing = too_uncertain;
+                point.value = {MeasuredPoint::unknown, MeasuredPoint::unknown};
+            }
+            responses[i].push_back(std::move(point));
+        }
+    }
+    return responses;
+}
+
+} // namespace tribode

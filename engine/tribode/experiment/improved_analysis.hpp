@@ -1,0 +1,24 @@
+#pragma once
+#include "tribode/experiment/friction_model.hpp"
+#include "tribode/machine/machine_model.hpp"
+
+#include <complex>
+#include <vector>
+
+namespace tribode {
+
+// The parts of the analysis "Improved" (frequency_sweep.hpp, docs/open-question.md).
+
+// A: what the actuator makes of a phasor of u, with hold, dead time and thrust lag.
+std::complex<double> actuator_response(const MachineModel& machine, double frequency_hz);
+
+// A U - F: the thrust on the linear dynamics, in the time of the driven point, from the phasor U of u and the harmonics of
+// the detected position.
+std::complex<double> improved_thrust(const MachineModel& machine, const FrictionModel& model, double frequency_hz,
+                                     std::complex<double> thrust, std::vector<std::complex<double>> position);
+
+// The position of the driven point over that thrust [m/N].
+std::complex<double> improved_response(const MachineModel& machine, const FrictionModel& model, double frequency_hz,
+                                       std::complex<double> thrust, const std::vector<std::complex<double>>& position);
+
+} // namespace tribode

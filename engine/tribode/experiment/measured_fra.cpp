@@ -1,0 +1,427 @@
+#include "tribode/experiment/measured_fra.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/text.hpp"
+#include "tribode/control/discrete_transfer_function.hpp"
+#include "tribode/control/sampled_friction.hpp"
+#include "tribode/experiment/improved_analysis.hpp"
+#include "tribode/machine/machine_controller.hpp"
+#include "tribode/record/time_grid.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <numbers>
+
+namespace tribode {
+
+namespace {
+
+using std::numbers::pi;
+
+constexpr std::size_t least_samples = 64;
+
+double range_of(const std::vector<double>& values) {
+    const auto [low, high] = std::minmax_element(values.begin(), values.end());
+    return *high - *low;
+}
+
+double rms(const std::vector<double>& values) {
+    double sum = 0;
+    for (const double value : values) sum += value * value;
+    return std::sqrt(sum / static_cast<double>(values.size()));
+}
+
+// Friction model of a machine over a measured position, sample by sample: its elements, viscous friction and dry friction. The
+// latter has no force of its own at rest: it is built up over two steps of the encoder, as by a very stiff element.
+std::vector<double> modeled_friction(const MachineModel& machine, const std::vector<double>& position) {
+    SampledFriction elements(machine.elements, machine.viscous, machine.sample_time);
+    const double reach = std::max(2 * machine.encoder_resolution, 1e-7);
+    std::vector<double> force;
+    double z = 0, previous = position.front();
+    for (const double y : position) {
+        double f = elements.step(y);
+        if (machine.dry.present()) {
+            z = std::clamp(z + y - previous, -reach, reach);
+            f += machine.dry.level((y - previous) / machine.sample_time) * z / reach;
+            previous = y;
+        }
+        force.push_back(f);
+    }
+    return force;
+}
+
+bool has_friction(const MachineModel& machine) {
+    return !machine.elements.empty() || machine.viscous > 0 || machine.dry.present();
+}
+
+double delay_of(const MachineModel& machine) {
+    const double hold = machine.input == InputKind::hold ? machine.sample_time / 2 : 0;
+    const double lag = machine.current_loop_hz > 0 ? 1 / (2 * pi * machine.current_loop_hz) : 0;
+    return hold + lag + machine.input_delay + machine.output_delay;
+}
+
+// Stretches of equal values at an end of the range, of `least` samples and more, that a smooth curve runs into. A signal made
+// for the record may stand there as designed: after a step, or in a straight line.
+void refuse_clipped(const std::vector<double>& x, double step, const std::string& name, const std::string& where) {
+    const auto [low, high] = std::minmax_element(x.begin(), x.end());
+    const double bottom = *low, top = *high;
+    std::size_t stands = 0, samples = 0;
+    for (std::size_t first = 0, k = 1; k <= x.size(); ++k) {
+        if (k < x.size() && x[k] == x[first]) continue;
+        const std::size_t count = k - first;
+        if (count >= 4 && first >= 3 && (x[first] == bottom || x[first] == top)) {
+            const double slope = x[first - 1] - x[first - 2];
+            const double bend = slope - (x[first - 2] - x[first - 3]);
+            const double ratio = std::abs(slope / bend);
+            const bool outward = slope * (x[first] == top ? 1 : -1) > 6 * step;
+            if (outward && ratio > 1.5 && ratio < 1e4) {
+                ++stands;
+                samples += count;
+            }
+        }
+        first = k;
+    }
+    if (stands < 3) return;
+    throw InputError(
+        fmt::format("{}: {} stands at its largest values ({} and {}) in {} samples and breaks off on the way "
+                    "there: it seems clipped, a record below the limit is needed",
+                    where, name, to_text(bottom), to_text(top), samples));
+}
+
+// A record with the signals of all analyses.
+struct FraRecord {
+    std::string source;
+    std::vector<double> excitation, thrust, position;
+    std::string excited_by; // the column
+    bool loop_closed = false;
+    bool excitation_is_thrust = false;
+    std::array<std::vector<double>, 3> inputs; // of fra1, fra2, proposed
+
+    MeasuredSignals signals(const MachineModel& machine) const {
+        return {
+            machine.sample_time, excitation, position, {inputs[0], inputs[1], inputs[2]}, machine.encoder_resolution};
+    }
+};
+
+// What u has besides the output of the controller on r and y; empty where the machine has no controller.
+std::vector<double> recovered_excitation(const MachineModel& machine, const std::vector<double>& reference,
+                                         const FraRecord& record) {
+    if (!machine.has_controller()) return {};
+    const MachineController controller(machine);
+    MachineController::State state;
+    std::vector<double> excitation(record.thrust.size());
+    const double rounding = 1e-7 * rms(record.thrust);
+    for (std::size_t k = 0; k < excitation.size(); ++k) {
+        const double rest =
+            record.thrust[k] - controller.step(state, reference.empty() ? 0 : reference[k], record.position[k]);
+        excitation[k] = std::abs(rest) < rounding ? 0 : rest;
+    }
+    return excitation;
+}
+
+void choose_excitation(const MachineModel& machine, const Table& table, FraRecord& record) {
+    const auto column = [&](const char* name) {
+        const Column* found = table.find(name);
+        return found ? found->values : std::vector<double>();
+    };
+    const std::vector<double> reference = column("r"), given = column("exc");
+    record.loop_closed = (machine.closed_loop && machine.has_controller()) || !given.empty();
+    if (record.loop_closed) {
+        if (!given.empty() && range_of(given) > 0) {
+            record.excitation = given;
+            record.excited_by = "exc";
+            return;
+        }
+        const std::vector<double> rest = recovered_excitation(machine, reference, record);
+        const bool from_reference = !reference.empty() && range_of(reference) > 0;
+        if (!rest.empty() && rms(rest) > 1e-3 * rms(record.thrust)) {
+            record.excitation = rest;
+            record.excited_by = "u less the output of the controller";
+            // Where the controller is another one, the rest holds what the loop made of the noise.
+            return;
+        }
+        if (from_reference) {
+            record.excitation = reference;
+            record.excited_by = "r";
+            return;
+        }
+    }
+    record.excitation = record.thrust;
+    record.excited_by = "u";
+    record.excitation_is_thrust = true;
+}
+
+FraRecord prepared(const MachineModel& machine, const Table& table, const MeasuredFraOptions& options, double delay) {
+    FraRecord record;
+    record.source = table.source.empty() ? "record" : table.source;
+    const std::string& where = record.source;
+    for (const char* name : {"t", "u", "y"}) table[name];
+    if (table.rows() < least_samples) {
+        throw InputError(fmt::format("{}: {} samples, must be {} at least", where, table.rows(), least_samples));
+    }
+    const double own = time_grid(table).sample_time;
+    if (std::abs(own / machine.sample_time - 1) > 1e-3) {
+        throw InputError(fmt::format(
+            "{}: the sample time is {:.6g} s and that of the machine {:.6g} s; {}", where, own, machine.sample_time,
+            own > machine.sample_time ? "what lies above half the record's rate is aliased in it, so the record "
+                                        "must have the machine's"
+                                      : "the record must have the machine's"));
+    }
+    require_uniform_time(table, machine.sample_time);
+    const double duration = static_cast<double>(table.rows()) * machine.sample_time;
+    if (delay >= duration) {
+        throw InputError(
+            fmt::format("{}: the delay of {:.6g} s is longer than the record of {:.6g} s", where, delay, duration));
+    }
+    record.thrust = table["u"].values;
+    record.position = table["y"].values;
+    if (range_of(record.thrust) == 0) {
+        throw InputError(where + ": u is constant: a record with an excitation is needed");
+    }
+    if (range_of(record.position) == 0) throw InputError(where + ": y is constant: nothing moves in this record");
+    refuse_clipped(record.position, machine.encoder_resolution, "y", where);
+    const auto* cascade = std::get_if<CascadeSettings>(&machine.controller);
+    if (!cascade || !cascade->limit) refuse_clipped(record.thrust, 0, "u", where);
+    choose_excitation(machine, table, record);
+
+    const std::vector<double> friction = modeled_friction(machine, record.position);
+    auto delay_model = DiscreteTransferFunction::pade_delay(delay, options.delay_order, machine.sample_time);
+    record.inputs[0] = record.thrust;
+    for (std::size_t k = 0; k < record.thrust.size(); ++k) {
+        record.inputs[1].push_back(record.thrust[k] - friction[k]);
+        record.inputs[2].push_back(delay_model.step(record.thrust[k]) - friction[k]);
+    }
+    return record;
+}
+
+constexpr std::size_t improved_input = 3; // of an observation, behind the three of a record
+
+void add_improved(const MachineModel& machine, std::vector<Observation>& observations) {
+    const FrictionModel model = FrictionModel::of(machine);
+    for (auto& o : observations) {
+        if (!o.missing.empty()) continue;
+        const std::complex<double> thrust =
+            improved_thrust(machine, model, o.frequency_hz, o.input_harmonics[0].front(), o.output_harmonics);
+        // The response is Y over this; noise and transient are about those of the proposed analysis.
+        const std::complex<double> late = std::polar(1.0, -2 * pi * o.frequency_hz * machine.output_delay);
+        o.inputs.push_back(thrust * late * (o.inputs[2] / o.input_harmonics[2].front()));
+        o.input_harmonics.push_back({});
+        for (auto* list : {&o.variance, &o.coherence, &o.transient, &o.bias}) list->push_back((*list)[2]);
+    }
+}
+
+std::string range_text(double low, double high) { return fmt::format("{:.6g} to {:.6g} Hz", low, high); }
+
+std::string describe(const FraRecord& record, const Excitation& excitation, const std::vector<Observation>& found,
+                     double sample_time) {
+    std::string text =
+        fmt::format("{}: {} samples, excitation {}, ", record.source, record.thrust.size(), record.excited_by);
+    if (excitation.kind == ExcitationKind::broadband) {
+        return text + "neither single sines nor periodic: windowed cross spectra";
+    }
+    double low = found.front().frequency_hz, high = low;
+    for (const auto& o : found) {
+        low = std::min(low, o.frequency_hz);
+        high = std::max(high, o.frequency_hz);
+    }
+    if (excitation.kind == ExcitationKind::stepped_sine) {
+        return text + fmt::format("{} single sine{} from {}", found.size(), found.size() > 1 ? "s in turn" : "",
+                                  range_text(low, high));
+    }
+    return text + fmt::format("multisine with {} lines from {}, {} periods of {:.6g} s", found.size(),
+                              range_text(low, high), record.thrust.size() / excitation.period,
+                              static_cast<double>(excitation.period) * sample_time);
+}
+
+void fit_analysis(const MachineModel& machine, const MeasuredFraOptions& options, MeasuredFra& fra,
+                  MeasuredAnalysis& analysis) {
+    WeightedFitOptions fit;
+    fit.modes = options.modes.value_or(static_cast<int>(machine.modes.size()));
+    const double low = 0.01 / machine.sample_time, high = 0.1 / machine.sample_time;
+    const auto usual = std::ranges::count_if(analysis.points, [&](const MeasuredPoint& p) {
+        return p.missing.empty() && p.frequency_hz >= low && p.frequency_hz <= high;
+    });
+    const bool enough = usual >= 4 + 4 * fit.modes;
+    fit.f_min_hz = options.fit_min_hz.value_or(enough ? low : 0);
+    fit.f_max_hz = options.fit_max_hz.value_or(enough ? high : 0.5 / machine.sample_time);
+    try {
+        if (analysis.method != "proposed" && analysis.method != "improved") {
+            const FrequencyResponse response = response_of(analysis.points);
+            if (response.size() == 0) throw InputError("no frequency has a value");
+            const double top = std::min(response.frequency_hz.back(), fit.f_max_hz);
+            const double at =
+                std::clamp(std::min(120.0, top), response.frequency_hz.front(), response.frequency_hz.back());
+            fit.delay = phase_delay(response, at, 5, fra.delay);
+        }
+        analysis.fit = fit_weighted(analysis.points, fit);
+        if (!analysis.fit->message.empty()) {
+            fra.notes.push_back(title_of_method(analysis.method) + ", fit: " + analysis.fit->message + ".");
+        }
+    } catch (const InputError& problem) {
+        fra.notes.push_back(
+            fmt::format("{}: no model is fitted: {}.", title_of_method(analysis.method), problem.what()));
+    }
+}
+
+void note_what_is_missing(const MachineModel& machine, const MeasuredFraOptions& options, MeasuredFra& fra) {
+    const auto asked = [&](const char* method) {
+        return std::ranges::find(options.methods, method) != options.methods.end();
+    };
+    if (!has_friction(machine) && (asked("fra2") || asked("proposed") || asked("improved"))) {
+        fra.notes.push_back(
+            "The machine file has no friction: FRA-2 is FRA-1, and Proposed and Improved take out the delay "
+            "alone.");
+    }
+    if (!options.delay && delay_of(machine) <= machine.sample_time / 2 && asked("proposed")) {
+        fra.notes.push_back("The machine file has no delays: the delay model of Proposed is the hold alone.");
+    }
+    if (machine.dry.present() && asked("improved")) {
+        fra.notes.push_back("Improved leaves out the dry friction of the machine file.");
+    }
+    if (!machine.effects.empty()) {
+        fra.notes.push_back("The effects in the machine file are no part of the friction model.");
+    }
+}
+
+} // namespace
+
+std::string title_of_method(const std::string& method) {
+    static const std::vector<std::string> titles = {"FRA-1", "FRA-2", "Proposed", "Improved", "BLA"};
+    const auto place = std::ranges::find(fra_methods, method) - fra_methods.begin();
+    return titles.at(static_cast<std::size_t>(place));
+}
+
+void MeasuredFraOptions::check() const {
+    for (const auto& method : methods) {
+        if (std::ranges::find(fra_methods, method) != fra_methods.end()) continue;
+        throw InputError(fmt::format("methods: \"{}\" is not known{}", method, suggestion(method, fra_methods)));
+    }
+    if (methods.empty()) throw InputError("methods: none is given");
+    if (modes && *modes < 0) throw InputError(fmt::format("{} modes, must not be negative", *modes));
+}
+
+const std::vector<std::string>& fra_columns() {
+    static const std::vector<std::string> names = {"t", "r", "exc", "u", "y"};
+    return names;
+}
+
+const MeasuredAnalysis* MeasuredFra::find(const std::string& method) const {
+    const auto found = std::ranges::find(analyses, method, &MeasuredAnalysis::method);
+    return found == analyses.end() ? nullptr : &*found;
+}
+
+MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& tables,
+                        const MeasuredFraOptions& options) {
+    options.check();
+    if (tables.empty()) throw InputError("a frequency response needs at least one record");
+    MeasuredFra fra;
+    fra.delay = options.delay.value_or(delay_of(machine));
+    note_what_is_missing(machine, options, fra);
+
+    std::vector<FraRecord> records;
+    std::vector<Observation> observations;
+    std::size_t broadband = 0;
+    bool only_sines = true;
+    for (const auto& table : tables) {
+        records.push_back(prepared(machine, table, options, fra.delay));
+        FraRecord& record = records.back();
+        const Excitation excitation = recognize_excitation(record.excitation, machine.sample_time, record.source);
+        std::vector<Observation> found;
+        if (excitation.kind == ExcitationKind::stepped_sine) {
+            found = sine_observations(record.signals(machine), excitation.segments, options.sine);
+        } else if (excitation.kind == ExcitationKind::multisine) {
+            found = multisine_observations(record.signals(machine), excitation.period, record.source);
+            only_sines = false;
+        } else {
+            ++broadband;
+            only_sines = false;
+            if (record.loop_closed) {
+                fra.notes.push_back(
+                    record.excitation_is_thrust
+                        ? record.source +
+                              ": the loop is closed and the record has neither r nor exc, so noise that goes "
+                              "round the loop biases the cross spectra."
+                        : fmt::format("{}: the loop is closed; the response is that of the joint input-output method, "
+                                      "with {} as reference.",
+                                      record.source, record.excited_by));
+            }
+        }
+        fra.records.push_back(describe(record, excitation, found, machine.sample_time));
+        observations.insert(observations.end(), found.begin(), found.end());
+    }
+    if (broadband > 0 && broadband < records.size()) {
+        throw InputError(
+            fmt::format("{} of {} records are neither single sines nor periodic; they cannot be combined with "
+                        "the others, analyze them apart",
+                        broadband, records.size()));
+    }
+
+    std::vector<std::vector<MeasuredPoint>> responses;
+    if (broadband > 0) {
+        std::vector<MeasuredSignals> signals;
+        for (const auto& record : records) signals.push_back(record.signals(machine));
+        responses = cross_spectra(signals);
+    } else {
+        if (std::ranges::all_of(observations, [](const auto& o) { return !o.missing.empty(); })) {
+            throw InputError(fmt::format("{}: no frequency can be analyzed; at {} Hz: {}", records.front().source,
+                                         to_text(observations.front().frequency_hz), observations.front().missing));
+        }
+        if (only_sines) add_improved(machine, observations);
+        responses = merged(observations, options.sine);
+    }
+
+    for (const auto& method : fra_methods) {
+        if (std::ranges::find(options.methods, method) == options.methods.end()) continue;
+        if (method == "improved" && (broadband > 0 || !only_sines)) {
+            fra.notes.push_back("Improved is left out: it needs single sines.");
+            continue;
+        }
+        if (method == "bla" && only_sines) {
+            fra.notes.push_back(
+                "BLA is left out: single sines give the response at their own amplitude, the best linear "
+                "approximation needs multisines or a broadband excitation.");
+            continue;
+        }
+        MeasuredAnalysis analysis;
+        analysis.method = method;
+        const std::size_t input = method == "fra2"       ? 1
+                                  : method == "proposed" ? 2
+                                  : method == "improved" ? improved_input
+                                                         : 0;
+        analysis.points = responses.at(input);
+        const auto with_value =
+            std::ranges::count_if(analysis.points, [](const auto& point) { return point.missing.empty(); });
+        if (with_value == 0) {
+            throw InputError(fmt::format("{}: {} has no value at any frequency: {}", records.front().source,
+                                         title_of_method(method), analysis.points.front().missing));
+        }
+        fit_analysis(machine, options, fra, analysis);
+        fra.analyses.push_back(std::move(analysis));
+    }
+    if (fra.analyses.empty())
+        throw InputError("none of the methods can be used with these records: " + fra.notes.back());
+
+    std::vector<std::string> missing, unsettled;
+    for (const auto& point : fra.analyses.front().points) {
+        if (!point.missing.empty()) {
+            missing.push_back(fmt::format("{:.6g} Hz ({})", point.frequency_hz, point.missing));
+        } else if (!point.settled) {
+            unsettled.push_back(fmt::format("{:.6g} Hz", point.frequency_hz));
+        }
+    }
+    const auto shortened = [](std::vector<std::string>& list) {
+        const std::size_t count = list.size();
+        constexpr std::size_t most = 8;
+        if (count > most) list.resize(most);
+        return fmt::format("{}{}", fmt::join(list, ", "),
+                           count > most ? fmt::format(" and {} more", count - most) : "");
+    };
+    if (!missing.empty()) fra.notes.push_back("Without a value: " + shortened(missing) + ".");
+    if (!unsettled.empty()) {
+        fra.notes.push_back("A transient is left that the bounds do not contain: " + shortened(unsettled) + ".");
+    }
+    return fra;
+}
+
+} // namespace tribode

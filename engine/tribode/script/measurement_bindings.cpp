@@ -1,0 +1,174 @@
+#include "tribode/analysis/multisine.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/field_reader.hpp"
+#include "tribode/experiment/measured_fra.hpp"
+#include "tribode/record/record_file.hpp"
+#include "tribode/script/conversions.hpp"
+#include "tribode/script/lua_function.hpp"
+
+#include <fmt/format.h>
+
+namespace tribode {
+
+namespace {
+
+// As other functions take a response, with the uncertainty beside it; points without a value are left out.
+Json to_json(const std::vector<MeasuredPoint>& points) {
+    const FrequencyResponse response = response_of(points);
+    Json json{{"frequency_hz", response.frequency_hz},
+              {"gain_db", response.gain_db()},
+              {"phase_deg", response.size() > 0 ? response.phase_deg() : std::vector<double>()},
+              {"missing", Json::array()}};
+    const auto list = [&](const char* name, auto value) {
+        std::vector<double> values;
+        for (const auto& point : points) {
+            if (point.missing.empty()) values.push_back(value(point));
+        }
+        json[name] = values;
+    };
+    list("real", [](const MeasuredPoint& p) { return p.value.real(); });
+    list("imag", [](const MeasuredPoint& p) { return p.value.imag(); });
+    list("std_gain_db", [](const MeasuredPoint& p) { return p.standard_gain_db(); });
+    list("std_phase_deg", [](const MeasuredPoint& p) { return p.standard_phase_deg(); });
+    list("coherence", [](const MeasuredPoint& p) { return p.coherence; });
+    list("odd_distortion_db", [](const MeasuredPoint& p) { return 20 * std::log10(p.odd_distortion); });
+    list("even_distortion_db", [](const MeasuredPoint& p) { return 20 * std::log10(p.even_distortion); });
+    list("settled", [](const MeasuredPoint& p) { return p.settled ? 1.0 : 0.0; });
+    for (const auto& point : points) {
+        if (!point.missing.empty()) {
+            json["missing"].push_back({{"frequency_hz", point.frequency_hz}, {"reason", point.missing}});
+        }
+    }
+    return json;
+}
+
+// Names of files, and tables with the lists u, y and, where the loop was closed, r or exc.
+std::vector<Table> records_of(const ScriptContext& script, FieldReader& fields, const MachineModel& machine) {
+    const RecordOptions options = RecordOptions::read(fields);
+    const Json& list = fields.value("records");
+    if (!list.is_array() || list.empty()) {
+        fields.fail("records", "must be a list of files or of tables with the lists u, y and r or exc");
+    }
+    std::vector<Table> records;
+    for (const auto& entry : list) {
+        if (entry.is_string()) {
+            const auto path = script.run.find_file(entry.get<std::string>());
+            script.access().check_read(path);
+            records.push_back(read_record(path, options, fra_columns()).table);
+            script.run.note_read(path);
+            continue;
+        }
+        FieldReader one(entry, fmt::format("{}[{}]", fields.name_of("records"), records.size() + 1));
+        Table table;
+        table.source = fmt::format("records[{}]", records.size() + 1);
+        for (const auto& name : fra_columns()) {
+            const auto values = one.numbers(name, "", Allowed::finite, {});
+            if (!values.empty()) table.add(name, "", values);
+        }
+        for (const char* other : {"x", "v", "f", "ok", "message", "statistics", "events"}) one.value(other);
+        one.finish();
+        if (!table.find("t")) {
+            std::vector<double> t(table.rows());
+            for (std::size_t k = 0; k < t.size(); ++k) t[k] = static_cast<double>(k) * machine.sample_time;
+            table.add("t", "s", std::move(t));
+        }
+        records.push_back(std::move(table));
+    }
+    return records;
+}
+
+Json measure(const ScriptContext& script, const Json& arguments) {
+    ScriptRun& run = script.run;
+    FieldReader fields(arguments, "tb.fra");
+    const MachineModel machine = machine_of(fields);
+    const std::vector<Table> records = records_of(script, fields, machine);
+    MeasuredFraOptions options;
+    options.methods = fields.texts("methods", options.methods);
+    options.delay = fields.optional_number("delay_s", "s", Allowed::non_negative);
+    if (fields.has("modes")) options.modes = static_cast<int>(fields.integer("modes", 0, 20, 0));
+    options.fit_min_hz = fields.optional_number("fit_min_hz", "Hz", Allowed::non_negative);
+    options.fit_max_hz = fields.optional_number("fit_max_hz", "Hz", Allowed::positive);
+    options.sine.periods = fields.integer("periods", 0, 1'000'000'000, 0);
+    options.sine.remove_transients = !fields.boolean("keep_transients", false);
+    const std::string report = fields.text("report", "");
+    fields.finish();
+    const MeasuredFra fra = measure_fra(machine, records, options);
+    if (!report.empty()) {
+        RunFolder folder(run.folder().path(report));
+        write_measured_fra(fra, folder, run.control());
+        for (const auto& [name, hash] : folder.files()) run.folder().add(report + "/" + name);
+    }
+    run.note_work({{"function", "fra"}, {"machine", machine.hash()}, {"records", fra.records}});
+    Json json{{"records", fra.records}, {"notes", fra.notes}, {"delay_s", fra.delay}, {"text", fra.text()}};
+    for (const auto& analysis : fra.analyses) {
+        json["responses"][analysis.method] = to_json(analysis.points);
+        if (analysis.fit) json["fits"][analysis.method] = to_json(*analysis.fit);
+    }
+    return json;
+}
+
+Json response_between(const Json& arguments) {
+    FieldReader fields(arguments, "tb.frf");
+    const auto input = fields.numbers("input", "", Allowed::finite, {});
+    const auto output = fields.numbers("output", "", Allowed::finite, {});
+    const auto excitation = fields.numbers("excitation", "", Allowed::finite, input);
+    const double sample_time = fields.number("sample_time_s", "s", Allowed::positive);
+    const long window = fields.integer("window_samples", 0, 1L << 24, 0);
+    fields.finish();
+    if (input.size() != output.size() || input.size() != excitation.size()) {
+        throw InputError(
+            fmt::format("tb.frf: {} samples of input, {} of output, {} of excitation, must be as many of each",
+                        input.size(), output.size(), excitation.size()));
+    }
+    const MeasuredSignals signals{sample_time, excitation, output, {input}, 0};
+    return to_json(cross_spectra({signals}, static_cast<std::size_t>(window)).front());
+}
+
+Json multisine(const Json& arguments) {
+    FieldReader fields(arguments, "tb.multisine");
+    MultisineOptions o;
+    o.sample_time = fields.number("sample_time_s", "s", Allowed::positive, o.sample_time);
+    o.period = fields.number("period_s", "s", Allowed::positive, o.period);
+    o.periods = fields.integer("periods", 1, 100'000, o.periods);
+    o.f_min_hz = fields.number("f_min_hz", "Hz", Allowed::positive, o.f_min_hz);
+    o.f_max_hz = fields.number("f_max_hz", "Hz", Allowed::positive, o.f_max_hz);
+    o.amplitude = fields.number("amplitude_N", "N", Allowed::positive, o.amplitude);
+    o.odd = fields.boolean("odd", o.odd);
+    o.detection = fields.integer("detection", 0, 1000, o.detection);
+    o.seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, 0));
+    fields.finish();
+    const Multisine made = make_multisine(o);
+    return {{"values", made.values},
+            {"period_samples", made.period},
+            {"frequency_hz", made.frequency_hz},
+            {"crest_factor", made.crest_factor}};
+}
+
+} // namespace
+
+const std::vector<LuaFunction>& measurement_functions() {
+    static const std::vector<LuaFunction> functions = {
+        {"fra", measure, "`tb.fra{ machine =, records = {…}, … }`",
+         "frequency responses of measured records with their uncertainty, as `tribode fra` ([how](measured-"
+         "frequency-response.md)). `records`: files, or tables with the lists `u`, `y` and `exc` or `r`. "
+         "Options: `columns`, `scale`, `methods` (default `{ \"fra1\", \"fra2\", \"proposed\" }`), `delay_s`, "
+         "`modes`, `fit_min_hz`, `fit_max_hz`, `periods`, `keep_transients`, `report` (a folder for the files "
+         "of the command). Returns `responses` by method (`frequency_hz, real, imag, gain_db, phase_deg, "
+         "std_gain_db, std_phase_deg, coherence, odd_distortion_db, even_distortion_db, settled`, and "
+         "`missing`), `fits` by method, `records`, `notes`, `delay_s`, `text`"},
+        {"frf", response_between,
+         "`tb.frf{ input = {…}, output = {…}, sample_time_s =, excitation = input, window_samples = 0 }`",
+         "the response between any two signals by averaged cross spectra; in a closed loop with the "
+         "`excitation` as reference. A response as in `tb.fra`. `window_samples` = 0: an eighth of the "
+         "signals, at most 8192"},
+        {"multisine", multisine,
+         "`tb.multisine{ sample_time_s = 5e-4, period_s = 4, periods = 4, f_min_hz = 10, f_max_hz = 200, "
+         "amplitude_N = 15, odd = true, detection = 4, seed = 0 }`",
+         "a random-phase multisine: `values`, `period_samples`, `frequency_hz` of its lines, `crest_factor`. "
+         "`amplitude_N` is its largest value; of every `detection` lines one is left out at random to detect "
+         "distortion (0: none); another `seed` gives another realization"},
+    };
+    return functions;
+}
+
+} // namespace tribode
