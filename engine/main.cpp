@@ -86,12 +86,14 @@ int run_program(int argc, char** argv) {
         std::unique_ptr<Command> command;
         CLI::App* app = nullptr;
     };
-    Entry commands[] = {{"simulate", "one machine under a recorded input", simulate_command()},
-                        {"compare", "one machine and one input through every method", compare_command()},
-                        {"diagnose", "the effect that a machine lacks, from measured records", diagnose_command()},
-                        {"fra", "frequency responses with their uncertainty, from measured records", fra_command()},
-                        {"run", "an experiment script in Lua", run_command()},
-                        {"batch", "many independent points, that survive what may happen", batch_command()}};
+    Entry commands[] = {
+        {"simulate", "one machine under a recorded input", simulate_command()},
+        {"compare", "one machine and one input through every method", compare_command()},
+        {"diagnose", "the effect that a machine lacks, from measured records", diagnose_command()},
+        {"fra", "frequency responses with their uncertainty, from measured records", fra_command()},
+        {"run", "an experiment script in Lua", run_command()},
+        {"batch", "many independent points, that survive what may happen", batch_command()},
+        {"export-fmu", "a model as a functional mock-up unit, for other programs", export_fmu_command()}};
     for (auto& entry : commands) {
         entry.app = app.add_subcommand(entry.name, entry.what);
         entry.command->add_to(*entry.app, common);

@@ -44,6 +44,7 @@ std::unique_ptr<Command> diagnose_command();
 std::unique_ptr<Command> fra_command();
 std::unique_ptr<Command> run_command();
 std::unique_ptr<Command> batch_command();
+std::unique_ptr<Command> export_fmu_command();
 
 // ---- what several commands need ----------------------------------------------------------------------------------
 

@@ -1,6 +1,7 @@
 #pragma once
 #include <string>
 #include <string_view>
+#include <vector>
 
 namespace tribode {
 
@@ -20,5 +21,14 @@ std::string inflate_zlib(std::string_view bytes, std::size_t most, const std::st
 
 // The bytes of a gzip file without name and date: the same text gives the same bytes.
 std::string gzip(std::string_view bytes);
+
+// A file in an archive.
+struct ZipEntry {
+    std::string name; // with its folders, divided by "/"
+    std::string bytes;
+};
+
+// The bytes of a ZIP archive: without dates, so the same files give the same bytes. Files and the whole stay below 4 GiB.
+std::string zip_archive(const std::vector<ZipEntry>& entries);
 
 } // namespace tribode

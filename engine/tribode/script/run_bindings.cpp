@@ -1,4 +1,5 @@
 #include "tribode/base/error.hpp"
+#include "tribode/base/field_reader.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/script/lua_function.hpp"
 
@@ -33,14 +34,15 @@ Json spaced(const Json& arguments, const char* what, bool logarithmic) {
     return list;
 }
 
-Json run_script(const ScriptContext& script, const Json& arguments) {
+Json run_script(const ScriptContext& context, const Json& arguments) {
     FieldReader fields(arguments, "tb.run");
     const std::string script = fields.text("script"), folder = fields.text("folder");
     const Json& options = fields.value("options");
     std::optional<bool> quick;
     if (fields.has("quick")) quick = fields.boolean("quick", false);
     fields.finish();
-    const NestedRun nested = script.run.run_nested(script, folder, options.is_null() ? Json::object() : options, quick);
+    const NestedRun nested =
+        context.run.run_nested(script, folder, options.is_null() ? Json::object() : options, quick);
     return {{"folder", nested.folder.string()}, {"repeated", nested.repeated}};
 }
 

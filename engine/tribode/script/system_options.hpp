@@ -5,6 +5,7 @@
 #include "tribode/script/vector_names.hpp"
 #include "tribode/system/equations.hpp"
 
+#include <fmt/format.h>
 #include <initializer_list>
 #include <string>
 #include <string_view>

@@ -89,13 +89,18 @@ RunStatistics Simulator::statistics() const {
 
 void Simulator::fail(RunEnd end, std::string message) { outcome_ = RunOutcome{end, state_.t, std::move(message)}; }
 
-RunOutcome Simulator::advance_to(double t_end) {
+RunOutcome Simulator::advance(double t_end, bool with_clocks) {
     if (outcome_.end != RunEnd::reached) return outcome_;
     if (!started_) {
         started_ = true;
         if (!output_grid_.empty()) emit_outputs(state_.t);
         try_instant(true);
+    } else if (clocks_left_) {
+        clocks_left_ = false;
+        try_instant(false);
     }
+    // An instant of a clock that rounding has put just before the end is the end.
+    if (!with_clocks && same_instant(next_instant_, t_end)) t_end = next_instant_;
     long steps_to_look = 0;
     while (outcome_.end == RunEnd::reached && state_.t < t_end) {
         if (control_.stop_requested()) {
@@ -142,7 +147,8 @@ RunOutcome Simulator::advance_to(double t_end) {
         }
         if (next_output_ < output_grid_.size()) emit_outputs(state_.t);
         if (progress != Integrator::Progress::stepped) {
-            try_instant(progress == Integrator::Progress::crossing);
+            clocks_left_ = !with_clocks && state_.t == t_end;
+            try_instant(progress == Integrator::Progress::crossing, !clocks_left_);
         }
     }
     if (outcome_.end == RunEnd::reached && check_divergence()) outcome_.t = state_.t;
@@ -163,19 +169,32 @@ bool Simulator::check_divergence() {
     return true;
 }
 
-void Simulator::try_instant(bool guards_fell) {
+void Simulator::change(const std::function<EventEffect(SystemState& state)>& body) {
     try {
-        handle_instant(guards_fell);
+        const EventEffect effect = body(state_);
+        restart_needed_ = restart_needed_ || effect > EventEffect::guards;
+        guards_changed_ = guards_changed_ || effect == EventEffect::guards;
+        if (effect == EventEffect::restart) settle_guards({});
+    } catch (const NoSolution& problem) {
+        fail(RunEnd::no_solution, problem.what());
+    }
+    if (outcome_.ok() && system_.ends_run(state_)) fail(RunEnd::stopped, "");
+}
+
+void Simulator::try_instant(bool guards_fell, bool with_clocks) {
+    try {
+        handle_instant(guards_fell, with_clocks);
     } catch (const NoSolution& problem) {
         fail(RunEnd::no_solution, problem.what());
     }
 }
 
 // Steps 1 to 4 of the class comment.
-void Simulator::handle_instant(bool guards_fell) {
+void Simulator::handle_instant(bool guards_fell, bool with_clocks) {
     const Stopwatch watch(statistics_.seconds_events, instants_timed_);
     if (observer_) observer_->before_instant(state_);
-    collect_due_clocks();
+    due_.clear();
+    if (with_clocks) collect_due_clocks();
     if (observer_ && !due_.empty()) observer_->left_limit(state_);
 
     const bool ok = !guards_fell || settle_guards(integrator_->crossed());

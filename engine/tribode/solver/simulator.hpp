@@ -3,6 +3,7 @@
 #include "tribode/hybrid/observer.hpp"
 #include "tribode/solver/integrator.hpp"
 
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -38,7 +39,13 @@ class Simulator {
     // Integrates to t_end [s] and handles everything due up to and including it. Stopping there and going on leaves
     // the numbers as they would have been where t_end is a sample instant.
     // Once it has failed, the run stays where it is and every further call returns the same outcome.
-    RunOutcome advance_to(double t_end);
+    RunOutcome advance_to(double t_end) { return advance(t_end, true); }
+
+    // The same without the clocks that are due at t_end, or within rounding of it: these fire first in the next call. So who
+    // goes from instant to instant may say at each, by change(), what they are to see.
+    RunOutcome advance_before(double t_end) { return advance(t_end, false); }
+    // Between two calls, from outside. `body` changes the state and says what that did, as handlers of the system do.
+    void change(const std::function<EventEffect(SystemState& state)>& body);
 
     void observe(Observer* observer) { observer_ = observer; } // not owned; null: nobody
     // Instants [s], ascending, at which the observer's output() is called.
@@ -68,8 +75,9 @@ class Simulator {
         long k;
     };
 
-    void try_instant(bool guards_fell);
-    void handle_instant(bool guards_fell);
+    RunOutcome advance(double t_end, bool with_clocks);
+    void try_instant(bool guards_fell, bool with_clocks = true);
+    void handle_instant(bool guards_fell, bool with_clocks);
     bool settle_guards(std::span<const GuardId> crossed);
     bool handle_guards(std::span<const GuardId> guards);
     bool went_anywhere(GuardId guard);
@@ -95,7 +103,7 @@ class Simulator {
     std::size_t next_output_ = 0;
     SystemState output_state_;
     unsigned steps_timed_ = 0, instants_timed_ = 0; // of which every 64th is
-    bool started_ = false;
+    bool started_ = false, clocks_left_ = false;
     bool restart_needed_ = true, guards_changed_ = false;
     const double fixed_step_; // [s]; 0: none
     const long max_steps_;

@@ -1257,6 +1257,10 @@ std::span<const double> EquationSystem::discrete(const SystemState& state) const
     return std::span(memory(*state.discrete).values).first(equations_.discrete.size());
 }
 
+std::span<double> EquationSystem::discrete_values(SystemState& state) const {
+    return std::span(static_cast<Memory&>(*state.discrete).values).first(equations_.discrete.size());
+}
+
 std::vector<std::pair<const char*, std::vector<double>*>> EquationSystem::lists_of(Memory& memory) {
     return {{"values", &memory.values}, {"conditions", &memory.conditions}, {"slack", &memory.slack}};
 }

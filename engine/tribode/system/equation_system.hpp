@@ -104,6 +104,8 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
 
     // The discrete variables, in the order of the equations.
     std::span<const double> discrete(const SystemState& state) const;
+    // The same to write to, for what comes from outside; nothing is done about events.
+    std::span<double> discrete_values(SystemState& state) const;
 
     // All that a run is at an instant, as lists of numbers by name, and back: a run that begins with it goes on as if it had
     // not stopped. Throws InputError where a list is missing or has another length, or a state is not finite.

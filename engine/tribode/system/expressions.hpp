@@ -80,6 +80,9 @@ class Expressions {
     // The value of a table; y is ignored where it has one variable. The sides on which x and y are become relations, whose
     // events keep kinks from lying within a step.
     Term look_up(const std::shared_ptr<const LookupTable>& table, Term x, Term y);
+    Term look_up(const std::shared_ptr<const LookupTable>& table, Term x, Term y, Term side) {
+        return look_up(number_of(table), x, y, side);
+    }
     const std::shared_ptr<const LookupTable>& table_of(Term lookup) const { return tables_[table_number(lookup)]; }
 
     const Node& operator[](Term term) const { return nodes_[term]; }

@@ -10,6 +10,7 @@
 #include <limits>
 #include <numeric>
 #include <span>
+#include <sstream>
 
 namespace tribode {
 
@@ -141,7 +142,8 @@ std::vector<Cubic> pieces_through(const std::vector<double>& x, const std::vecto
 } // namespace
 
 LookupTable::LookupTable(const Points& points)
-    : name_(points.name),
+    : points_(std::make_shared<Points>(points)),
+      name_(points.name),
       units_{points.x_unit, points.y_unit, points.unit},
       two_(!points.y.empty()) {
     check_axis(name_, "x", points.x);
@@ -265,6 +267,7 @@ std::shared_ptr<const LookupTable> LookupTable::slope(int variable) const {
     const auto a = static_cast<std::size_t>(variable);
     const std::size_t x_order = axes_[0].order, y_order = axes_[1].order;
     if (axes_[a].order == 1) return nullptr;
+    made->derivation_ = fmt::format("{}slope {} ", derivation_, variable);
     made->name_ = name_ + "'";
     made->units_[2].clear();
     --made->axes_[a].order;
@@ -286,6 +289,8 @@ std::shared_ptr<const LookupTable> LookupTable::border_of(std::size_t variable) 
     const auto& axis = axes_[variable];
     if (axis.kinks.empty()) return nullptr;
     std::shared_ptr<LookupTable> made(new LookupTable);
+    made->points_ = points_;
+    made->derivation_ = fmt::format("{}border {} ", derivation_, variable);
     made->name_ = "breakpoints of " + name_;
     made->one_polynomial_ = true;
     made->units_[0] = units_[variable];
@@ -322,6 +327,17 @@ std::size_t LookupTable::hash() const {
     }
     for (const double c : coefficients_) add(std::isnan(c) ? 0 : c);
     return hash;
+}
+
+std::shared_ptr<const LookupTable> LookupTable::derived(std::shared_ptr<const LookupTable> from,
+                                                        const std::string& derivation) {
+    std::istringstream words(derivation);
+    int variable = 0;
+    for (std::string step; from && words >> step >> variable;) {
+        if (variable < 0 || variable >= from->variables()) return nullptr;
+        from = step == "slope" ? from->slope(variable) : from->border(variable);
+    }
+    return from;
 }
 
 // ---- ranges ------------------------------------------------------------------------------------------------------

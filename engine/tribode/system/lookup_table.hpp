@@ -76,6 +76,12 @@ class LookupTable {
     // Equal tables give equal numbers.
     std::size_t hash() const;
 
+    // The points it was made of, and how it came from the table through them: "slope 0 border 1". So it can be written down.
+    const Points& points() const { return *points_; }
+    const std::string& derivation() const { return derivation_; }
+    // The table of such a derivation; null where there is none.
+    static std::shared_ptr<const LookupTable> derived(std::shared_ptr<const LookupTable> from, const std::string& derivation);
+
   private:
     // Piece 0 lies before the first abscissa, piece i behind abscissa i - 1. A piece is a polynomial in the distance from
     // the abscissa before it, or from the first one.
@@ -102,6 +108,8 @@ class LookupTable {
         return coefficients_.data() + (i * (axes_[1].knots.size() + 1) + j) * axes_[0].order * axes_[1].order;
     }
 
+    std::shared_ptr<const Points> points_;
+    std::string derivation_;
     std::string name_;
     std::array<std::string, 3> units_;
     bool two_ = false, one_polynomial_ = false;

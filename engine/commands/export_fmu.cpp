@@ -1,0 +1,48 @@
+#include "commands/command.hpp"
+#include "tribode/script/fmu_file.hpp"
+
+#include <fmt/format.h>
+
+namespace tribode {
+
+namespace {
+
+struct ExportFmuCommand final : Command {
+    void add_to(CLI::App& app, Common& common) override {
+        app.add_option("model", request.model,
+                       "machine description, .json or .lua, or a Lua file that returns tb.system{...}")
+            ->required();
+        app.add_option("--fmi", fmi, "version of the standard: 2 or 3 (default 2)")->check(CLI::IsMember({2, 3}));
+        app.add_option(
+               "--kind", kind,
+               "cs: co-simulation, with the solver inside; me: model exchange, for systems without sample clocks "
+               "(default cs)")
+            ->check(CLI::IsMember({"cs", "me"}));
+        app.add_option(
+            "--solver", request.options.solver,
+            fmt::format("of co-simulation: {} (default auto)", fmt::join(SolverOptions::method_names(), ", ")));
+        app.add_option("-o,--out", request.output, "file to write, NAME.fmu")->required();
+        app.add_flag("--quiet", common.quiet, "no message of what was written");
+    }
+
+    int run(const Common& common) override {
+        request.options.version = fmi == 2 ? FmiVersion::fmi2 : FmiVersion::fmi3;
+        request.options.model_exchange = kind == "me";
+        export_fmu(request, common.control());
+        if (!common.quiet) {
+            fmt::print("{}: FMI {}.0, {}\n", request.output.string(), fmi,
+                       kind == "me" ? "model exchange" : "co-simulation");
+        }
+        return done;
+    }
+
+    FmuRequest request;
+    int fmi = 2;
+    std::string kind = "cs";
+};
+
+} // namespace
+
+std::unique_ptr<Command> export_fmu_command() { return std::make_unique<ExportFmuCommand>(); }
+
+} // namespace tribode
