@@ -1,6 +1,8 @@
 #pragma once
 #include "tribode/hybrid/hybrid_system.hpp"
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -19,8 +21,43 @@ struct AffineForm {
     std::vector<double> c; // guards x functions w
 };
 
-// Equal keys: equal A, B, C and G. Numbers are in it as their bits.
-using AffineKey = std::vector<std::uint64_t>;
+// Equal keys: equal A, B, C and G. Integers, of any number; values are in it as their bits. The first few need no memory of
+// their own: a solver compares keys at each restart.
+class AffineKey {
+  public:
+    void clear() {
+        size_ = 0;
+        more_.clear();
+    }
+    void push_back(std::uint64_t part) {
+        if (size_ < few) {
+            first_[size_] = part;
+        } else {
+            more_.push_back(part);
+        }
+        ++size_;
+    }
+    friend bool operator==(const AffineKey& a, const AffineKey& b) {
+        if (a.size_ != b.size_) return false;
+        for (std::size_t i = 0; i < few && i < a.size_; ++i) {
+            if (a.first_[i] != b.first_[i]) return false;
+        }
+        return a.size_ <= few || a.more_ == b.more_;
+    }
+    std::size_t hash() const {
+        std::uint64_t hash = 0;
+        for (std::size_t i = 0; i < few && i < size_; ++i) hash = 31 * hash + first_[i];
+        for (const std::uint64_t part : more_) hash = 31 * hash + part;
+        return hash;
+    }
+
+  private:
+    static constexpr std::size_t few = 4;
+
+    std::size_t size_ = 0;
+    std::array<std::uint64_t, few> first_{};
+    std::vector<std::uint64_t> more_;
+};
 
 // What a system tells of its structure to the solvers that use it (HybridSystem::piecewise_affine). Constant, as the system.
 //

@@ -15,14 +15,6 @@ SeriesIntegrator::SeriesIntegrator(const HybridSystem& system, std::size_t max_r
       guard_terms_((max_terms + 1) * guard_count_),
       max_regular_(max_regular) {}
 
-bool SeriesIntegrator::is_new_pattern(const DiscreteState& d) {
-    next_key_.clear();
-    affine_.append_affine_key(d, next_key_);
-    if (next_key_ == key_) return false;
-    key_.swap(next_key_);
-    return true;
-}
-
 // Whether steps of this length recur: those from sample to sample do, those between events do not.
 bool SeriesIntegrator::is_regular(double h) {
     constexpr std::size_t most_recent = 8;
@@ -46,18 +38,6 @@ Integrator::Progress SeriesIntegrator::cross(double s, double h, double whole, d
     state_->t = s == 1 && h == whole ? t_stop : t0_ + std::max(span, 0.0);
     behind_ = std::max(-span, 0.0);
     return Progress::crossing;
-}
-
-Integrator::Progress SeriesIntegrator::stop(double h, double whole, double t_stop, double behind) {
-    if (h == whole) {
-        state_->t = t_stop;
-        behind_ = behind;
-        return Progress::stopped;
-    }
-    const double span = h - lag_;
-    state_->t = t0_ + std::max(span, 0.0);
-    behind_ = std::max(-span, 0.0);
-    return Progress::stepped;
 }
 
 void SeriesIntegrator::find_guard_terms() {

@@ -55,11 +55,7 @@ class SeriesIntegrator : public Integrator {
 
       private:
         struct Hash {
-            std::size_t operator()(const AffineKey& key) const {
-                std::uint64_t hash = 0;
-                for (const std::uint64_t part : key) hash = 31 * hash + part;
-                return hash;
-            }
+            std::size_t operator()(const AffineKey& key) const { return key.hash(); }
         };
         static constexpr std::size_t max_patterns = 2000;
 
@@ -74,7 +70,13 @@ class SeriesIntegrator : public Integrator {
     SeriesIntegrator(const HybridSystem& system, std::size_t max_regular);
 
     // Whether the pattern of the state is another than at the last restart.
-    bool is_new_pattern(const DiscreteState& d);
+    bool is_new_pattern(const DiscreteState& d) {
+        next_key_.clear();
+        affine_.append_affine_key(d, next_key_);
+        const bool is_same = next_key_ == key_;
+        if (!is_same) key_ = next_key_;
+        return !is_same;
+    }
 
     // Sample instants are rounded, so equal lengths differ by that much.
     bool same_length(double a, double b) const {
@@ -104,7 +106,17 @@ class SeriesIntegrator : public Integrator {
     // Where it ends: at the zero crossing s h of a step of `whole`, at the end of a shorter step h, or at t_stop, where the
     // length differs by `behind` from the one that was prepared. x is that of t0 + span; time does not run back by the lag.
     Progress cross(double s, double h, double whole, double t_stop);
-    Progress stop(double h, double whole, double t_stop, double behind);
+    Progress stop(double h, double whole, double t_stop, double behind) {
+        if (h == whole) {
+            state_->t = t_stop;
+            behind_ = behind;
+            return Progress::stopped;
+        }
+        const double span = h - lag_;
+        state_->t = t0_ + std::max(span, 0.0);
+        behind_ = std::max(-span, 0.0);
+        return Progress::stepped;
+    }
 
     // Terms from c_1 on, `next(n)` putting A c_n + b_n in the place of c_{n+1}, until two in a row are below half a unit in
     // the last place; false where they do not come to an end. largest: sizes of the states below which nothing counts; set

@@ -171,9 +171,17 @@ template <std::size_t Fixed>
     }
 }
 
-// Clones stay within this file: compilers differ in how others would call them.
-[[gnu::target_clones("avx512f", "avx2", "default")]] void
-multiply_clones(const double* matrix, std::size_t height, std::size_t columns, const double* x, double* product) {
+} // namespace
+
+// Clang before version 18 gives clones a name by which other files do not find them.
+#ifdef __clang__
+#define TRIBODE_CLONES
+#else
+#define TRIBODE_CLONES [[gnu::target_clones("avx512f", "avx2", "default")]]
+#endif
+
+TRIBODE_CLONES void multiply_columns(const double* matrix, std::size_t height, std::size_t columns, const double* x,
+                                     double* product) {
     if (columns != 8) return multiply<0, 0>(matrix, height, columns, x, 1, product);
     switch (height) {
     case 8: return multiply<8, 8>(matrix, 8, 8, x, 1, product);
@@ -182,61 +190,33 @@ multiply_clones(const double* matrix, std::size_t height, std::size_t columns, c
     }
 }
 
-[[gnu::target_clones("avx512f", "avx2", "default")]] int expand_clones(const double* a, const double* square,
-                                                                       double rate, const double* least,
-                                                                       std::size_t states, std::size_t height, double h,
-                                                                       int max_terms, double* terms, double* limit) {
+TRIBODE_CLONES int expand_columns(const double* a, const double* square, double rate, const double* least,
+                                  std::size_t states, std::size_t height, double h, int max_terms, double* terms,
+                                  double* limit) {
     switch (height) {
     case 8: return expand<8>(a, square, rate, least, states, 8, h, max_terms, terms, limit);
     default: return expand<0>(a, square, rate, least, states, height, h, max_terms, terms, limit);
     }
 }
 
-[[gnu::target_clones("avx512f", "avx2", "default")]] void sum_clones(const double* terms, int order, std::size_t height,
-                                                                     double* end, double* travel) {
+TRIBODE_CLONES void sum_columns(const double* terms, int order, std::size_t height, double* end, double* travel) {
     switch (height) {
     case 8: return sum_up<8>(terms, order, 8, end, travel);
     default: return sum_up<0>(terms, order, height, end, travel);
     }
 }
 
-[[gnu::target_clones("avx512f", "avx2", "default")]] void evaluate_clones(const double* terms, int order,
-                                                                          std::size_t height, double s, double* x) {
+TRIBODE_CLONES void evaluate_columns(const double* terms, int order, std::size_t height, double s, double* x) {
     switch (height) {
     case 8: return evaluate<8>(terms, order, 8, s, x);
     default: return evaluate<0>(terms, order, height, s, x);
     }
 }
 
-[[gnu::target_clones("avx512f", "avx2", "default")]] void add_clones(const double* start, const double* matrix,
-                                                                     std::size_t columns, std::size_t height,
-                                                                     const double* x, double* sum) {
+TRIBODE_CLONES void add_columns(const double* start, const double* matrix, std::size_t columns, std::size_t height,
+                                const double* x, double* sum) {
     if (height == 8) return add_product<8>(start, matrix, columns, 8, x, sum);
     add_product<0>(start, matrix, columns, height, x, sum);
-}
-
-} // namespace
-
-void multiply_columns(const double* matrix, std::size_t height, std::size_t columns, const double* x, double* product) {
-    multiply_clones(matrix, height, columns, x, product);
-}
-
-void add_columns(const double* start, const double* matrix, std::size_t columns, std::size_t height, const double* x,
-                 double* sum) {
-    add_clones(start, matrix, columns, height, x, sum);
-}
-
-int expand_columns(const double* a, const double* square, double decay, const double* least, std::size_t states,
-                   std::size_t height, double h, int max_terms, double* terms, double* limit) {
-    return expand_clones(a, square, decay, least, states, height, h, max_terms, terms, limit);
-}
-
-void sum_columns(const double* terms, int order, std::size_t height, double* end, double* travel) {
-    sum_clones(terms, order, height, end, travel);
-}
-
-void evaluate_columns(const double* terms, int order, std::size_t height, double s, double* x) {
-    evaluate_clones(terms, order, height, s, x);
 }
 
 } // namespace tribode

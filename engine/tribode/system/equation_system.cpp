@@ -9,6 +9,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <numeric>
+#include <utility>
 
 namespace tribode {
 
@@ -1194,11 +1195,12 @@ void EquationSystem::append_affine_key(const DiscreteState& d, AffineKey& key) c
     const Memory& held = memory(d);
     for (const std::size_t place : matrix_values_) key.push_back(std::bit_cast<std::uint64_t>(held.values[place]));
     constexpr std::size_t in_a_word = 32;
+    std::uint64_t word = 0;
     for (std::size_t i = 0; i < matrix_relations_.size(); ++i) {
-        if (i % in_a_word == 0) key.push_back(0);
         const std::size_t relation = matrix_relations_[i];
         const bool holds = held.values[value_place(relation)] != 0;
-        key.back() = 4 * key.back() + (held.active[relation] == 0 ? 0 : holds ? 2 : 1);
+        word = 4 * word + (held.active[relation] == 0 ? 0 : holds ? 2 : 1);
+        if (i % in_a_word == in_a_word - 1 || i + 1 == matrix_relations_.size()) key.push_back(std::exchange(word, 0));
     }
 }
 
