@@ -51,7 +51,7 @@ struct Record {
 
     Record() {
         axis.plant.rigid_gain = 0.1;
-        axis.plant.dry = {.coulomb = 3, .static_level = 3};
+        axis.plant.dry.coulomb = 3;
         axis.input_delay = 5e-4;
         residual.sample_time = 1e-3;
         residual.bandwidth = 200;

@@ -251,7 +251,7 @@ TEST(MachineFields, TheTableInTheDocumentationIsThatOfTheCode) {
     ASSERT_NE(from, std::string::npos);
     ASSERT_NE(to, std::string::npos);
     const auto start = from + begin.size();
-    const std::string table = "\n" + MachineModel::field_table() + "\n";
+    const std::string table = fmt::format("\n{}\n", MachineModel::field_table());
     if (std::getenv("TRIBODE_UPDATE_DOCS")) {
         page.replace(start, to - start, table);
         std::ofstream(path) << page;
