@@ -53,8 +53,9 @@ void add_machine(CLI::App& app, std::string& machine) {
 }
 
 MachineModel read_machine(const std::string& file, const Common& common) {
+    const auto path = ScriptRun::ready_file(file);
     MachineModel model =
-        MachineModel::from_description(read_description(file, {}, nullptr, nullptr, common.control()), file);
+        MachineModel::from_description(read_description(path, {}, nullptr, nullptr, common.control()), file);
     for (const auto& warning : model.warnings(file)) {
         std::fprintf(stderr, "tribode: warning: %s\n", printable(warning).c_str());
     }

@@ -97,12 +97,17 @@ std::string define_of(const Json& value, const std::string& name) {
     return text;
 }
 
+ScriptRequest with_ready_script(ScriptRequest request) {
+    request.script = ScriptRun::ready_file(request.script.string());
+    return request;
+}
+
 } // namespace
 
 ScriptRun::ScriptRun(const ScriptRequest& request, const RunControl& control)
-    : request_(request),
+    : request_(with_ready_script(request)),
       control_(control),
-      folder_(folder_of(request)),
+      folder_(folder_of(request_)),
       files_read_(std::make_shared<std::set<std::filesystem::path>>()),
       lua_(request.limits, access(), control),
       goes_on_(is_unfinished(folder_.folder())) {
@@ -168,7 +173,7 @@ std::filesystem::path ScriptRun::ready_file(const std::string& name) {
     const std::filesystem::path path = name;
     if (path.empty() || std::filesystem::exists(path)) return path;
     const bool ready = *path.begin() == "models" || *path.begin() == "scripts";
-    return ready ? home() / path : path;
+    return ready && std::filesystem::exists(home() / path) ? home() / path : path;
 }
 
 Json ScriptRun::machine(const std::string& file, const Json& argument) {

@@ -74,7 +74,8 @@ class ScriptRun {
     std::filesystem::path find_file(const std::string& name) const;
     // The same without the folder of the run.
     static std::filesystem::path ready_file(const std::string& name);
-    // Where models/ and scripts/ lie: the source tree the program was built from, else where it was installed.
+    // Where models/ and scripts/ lie: beside an installed program, else the source tree it was built from, else where it
+    // was to be installed.
     static std::filesystem::path home();
 
     // Checked reading of a machine description.
