@@ -11,6 +11,7 @@
 #include "tribode/base/text.hpp"
 #include "tribode/diagnosis/diagnosis_files.hpp"
 #include "tribode/experiment/frequency_sweep.hpp"
+#include "tribode/experiment/measured_fra.hpp"
 #include "tribode/experiment/simulation.hpp"
 #include "tribode/experiment/system_run.hpp"
 #include "tribode/machine/machine_model.hpp"
@@ -603,7 +604,77 @@ nb::object run_diagnosis(const MachineModel& machine, const nb::list& data, nb::
     return summary;
 }
 
+// Each analysis as arrays with an entry a frequency.
+nb::dict analysis_of(const MeasuredAnalysis& analysis) {
+    nb::dict columns;
+    const auto add = [&](const char* name, auto value_of) {
+        std::vector<double> values;
+        for (const auto& point : analysis.points) values.push_back(value_of(point));
+        columns[name] = to_array(std::move(values));
+    };
+    columns["response"] = response_of(analysis.points);
+    add("frequency_hz", [](const MeasuredPoint& p) { return p.frequency_hz; });
+    std::vector<std::complex<double>> values;
+    for (const auto& point : analysis.points) values.push_back(point.value);
+    columns["value"] = to_array(std::move(values));
+    add("std_gain_db", [](const MeasuredPoint& p) { return p.standard_gain_db(); });
+    add("std_phase_deg", [](const MeasuredPoint& p) { return p.standard_phase_deg(); });
+    add("coherence", [](const MeasuredPoint& p) { return p.coherence; });
+    add("odd_distortion", [](const MeasuredPoint& p) { return p.odd_distortion; });
+    add("even_distortion", [](const MeasuredPoint& p) { return p.even_distortion; });
+    add("settled", [](const MeasuredPoint& p) { return p.settled ? 1.0 : 0.0; });
+    return columns;
+}
+
+nb::dict run_fra(const MachineModel& machine, const nb::list& data, nb::handle columns, nb::handle scale,
+                 nb::handle options_given, const std::string& folder, nb::handle progress) {
+    constexpr const char* function = "tribode.fra";
+    const RecordOptions names = record_options(columns, scale, function);
+    const Json json = options_of(options_given, function);
+    FieldReader fields(json, function);
+    MeasuredFraOptions options;
+    options.methods = fields.texts("methods", options.methods);
+    options.delay = fields.optional_number("delay_s", "s", Allowed::non_negative);
+    options.delay_order = static_cast<int>(fields.integer("delay_order", 1, 10, options.delay_order));
+    options.sine.harmonics = static_cast<int>(fields.integer("harmonics", 1, 50, options.sine.harmonics));
+    options.sine.periods = fields.integer("periods", 0, 1'000'000, options.sine.periods);
+    if (fields.has("modes")) options.modes = static_cast<int>(fields.integer("modes", 0, 20, 2));
+    options.fit_min_hz = fields.optional_number("fit_min_hz", "Hz", Allowed::positive);
+    options.fit_max_hz = fields.optional_number("fit_max_hz", "Hz", Allowed::positive);
+    fields.finish();
+    options.check();
+    std::vector<GivenRecord> given;
+    for (const nb::handle record : data) given.push_back(given_record(record, fmt::format("data[{}]", given.size())));
+    if (given.empty()) throw InputError(fmt::format("{}: data is empty, must have a measured record", function));
+    EngineCall call(progress, 1);
+    const MeasuredFra fra = call.run([&](const RunControl& control) {
+        std::vector<Table> records;
+        for (auto& record : given) {
+            const std::lock_guard lock(file_mutex());
+            records.push_back(record.file.empty() ? record.table
+                                                  : read_record(record.file, names, fra_columns()).table);
+        }
+        MeasuredFra result = measure_fra(machine, records, options);
+        if (!folder.empty()) {
+            RunFolder files(folder);
+            write_measured_fra(result, files, control);
+        }
+        return result;
+    });
+    nb::dict result, analyses;
+    for (const auto& analysis : fra.analyses)
+        analyses[nb::cast(title_of_method(analysis.method))] = analysis_of(analysis);
+    result["analyses"] = analyses;
+    result["fits"] = to_python(fra.fits());
+    result["records"] = fra.records;
+    result["notes"] = fra.notes;
+    result["delay_s"] = fra.delay;
+    return result;
+}
+
 void add_files(nb::module_& m) {
+    m.def("fra", run_fra, "machine"_a, "data"_a, "columns"_a.none(), "scale"_a.none(), "options"_a, "folder"_a,
+          "progress"_a.none());
     m.def("read_record", read_record_file, "path"_a, "columns"_a.none(), "scale"_a.none());
     m.def("diagnose", run_diagnosis, "machine"_a, "data"_a, "validate"_a.none(), "columns"_a.none(), "scale"_a.none(),
           "options"_a, "folder"_a, "workers"_a, "progress"_a.none());

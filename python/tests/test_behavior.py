@@ -249,3 +249,20 @@ def test_diagnose_of_arrays(table):
     assert found["machine"].effects[0]["name"] == "force_ripple"
     kept = found["validation"][0]
     assert np.std(kept["y_after"] - kept["y_measured"]) < 0.2 * np.std(kept["y_before"] - kept["y_measured"])
+
+
+def test_fra_of_arrays(table):
+    """Stepped sines in closed loop: the response of the friction model-based analysis is near that of the plant."""
+    frequencies = [25.0, 50.0, 100.0]
+    t = np.arange(6000) * table.Ts
+    records = []
+    for f in frequencies:
+        run = tribode.simulate(table, exc=15 * np.sin(2 * np.pi * f * t))
+        records.append({"t": run.t, "u": run.u, "y": run.y, "exc": 15 * np.sin(2 * np.pi * f * t)})
+    found = tribode.fra(table, records, methods=["fra1", "proposed"], delay_s=1.38e-3)
+    assert set(found["analyses"]) == {"FRA-1", "Proposed"} and len(found["records"]) == 3
+    proposed = found["analyses"]["Proposed"]["response"]
+    assert np.allclose(proposed.frequency_hz, frequencies)
+    truth = tribode.plant_response(table, frequencies).value
+    error = {name: np.abs(found["analyses"][name]["response"].value / truth - 1).max() for name in found["analyses"]}
+    assert error["Proposed"] < 0.1 < error["FRA-1"]

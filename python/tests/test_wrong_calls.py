@@ -189,6 +189,10 @@ WRONG = [
     (lambda: tribode.diagnose(machine(), {"u": SINE, "y": "y", "r": SINE}), ValueError, "array of numbers"),
     (lambda: tribode.diagnose(machine(), "no_such.csv"), ValueError, "no_such.csv"),
     (lambda: tribode.diagnose(machine(), "no_such.csv", max_effects=0), ValueError, "max_effects"),
+    (lambda: tribode.fra(machine(), []), ValueError, "empty"),
+    (lambda: tribode.fra(machine(), {"u": SINE}), ValueError, ""),
+    (lambda: tribode.fra(machine(), {"u": SINE, "y": SINE}, methods=["fra9"]), ValueError, "fra9"),
+    (lambda: tribode.fra(machine(), {"u": SINE, "y": SINE}, method="fra1"), ValueError, "methods"),
     (lambda: tribode.read_batch("no_such_folder"), ValueError, ""),
     (lambda: tribode.read_batch(None), ValueError, "path"),
     # Systems

@@ -46,6 +46,7 @@ __all__ = [
     "Table",
     "diagnose",
     "fit_modal",
+    "fra",
     "model_response",
     "models",
     "plant_parameters",
@@ -255,6 +256,53 @@ def read_record(
     return _tribode.read_record(_path(path, "tribode.read_record", "path"), columns, scale)
 
 
+def _record(value, machine, function, key):
+    """A measured record: a path, or arrays by name, with t where there is none."""
+    if isinstance(value, (str, os.PathLike)):
+        return value
+    if not hasattr(value, "keys"):
+        raise InputError(
+            f"{function}: {key} is a {type(value).__name__}, must be a path or a mapping from names to arrays"
+        )
+    columns = {str(name): _signal(value[name], function, f"{key}.{name}") for name in value.keys()}
+    if "t" not in columns and columns:
+        columns["t"] = np.arange(len(next(iter(columns.values())))) * machine.sample_time
+    return columns
+
+
+def _records(data, machine, function):
+    given = data if isinstance(data, (list, tuple)) else [data]
+    return [_record(value, machine, function, f"data[{i}]") for i, value in enumerate(given)]
+
+
+def fra(
+    machine: MachineLike,
+    data: RecordLike | Sequence[RecordLike],
+    *,
+    columns: Mapping[str, str] | None = None,
+    scale: Mapping[str, float] | None = None,
+    folder: FilePath | None = None,
+    progress: Progress = False,
+    **options: Any,
+) -> dict[str, Any]:
+    """Measures frequency responses from records, as `tribode fra` does (docs/measured-frequency-response.md).
+
+    data: the path of a record, a mapping from names to arrays (t, u, y and, in closed loop, r or exc), or a list of
+    them. folder: where report, plots and files go; by default nothing is written. Options: methods (of fra1, fra2,
+    proposed, improved, bla), delay_s, delay_order, harmonics, periods, modes, fit_min_hz, fit_max_hz.
+
+    Returns a dict: analyses, by their names a dict of arrays (frequency_hz, value, std_gain_db, std_phase_deg,
+    coherence, ...) and the FrequencyResponse; fits, the contents of fit.json; records and notes, sentences; delay_s.
+    """
+    name = "tribode.fra"
+    machine = _machine(machine)
+    records = _records(data, machine, name)
+    with _Progress(progress, name) as call:
+        return _tribode.fra(
+            machine, records, columns, scale, options, "" if folder is None else os.fspath(folder), call
+        )
+
+
 def diagnose(
     machine: MachineLike,
     data: RecordLike | Sequence[RecordLike],
@@ -280,21 +328,8 @@ def diagnose(
     name = "tribode.diagnose"
     machine = _machine(machine)
 
-    def record(value, key):
-        if isinstance(value, (str, os.PathLike)):
-            return value
-        if not hasattr(value, "keys"):
-            raise InputError(
-                f"{name}: {key} is a {type(value).__name__}, must be a path or a mapping from names to arrays"
-            )
-        columns_of = {str(column): _signal(value[column], name, f"{key}.{column}") for column in value.keys()}
-        if "t" not in columns_of and columns_of:
-            columns_of["t"] = np.arange(len(next(iter(columns_of.values())))) * machine.sample_time
-        return columns_of
-
-    given = list(data) if isinstance(data, (list, tuple)) else [data]
-    records = [record(value, f"data[{i}]") for i, value in enumerate(given)]
-    kept = None if validate is None else record(validate, "validate")
+    records = _records(data, machine, name)
+    kept = None if validate is None else _record(validate, machine, name, "validate")
     with _Progress(progress, name) as call:
         return _tribode.diagnose(
             machine,
