@@ -126,7 +126,7 @@ void choose_excitation(const MachineModel& machine, const Table& table, FraRecor
         return found ? found->values : std::vector<double>();
     };
     const std::vector<double> reference = column("r"), given = column("exc");
-    record.loop_closed = (machine.closed_loop && machine.has_controller()) || !given.empty();
+    record.loop_closed = machine.in_closed_loop() || !given.empty();
     if (record.loop_closed) {
         if (!given.empty() && range_of(given) > 0) {
             record.excitation = given;
@@ -181,8 +181,8 @@ FraRecord prepared(const MachineModel& machine, const Table& table, const Measur
     }
     if (range_of(record.position) == 0) throw InputError(where + ": y is constant: nothing moves in this record");
     refuse_clipped(record.position, machine.encoder_resolution, "y", where);
-    const auto* cascade = std::get_if<CascadeSettings>(&machine.controller);
-    if (!cascade || !cascade->limit) refuse_clipped(record.thrust, 0, "u", where);
+    const auto* cascade = std::get_if<CascadeController>(&machine.controller);
+    if (!cascade || cascade->limit == CascadeController::no_limit) refuse_clipped(record.thrust, 0, "u", where);
     choose_excitation(machine, table, record);
 
     const std::vector<double> friction = modeled_friction(machine, record.position);

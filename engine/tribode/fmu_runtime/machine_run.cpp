@@ -100,7 +100,7 @@ struct Driven {
     SolverOptions options;
 
     void make(const MachineModel& model) {
-        closed = model.closed_loop && model.has_controller();
+        closed = model.in_closed_loop();
         Drive drive = OpenLoop{[this](long) { return std::array{inputs->at(0), 0.0, 0.0, 0.0}; }};
         if (closed) drive = ClosedLoop{[this](long) { return LoopInput{inputs->at(0), inputs->at(1)}; }};
         system = std::make_unique<const ServoSystem>(model, std::move(drive));
