@@ -44,7 +44,7 @@ struct FraCommand final : Command {
         std::vector<Table> records;
         Json sources = Json::array();
         for (const auto& file : data) {
-            records.push_back(read_record(file, columns.parse(), fra_columns()).table);
+            records.push_back(read_record(file, columns.options(), fra_columns()).table);
             sources.push_back({{"file", file}, {"sha256", sha256(read_file(file))}});
         }
         const MeasuredFra fra = measure_fra(model, records, options);
