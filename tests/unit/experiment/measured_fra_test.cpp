@@ -25,7 +25,7 @@ Table log_of(const MachineModel& machine, const std::vector<double>& excitation)
     drive.reference.assign(excitation.size(), 0);
     drive.excitation = excitation;
     const SolverOptions solver{.relative_tolerance = 1e-6, .absolute_tolerance = 1e-10};
-    const Simulation run = simulate(machine, drive, solver, 0);
+    const Simulation run = simulate(machine, drive, {.solver = solver});
     Table table;
     table.source = "log";
     table.add("t", "s", drive.t);

@@ -31,7 +31,7 @@ ServoTrace own_run(const Json& description, bool closed) {
         record.t.push_back(static_cast<double>(k) * ts);
         (closed ? record.reference : record.u).push_back(closed ? reference(k) : thrust(k));
     }
-    return simulate(machine, record, {}, 0).trace;
+    return simulate(machine, record).trace;
 }
 
 FmuOptions options(FmiVersion version) { return {.version = version, .name = "axis"}; }
