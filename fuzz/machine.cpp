@@ -27,7 +27,7 @@ void simulate_shortly(const MachineModel& machine, bool closed_loop) {
     control.stop = &Patience::over();
     Patience::begin();
     try {
-        const Simulation run = simulate(machine, record, {}, 1, control);
+        const Simulation run = simulate(machine, record, {.seed = 1}, control);
         if (!run.outcome.ok()) return require(!run.outcome.message.empty(), "a reason for an early end");
         require(run.trace.t.size() == record.t.size(), "a row per sample");
         for (const auto* values : {&run.trace.u, &run.trace.y, &run.trace.x, &run.trace.v, &run.trace.f}) {

@@ -1,8 +1,11 @@
 #include "target.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/script/lookup_bindings.hpp"
+#include "tribode/script/lua_function.hpp"
 #include "tribode/script/lua_state.hpp"
+#include "tribode/script/ready_parts.hpp"
 #include "tribode/script/script_run.hpp"
-#include "tribode/script/system_bindings.hpp"
+#include "tribode/script/symbols.hpp"
 
 namespace tribode::fuzz {
 
@@ -40,7 +43,11 @@ void run_system(std::string_view bytes) {
     Patience::begin();
     try {
         LuaState lua({std::size_t{1} << 25, 1'000'000}, {}, run.control());
-        add_system_bindings(lua, run);
+        const ScriptContext script{run, lua, std::make_shared<Symbols>()};
+        add_functions(script, system_functions());
+        add_symbols(lua, script.symbols);
+        add_lookups(lua, script.symbols);
+        add_ready_parts(lua);
         lua.run_text(use, "use.lua", std::string(bytes));
     } catch (const InputError&) {
     } catch (const EndedEarly&) {
