@@ -98,7 +98,8 @@ std::string define_of(const Json& value, const std::string& name) {
 }
 
 ScriptRequest with_ready_script(ScriptRequest request) {
-    request.script = ScriptRun::ready_file(request.script.string());
+    const auto ready = ScriptRun::ready_file(request.script.string());
+    if (std::filesystem::exists(ready)) request.script = ready; // else the user's own name is in the message
     return request;
 }
 
@@ -173,7 +174,7 @@ std::filesystem::path ScriptRun::ready_file(const std::string& name) {
     const std::filesystem::path path = name;
     if (path.empty() || std::filesystem::exists(path)) return path;
     const bool ready = *path.begin() == "models" || *path.begin() == "scripts";
-    return ready && std::filesystem::exists(home() / path) ? home() / path : path;
+    return ready ? home() / path : path;
 }
 
 Json ScriptRun::machine(const std::string& file, const Json& argument) {

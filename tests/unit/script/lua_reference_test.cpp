@@ -43,7 +43,7 @@ TEST(LuaReference, a_change_of_a_table_is_noticed) {
     std::string changed = page;
     const auto place = changed.find("| `tb.linspace(from, to, count)` |");
     ASSERT_NE(place, std::string::npos);
-    changed.replace(place, 13, "| `tb.linspac");
+    changed.replace(place, 13, "| `tb.linspax");
     EXPECT_EQ(with_tables(changed), with_tables(page));
     EXPECT_NE(with_tables(changed), changed);
     EXPECT_THROW(with_tables("<!-- functions: tb.simulat -->\n<!-- end -->\n"), Error);
