@@ -61,7 +61,9 @@ TEST(WeightedModalFit, BoundsCoverTheTruth) {
             for (std::size_t j = 0; j < found.size(); ++j) {
                 covered += std::abs(found[j] - wanted[j]) < 1.96 * std::sqrt(fit.covariance[j][j]);
             }
-            if (misfit > 0) EXPECT_NEAR(fit.misfit / misfit, 1, 0.4);
+            if (misfit > 0) {
+                EXPECT_NEAR(fit.misfit / misfit, 1, 0.4);
+            }
         }
         EXPECT_GT(covered, 0.90 * 8 * records) << misfit;
         EXPECT_LT(covered, 0.98 * 8 * records) << misfit;
