@@ -41,7 +41,8 @@ void simulate_shortly(const MachineModel& machine, bool closed_loop) {
 
 void run_machine(const Json& description) {
     const MachineModel machine = MachineModel::from_description(description, "a.json");
-    require(MachineModel::from_description(machine.description(), "again").hash() == machine.hash(), "the same machine");
+    require(MachineModel::from_description(machine.description(), "again").hash() == machine.hash(),
+            "the same machine");
     simulate_shortly(machine, false);
     if (machine.has_controller()) simulate_shortly(machine, true);
 }

@@ -3,7 +3,8 @@ local tb = require "tribode"
 
 local machine = tb.machine "models/linear_motor_table.lua"
 
--- The excitation: odd lines from 10 to 200 Hz, one in four left out to detect distortion. Add it to the thrust reference.
+-- The excitation: odd lines from 10 to 200 Hz, one in four left out to detect distortion.
+-- Add it to the thrust reference.
 local excitation = tb.multisine { sample_time_s = machine.Ts, period_s = 2, periods = 4, amplitude_N = 30 }
 
 -- The log. Here a simulated machine makes it.
@@ -20,5 +21,6 @@ tb.write_csv {
 }
 
 -- The response, with report, in the folder fra.
-local fra = tb.fra { machine = machine, records = { { exc = excitation.values, u = run.u, y = run.y } }, report = "fra" }
+local log = { exc = excitation.values, u = run.u, y = run.y }
+local fra = tb.fra { machine = machine, records = { log }, report = "fra" }
 print(fra.text)

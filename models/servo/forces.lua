@@ -5,9 +5,9 @@ local tb = require "tribode"
 
 local make = {}
 
--- forces: a list of { force =, states =, rates =, nominal = }. force(s, own) returns a force in N, as a function of s.y,
--- s.v, s.t and the states of its own, own.NAME. states: their values at the start by name; rates(s, own): their rates by
--- name; nominal: their size. noise: nil, or { rms = [N], seed =, period = [s] } of a force that is drawn anew at each
+-- forces: a list of { force =, states =, rates =, nominal = }. force(s, own) returns a force in N, a function of s.y,
+-- s.v, s.t and the states of its own, own.NAME. states: their values at the start by name; rates(s, own): their rates
+-- by name; nominal: their size. noise: nil, or { rms = [N], seed =, period = [s] } of a force that is drawn anew at each
 -- sample.
 function make.system(forces, noise)
   local states = {}

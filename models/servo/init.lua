@@ -30,7 +30,8 @@ local plant = require "servo.plant"
 local servo = {}
 
 -- What each kind of effect does to the settings `m` of the parts, with its parameters `p`: the Lua text of its
--- description (engine/tribode/effect/kinds), compiled. It changes fields of m, or calls m.add_force or m.scale_friction.
+-- description (engine/tribode/effect/kinds), compiled. It changes fields of m, or calls m.add_force or
+-- m.scale_friction.
 local kinds = {}
 for _, kind in ipairs(tb.effects {}) do
   local change, message = load("local m, p, tb = ...\n" .. kind.lua, "=" .. kind.name)

@@ -65,8 +65,8 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
         corner_ = two_pi * p_.current_loop_hz;
     }
     assert(total_gain_ > 0);
-    release_margin_ =
-        1e-12 * (1 + p_.dry.static_level() + std::max(p_.forward.level, p_.backward.level) + p_.rolling.coulomb_level());
+    release_margin_ = 1e-12 * (1 + p_.dry.static_level() + std::max(p_.forward.level, p_.backward.level) +
+                               p_.rolling.coulomb_level());
 }
 
 ServoPlant::State ServoPlant::start(double y, double v, std::span<double> x) const {

@@ -134,21 +134,42 @@ void append_little_endian(std::string& out, std::initializer_list<std::pair<int,
 
 std::string zip_archive(const std::vector<ZipEntry>& entries) {
     constexpr std::uint64_t version = 20, deflate_method = 8, utf8_names = 0x800;
-    constexpr std::uint64_t first_date = 0x21;                  // 1980-01-01, the earliest there is
-    constexpr std::uint64_t made_on_unix = 3u << 8 | version;   // so that the mode below counts
+    constexpr std::uint64_t first_date = 0x21;                   // 1980-01-01, the earliest there is
+    constexpr std::uint64_t made_on_unix = 3u << 8 | version;    // so that the mode below counts
     constexpr std::uint64_t mode = std::uint64_t{0100644} << 16; // an ordinary file
     std::string out, directory;
     for (const auto& [name, bytes] : entries) {
         const std::string packed = deflated(bytes);
         const auto* data = reinterpret_cast<const Bytef*>(bytes.data());
         const std::uint64_t sum = crc32_z(0, data, bytes.size()), place = out.size();
-        append_little_endian(out, {{4, 0x04034b50}, {2, version}, {2, utf8_names}, {2, deflate_method}, {2, 0},
-                                   {2, first_date}, {4, sum}, {4, packed.size()}, {4, bytes.size()}, {2, name.size()},
+        append_little_endian(out, {{4, 0x04034b50},
+                                   {2, version},
+                                   {2, utf8_names},
+                                   {2, deflate_method},
+                                   {2, 0},
+                                   {2, first_date},
+                                   {4, sum},
+                                   {4, packed.size()},
+                                   {4, bytes.size()},
+                                   {2, name.size()},
                                    {2, 0}});
         out += name + packed;
-        append_little_endian(directory, {{4, 0x02014b50}, {2, made_on_unix}, {2, version}, {2, utf8_names},
-                                         {2, deflate_method}, {2, 0}, {2, first_date}, {4, sum}, {4, packed.size()},
-                                         {4, bytes.size()}, {2, name.size()}, {2, 0}, {2, 0}, {2, 0}, {2, 0}, {4, mode},
+        append_little_endian(directory, {{4, 0x02014b50},
+                                         {2, made_on_unix},
+                                         {2, version},
+                                         {2, utf8_names},
+                                         {2, deflate_method},
+                                         {2, 0},
+                                         {2, first_date},
+                                         {4, sum},
+                                         {4, packed.size()},
+                                         {4, bytes.size()},
+                                         {2, name.size()},
+                                         {2, 0},
+                                         {2, 0},
+                                         {2, 0},
+                                         {2, 0},
+                                         {4, mode},
                                          {4, place}});
         directory += name;
     }

@@ -80,7 +80,8 @@ class LookupTable {
     const Points& points() const { return *points_; }
     const std::string& derivation() const { return derivation_; }
     // The table of such a derivation; null where there is none.
-    static std::shared_ptr<const LookupTable> derived(std::shared_ptr<const LookupTable> from, const std::string& derivation);
+    static std::shared_ptr<const LookupTable> derived(std::shared_ptr<const LookupTable> from,
+                                                      const std::string& derivation);
 
   private:
     // Piece 0 lies before the first abscissa, piece i behind abscissa i - 1. A piece is a polynomial in the distance from

@@ -26,9 +26,7 @@ void expect_outputs(const CascadeController& controller, const std::vector<doubl
     for (std::size_t k = 0; k < expected.size(); ++k) EXPECT_NEAR(u[k], expected[k], rounding) << k;
 }
 
-TEST(CascadeController, ThreeSamplesByHand) {
-    expect_outputs({.kp = 10, .kv = 2}, {2, -0.04, -4.12});
-}
+TEST(CascadeController, ThreeSamplesByHand) { expect_outputs({.kp = 10, .kv = 2}, {2, -0.04, -4.12}); }
 
 TEST(CascadeController, TheOutputIsLimitedInBothDirections) {
     expect_outputs({.kp = 10, .kv = 2, .limit = 1.5}, {1.5, -0.04, -1.5});

@@ -25,9 +25,9 @@ extern const EffectKind own_force = {
     .drawn_against = DrawnAgainst::position,
     .apply =
         [](const Effect& e, ServoAxis& axis) {
-    const ForceCompiler compile = force_compiler();
-    if (!compile) throw InputError("own_force: this program has no interpreter for it");
-    axis.plant.forces.push_back(compile(e));
+            const ForceCompiler compile = force_compiler();
+            if (!compile) throw InputError("own_force: this program has no interpreter for it");
+            axis.plant.forces.push_back(compile(e));
         },
     .lua = R"lua(
 -- The text as a function of named values.
