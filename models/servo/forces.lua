@@ -7,8 +7,8 @@ local make = {}
 
 -- forces: a list of { force =, states =, rates =, nominal = }. force(s, own) returns a force in N, a function of s.y,
 -- s.v, s.t and the states of its own, own.NAME. states: their values at the start by name; rates(s, own): their rates
--- by name; nominal: their size. noise: nil, or { rms = [N], seed =, period = [s] } of a force that is drawn anew at each
--- sample.
+-- by name; nominal: their size. noise: nil, or { rms = [N], seed =, period = [s] } of a force that is drawn anew at
+-- each sample.
 function make.system(forces, noise)
   local states = {}
   for i, force in ipairs(forces) do
