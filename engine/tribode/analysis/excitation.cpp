@@ -121,6 +121,15 @@ std::vector<SineSegment> sine_segments(std::span<const double> x, double sample_
         at += std::min<std::size_t>(8u << std::min(failures, 5), 256);
         ++failures;
     }
+    // One that fits far worse than the others is a change from one sine to the next.
+    std::vector<double> residuals;
+    for (const auto& segment : segments) residuals.push_back(segment.residual);
+    if (!residuals.empty()) {
+        const auto middle = residuals.begin() + static_cast<std::ptrdiff_t>(residuals.size() / 2);
+        std::nth_element(residuals.begin(), middle, residuals.end());
+        const double most = std::max(20 * *middle, 0.02);
+        std::erase_if(segments, [&](const SineSegment& segment) { return segment.residual > most; });
+    }
     return segments;
 }
 

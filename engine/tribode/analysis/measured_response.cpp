@@ -5,6 +5,7 @@
 #include <unsupported/Eigen/FFT>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <fmt/format.h>
@@ -22,7 +23,7 @@ using Spectrum = std::vector<Complex>;
 
 constexpr double most_variance = 0.1; // of a value: above, gain and phase are known to 2 dB and 13 deg only
 
-const char* const too_uncertain = "noise and distortion are too large: a standard deviation above 2 dB";
+const char* const too_uncertain = "noise, distortion or a transient are too large: a standard deviation above 2 dB";
 
 Complex turned(double cycles) { return std::polar(1.0, 2 * pi * (cycles - std::floor(cycles))); }
 
@@ -182,11 +183,60 @@ std::optional<SineWindow> window_of(const MeasuredSignals& signals, const SineSe
     return std::optional<SineWindow>(std::in_place, signals, window, f, periods, harmonics);
 }
 
+// A transient that decays so slowly next to the frequency of the sine that no line shows it: the ratio goes on changing from
+// third to third of the segment, by a smaller amount each time. What is left of it in each third, relative; zero where the
+// thirds agree within the noise.
+class SlowTransient {
+  public:
+    SlowTransient(const MeasuredSignals& signals, std::span<const double> input, const SineSegment& segment) {
+        const double f = segment.frequency_hz;
+        const long periods = periods_within(segment.count / 3, signals.sample_time, f);
+        if (periods < 4) return;
+        std::array<Complex, 3> ratio;
+        std::array<double, 3> variance{};
+        for (std::size_t third = 0; third < 3; ++third) {
+            SineSegment part = segment;
+            part.count = segment.count / 3 * (third + 1);
+            const auto window = window_of(signals, part, periods, 1);
+            if (!window || std::abs(window->output_fit().fundamental()) == 0) return;
+            const SineFit fit = window->fit(input);
+            const Precision p = window->precision(input, fit);
+            ratio[third] = window->output_fit().fundamental() / fit.fundamental();
+            if (stands_out(p)) ratio[third] /= 1.0 + p.transient;
+            variance[third] = p.variance + p.transient_variance;
+        }
+        const double size = std::abs(ratio[2]);
+        const auto change = [&](std::size_t from) {
+            const double difference = std::abs(ratio[from] - ratio[from + 1]) / size;
+            return difference > 4 * std::sqrt(variance[from] + variance[from + 1]) ? difference : 0.0;
+        };
+        const double early = change(0), late = change(1);
+        // Of a geometric series; one that does not get smaller is taken for a very slow one.
+        const double decay = late == 0 ? 0 : early == 0 ? 0.9 : std::min(late / early, 0.9);
+        left_ = {early / (1 - decay), late / (1 - decay), late * decay / (1 - decay)};
+        left_[0] = std::max(left_[0], left_[1]);
+    }
+
+    // Over the last samples of the segment, `share` of all.
+    double left(double share) const {
+        double sum = 0;
+        for (std::size_t third = 0; third < 3; ++third) {
+            const double begin = static_cast<double>(third) / 3, from = std::max(begin, 1 - share);
+            sum += left_[third] * std::max(begin + 1.0 / 3 - from, 0.0);
+        }
+        return sum / share;
+    }
+
+  private:
+    std::array<double, 3> left_{};
+};
+
 std::optional<SineWindow> best_window(const MeasuredSignals& signals, const SineSegment& segment,
                                       const SineOptions& options) {
     const long all = periods_within(segment.count, signals.sample_time, segment.frequency_hz);
     if (options.periods > 0) return window_of(signals, segment, std::min(options.periods, all), options.harmonics);
     std::vector<std::pair<double, std::optional<SineWindow>>> tried;
+    const SlowTransient slow(signals, signals.inputs.front(), segment);
     for (const double share : {1.0, 0.75, 0.5, 1.0 / 3, 0.25}) {
         const long periods = std::lround(share * static_cast<double>(all));
         if (periods < 4 && share < 1) break;
@@ -195,7 +245,9 @@ std::optional<SineWindow> best_window(const MeasuredSignals& signals, const Sine
         if (is_constant(signals.output.subspan(window->window().first, window->window().count))) return window;
         const auto input = signals.inputs.front();
         const Precision p = window->precision(input, window->fit(input));
-        const double bias = left_over(p, options.remove_transients);
+        const double bias =
+            std::hypot(left_over(p, options.remove_transients),
+                       slow.left(static_cast<double>(window->window().count) / static_cast<double>(segment.count)));
         tried.push_back({p.variance + bias * bias, std::move(window)});
     }
     double least = std::numeric_limits<double>::infinity();
@@ -228,6 +280,7 @@ Observation observe(const MeasuredSignals& signals, const SineSegment& segment, 
     o.excitation = window->fit(signals.excitation).fundamental();
     o.output_harmonics = window->output_fit().harmonics;
     o.output = o.output_harmonics.front();
+    const double share = static_cast<double>(o.window.count) / static_cast<double>(segment.count);
     std::vector<std::span<const double>> cut;
     for (const auto input : signals.inputs) {
         cut.push_back(input.subspan(o.window.first, o.window.count));
@@ -238,7 +291,8 @@ Observation observe(const MeasuredSignals& signals, const SineSegment& segment, 
         o.inputs.push_back(removed ? fit.fundamental() * (1.0 + p.transient) : fit.fundamental());
         o.variance.push_back(p.variance + (removed ? p.transient_variance : 0.0));
         o.transient.push_back(std::abs(p.transient));
-        o.bias.push_back(left_over(p, options.remove_transients));
+        o.bias.push_back(
+            std::hypot(left_over(p, options.remove_transients), SlowTransient(signals, input, segment).left(share)));
     }
     try {
         o.coherence =
@@ -540,6 +594,7 @@ std::vector<std::vector<MeasuredPoint>> merged(const std::vector<Observation>& o
                 point.variance = scatters[k];
             }
             point.settled = point.bias <= std::max(options.tolerance, 2 * std::sqrt(point.variance));
+            point.variance += point.bias * point.bias;
             if (std::abs(point.value) == 0 || point.variance > most_variance || !std::isfinite(std::abs(point.value))) {
                 point.missing = too_uncertain;
                 point.value = {MeasuredPoint::unknown, MeasuredPoint::unknown};

@@ -33,7 +33,7 @@ struct MeasuredPoint {
 
     double frequency_hz = 0;
     std::complex<double> value = {unknown, unknown};
-    double variance = unknown; // of the relative error of the value, noise and what differs between repetitions
+    double variance = unknown; // of the relative error: noise, what differs between repetitions, the bias squared
     double coherence = unknown;
     double odd_distortion = unknown, even_distortion = unknown; // amplitude relative to that of the output
     double transient = 0; // share of the value that was a transient; taken out where it was seen clearly
@@ -76,7 +76,9 @@ struct SineOptions {
 // Noise and transient are told apart in the spectrum of the window: lines between the harmonics hold no steady response.
 // There Z is fitted by a parabola over the lines next to f (a transient is smooth over frequency; this is the local
 // polynomial method [Pintelon 2012, chapter 7]). Its value at f is the transient, what it leaves is the noise. A transient of
-// less than four standard deviations is left alone. The bias left is taken from a fit of lower order. Where the number of
+// less than four standard deviations is left alone. The bias left is taken from a fit of lower order. A transient next to
+// f that decays slowly is in no line; it shows in the ratios over the thirds of the segment, and their differences, taken for a
+// geometric series, are added to the bias. Where the number of
 // periods is not given, windows of 1, 3/4, 1/2, 1/3 and 1/4 of the segment are tried, and the longest one whose mean square
 // error is at most 1.5 times the smallest is used.
 //

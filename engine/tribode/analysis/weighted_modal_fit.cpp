@@ -230,7 +230,7 @@ WeightedFit fit_weighted(const std::vector<MeasuredPoint>& points, const Weighte
         if (point.frequency_hz < options.f_min_hz || point.frequency_hz > options.f_max_hz) continue;
         response.frequency_hz.push_back(point.frequency_hz);
         response.value.push_back(point.value);
-        variances.push_back(point.variance / 2 + point.bias * point.bias / 2);
+        variances.push_back(point.variance / 2);
         if (std::isfinite(variances.back())) known.push_back(variances.back());
     }
     const auto modes = static_cast<std::size_t>(options.modes);

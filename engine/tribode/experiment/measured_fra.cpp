@@ -419,7 +419,7 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
     };
     if (!missing.empty()) fra.notes.push_back("Without a value: " + shortened(missing) + ".");
     if (!unsettled.empty()) {
-        fra.notes.push_back("A transient is left that the bounds do not contain: " + shortened(unsettled) + ".");
+        fra.notes.push_back("A transient is left, for which the bounds are wider: " + shortened(unsettled) + ".");
     }
     return fra;
 }

@@ -89,6 +89,7 @@ TEST(MeasuredFra, OneLogOfManySinesGivesTheMachine) {
     const MeasuredFra fra = measure_fra(machine, {log}, options);
     ASSERT_EQ(fra.analyses.size(), 3u); // no best linear approximation from sines, and that is said
     EXPECT_EQ(fra.analyses[0].points.size(), 15u);
+    EXPECT_GE(response_of(fra.analyses[0].points).size(), 13u); // next to 82 Hz a second is too short for a transient
     const auto& fit = *fra.find("improved")->fit;
     const ModalModel truth = modal_model_of(machine);
     EXPECT_NEAR(fit.model.rigid_gain / truth.rigid_gain, 1, 5e-3);
@@ -100,7 +101,11 @@ TEST(MeasuredFra, OneLogOfManySinesGivesTheMachine) {
     const MeasuredFra same = measure_fra(machine, {recovered}, options);
     ASSERT_EQ(same.analyses[1].points.size(), 15u);
     for (std::size_t i = 0; i < 15; ++i) {
-        EXPECT_LT(std::abs(same.analyses[1].points[i].value / fra.analyses[1].points[i].value - 1.0), 1e-6);
+        const auto &one = fra.analyses[1].points[i], &other = same.analyses[1].points[i];
+        EXPECT_EQ(one.missing, other.missing);
+        if (one.missing.empty()) {
+            EXPECT_LT(std::abs(other.value / one.value - 1.0), 1e-6);
+        }
     }
 }
 
