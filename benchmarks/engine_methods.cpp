@@ -20,7 +20,7 @@ MachineModel machine_of(const Scenario& scenario) {
     machine.current_loop_hz = table.lag_hz;
     if (scenario.loop) {
         machine.closed_loop = true;
-        machine.controller = PidSettings{scenario.loop->kp, scenario.loop->ki, scenario.loop->kd, {}};
+        machine.controller = PidController{scenario.loop->kp, scenario.loop->ki, scenario.loop->kd};
         machine.input_delay = scenario.loop->input_delay;
         machine.output_delay = scenario.loop->output_delay;
         machine.encoder_resolution = scenario.loop->encoder_resolution;
