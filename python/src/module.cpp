@@ -13,7 +13,6 @@
 #include "tribode/experiment/frequency_sweep.hpp"
 #include "tribode/experiment/measured_fra.hpp"
 #include "tribode/experiment/simulation.hpp"
-#include "tribode/experiment/system_run.hpp"
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/record/output_file.hpp"
 #include "tribode/record/record_file.hpp"
@@ -154,7 +153,7 @@ with_() makes another one.)")
             [](MachineModel* self, nb::handle description) { new (self) MachineModel(machine_from(description)); },
             "description"_a.none())
         .def(
-            "to_dict", [](const MachineModel& machine) { return nb::cast<nb::dict>(to_python(machine.description())); },
+            "to_dict", [](const MachineModel& machine) { return to_dict(machine.description()); },
             "The description, as plain data of its own.")
         .def(
             "with_",
@@ -198,7 +197,8 @@ scale={"friction.elements[*].F": 1.1} multiplies numbers.)")
         .def("__dir__",
              [](nb::handle self) {
                  nb::list names(nb::module_::import_("builtins").attr("object").attr("__dir__")(self));
-                 for (const auto& [key, value] : nb::cast<const MachineModel&>(self).description().items()) {
+                 const Json description = nb::cast<const MachineModel&>(self).description();
+                 for (const auto& [key, value] : description.items()) {
                      names.append(nb::cast(key));
                  }
                  return names;
@@ -305,9 +305,7 @@ of this object without copies.)")
             "The solver that was used")
         .def_prop_ro(
             "statistics",
-            [](const SimulationResult& self) {
-                return nb::cast<nb::dict>(to_python(statistics_of(self.simulation.statistics)));
-            },
+            [](const SimulationResult& self) { return to_dict(statistics_of(self.simulation.statistics)); },
             "Counts of steps, evaluations and events")
         .def_prop_ro(
             "seconds", [](const SimulationResult& self) { return self.seconds; }, "Wall time in the engine [s]")
@@ -374,13 +372,14 @@ FrequencyResponse(frequency_hz, value): arrays of equal length; frequencies asce
             "value", [](Self<FrequencyResponse> self) { return view(self.p->value, self.h); },
             "Complex values, output per input: m/N for a plant")
         .def_prop_ro(
-            "gain_db", [](const FrequencyResponse& self) { return to_array(self.gain_db()); }, "Gain [dB]")
+            "gain_db", [](const FrequencyResponse& self) { return to_array(self.gain_db()); }, nb::rv_policy::automatic,
+            "Gain [dB]")
         .def_prop_ro(
             "phase_deg",
             [](const FrequencyResponse& self) {
                 return to_array(self.size() ? self.phase_deg() : std::vector<double>{});
             },
-            "Phase without jumps [deg]")
+            nb::rv_policy::automatic, "Phase without jumps [deg]")
         .def(
             "at",
             [](const FrequencyResponse& self, double frequency_hz) {
@@ -437,8 +436,7 @@ void add_sweep(nb::module_& m) {
             "warnings", [](const Sweep& self) { return self.result.warnings(); },
             "Frequencies that failed or did not settle")
         .def_prop_ro(
-            "statistics",
-            [](const Sweep& self) { return nb::cast<nb::dict>(to_python(statistics_of(self.result.statistics()))); },
+            "statistics", [](const Sweep& self) { return to_dict(statistics_of(self.result.statistics())); },
             "Counts of steps, evaluations and events")
         .def("__repr__", [](const Sweep& self) {
             return fmt::format("<tribode.Sweep: {} frequencies>", self.result.points.size());
@@ -468,10 +466,13 @@ void add_sweep(nb::module_& m) {
             const Json json = options_of(options_given, "tribode.fit_modal");
             FieldReader fields(json, "tribode.fit_modal");
             ModalFitOptions options;
-            read_options(options, fields);
+            options.f_min_hz = fields.number("f_min_hz", "Hz", Allowed::positive, options.f_min_hz);
+            options.f_max_hz = fields.number("f_max_hz", "Hz", Allowed::positive, options.f_max_hz);
+            options.modes = static_cast<int>(fields.integer("modes", 0, 20, options.modes));
+            options.robust_scale = fields.number("robust_scale", "", Allowed::non_negative, options.robust_scale);
             fields.finish();
             EngineCall call(nb::none(), 1);
-            return to_python(
+            return to_dict(
                 call.run([&](const RunControl&) { return tribode::to_json(fit_modal_model(response, options)); }));
         },
         "response"_a, "options"_a);
@@ -483,7 +484,7 @@ void add_sweep(nb::module_& m) {
         "machine"_a, "frequency_hz"_a);
     m.def(
         "plant_parameters",
-        [](const MachineModel& machine) { return to_python(tribode::to_json(modal_model_of(machine))); }, "machine"_a);
+        [](const MachineModel& machine) { return to_dict(tribode::to_json(modal_model_of(machine))); }, "machine"_a);
     m.def(
         "model_response",
         [](nb::handle model, const Signal& frequency_hz) {
@@ -562,16 +563,16 @@ nb::list compared_of(std::vector<Compared>& records) {
     return list;
 }
 
-nb::object run_diagnosis(const MachineModel& machine, const nb::list& data, nb::handle validate, nb::handle columns,
-                         nb::handle scale, nb::handle options_given, const std::string& folder, unsigned workers,
-                         nb::handle progress) {
+nb::dict run_diagnosis(const MachineModel& machine, const nb::list& data, nb::handle validate, nb::handle columns,
+                       nb::handle scale, nb::handle options_given, const std::string& folder, unsigned workers,
+                       nb::handle progress) {
     constexpr const char* function = "tribode.diagnose";
     const auto start = std::chrono::steady_clock::now();
     const RecordOptions names = record_options(columns, scale, function);
     const Json json = options_of(options_given, function);
     FieldReader fields(json, function);
     DiagnosisOptions options;
-    read_options(options, fields);
+    options.max_effects = static_cast<std::size_t>(fields.integer("max_effects", 1, 6, 3));
     fields.finish();
     std::vector<GivenRecord> given;
     for (const nb::handle record : data) {
@@ -597,7 +598,7 @@ nb::object run_diagnosis(const MachineModel& machine, const nb::list& data, nb::
         }
         return Diagnosed{std::move(diagnosis), std::move(summary)};
     });
-    nb::object summary = to_python(result.summary);
+    nb::dict summary = to_dict(result.summary);
     summary[nb::str("machine")] = nb::cast(result.diagnosis.after);
     summary[nb::str("records")] = compared_of(result.diagnosis.fitted);
     summary[nb::str("validation")] = compared_of(result.diagnosis.validation);
@@ -683,11 +684,11 @@ void add_files(nb::module_& m) {
         [](nb::handle path) {
             const std::string folder = to_path(path);
             EngineCall call(nb::none(), 1);
-            return to_python(call.run([&](const RunControl&) {
+            return to_dict(call.run([&](const RunControl&) {
                 const std::lock_guard lock(file_mutex());
                 return merged_batch(folder);
             }),
-                             Lists::arrays);
+                           Lists::arrays);
         },
         "path"_a);
 }
@@ -739,7 +740,7 @@ void add_systems(nb::module_& m) {
                 EngineCall engine(nb::none(), 1);
                 const Json result =
                     engine.run([&](const RunControl& control) { return call(system, function, json, control); });
-                return to_python(result, arrays ? Lists::arrays : Lists::lists);
+                return to_dict(result, arrays ? Lists::arrays : Lists::lists);
             },
             "function"_a, "options"_a, "arrays"_a);
 }
@@ -749,7 +750,10 @@ void add_systems(nb::module_& m) {
 template <class Options>
 nb::list rows_of() {
     nb::list list;
-    for (const auto& row : field_rows<Options>()) {
+    const Options defaults{};
+    FieldLister lister;
+    Options::describe(defaults, lister);
+    for (const auto& row : lister.rows) {
         nb::dict entry;
         entry["path"] = row.path;
         entry["unit"] = row.unit;
@@ -761,14 +765,19 @@ nb::list rows_of() {
     return list;
 }
 
+// Those of a run of equations, whose absolute tolerance has no unit.
+struct SolverOptionsOfSystems {
+    SolverOptions solver;
+
+    static void describe(auto& o, auto& fields) { SolverOptions::describe(o.solver, fields, false); }
+};
+
 void add_options(nb::module_& m) {
     m.def("options", [] {
         nb::dict options;
         options["simulate"] = rows_of<SimulationOptions>();
         options["sweep"] = rows_of<SweepOptions>();
-        options["fit_modal"] = rows_of<ModalFitOptions>();
-        options["diagnose"] = rows_of<DiagnosisOptions>();
-        options["run"] = rows_of<SystemRunOptions>();
+        options["run"] = rows_of<SolverOptionsOfSystems>();
         return options;
     });
 }

@@ -32,12 +32,17 @@ def type_of(values):
 
 # Options with a place of their own in the signature.
 NAMED = {"sweep": {"frequency_hz"}}
-# Options of tb.run_system that are more than one value.
+# Options that the engine reads one by one, without a table.
 FURTHER = {
+    "fit_modal": [("f_min_hz", "float"), ("f_max_hz", "float"), ("modes", "int"), ("robust_scale", "float")],
+    "diagnose": [("max_effects", "int")],
     "run": [
         ("duration_s", "float"),
         ("end_time_s", "float"),
         ("start_time_s", "float"),
+        ("output_step_s", "float"),
+        ("output_times_s", "ArrayLike"),
+        ("output_events", "bool"),
         ("parameters", "Mapping[str, Any]"),
         ("inputs", "Mapping[str, Any]"),
         ("start", 'Mapping[str, Any] | Literal["steady"]'),
@@ -53,13 +58,14 @@ lines = [
     "from numpy.typing import ArrayLike",
     "",
 ]
-for function, rows in _tribode.options().items():
+tables = _tribode.options()
+for function in ("simulate", "sweep", "fit_modal", "diagnose", "run"):
     title = "".join(part.title() for part in function.split("_"))
     lines.append(f"class {title}Options(TypedDict, total=False):")
     fields = list(FURTHER.get(function, []))
     fields += [
         (row["path"], type_of(row["values"]))
-        for row in rows
+        for row in tables.get(function, [])
         if not re.search(r"[.\[]", row["path"]) and row["path"] not in NAMED.get(function, ())
     ]
     lines += [f"    {name}: {kind}" for name, kind in fields] + [""]

@@ -21,6 +21,9 @@ Json to_json(nb::handle value, const std::string& name);
 // Lists of numbers as lists, or as NumPy arrays, where they are data rather than a description.
 enum class Lists { lists, arrays };
 nb::object to_python(const Json& json, Lists lists = Lists::lists);
+inline nb::dict to_dict(const Json& table, Lists lists = Lists::lists) {
+    return nb::cast<nb::dict>(to_python(table, lists));
+}
 
 template <class Number>
 using Array = nb::ndarray<nb::numpy, Number, nb::ndim<1>>;

@@ -222,7 +222,7 @@ def test_system_results(tmp_path):
           der = function(s) return { x = s.v, v = s.u - s.k * s.x } end,
           outputs = function(s) return { force = { s.u - s.k * s.x, unit = "m/s2" } } end,
         }""")
-    assert [state["name"] for state in system.variables["states"]] == ["x", "v"]
+    assert [state["name"] for state in system.variables["states"]] == ["v", "x"]
     run = system.run(duration_s=3.0, relative_tolerance=1e-10, absolute_tolerance=1e-12)
     assert np.allclose(run["x"], np.cos(2 * run.t), atol=1e-7) and run.table.units["x"] == "m"
     later = system.run(end_time_s=6.0, resume=run.state, relative_tolerance=1e-10, absolute_tolerance=1e-12)
@@ -230,7 +230,7 @@ def test_system_results(tmp_path):
     held = system.run(duration_s=1, inputs={"u": {"sample_time_s": 0.1, "values": np.full(11, 4.0)}}, start={"x": 1})
     assert np.allclose(held["x"], 1, atol=1e-9)
     linear = system.linearize(frequency_hz=[0.1, 1.0], input="u", output="force")
-    assert np.array_equal(linear["A"], [[0, 1], [-4, 0]]) and linear["B"].shape == (2, 1)
+    assert np.array_equal(linear["A"], [[0, -4], [1, 0]]) and linear["B"].shape == (2, 1)
     assert sorted(linear["poles"].imag) == [-2, 2] and len(linear["response"]) == 2
     assert system.steady_state(inputs={"u": 8})["start"]["x"] == pytest.approx(2)
 
@@ -266,3 +266,10 @@ def test_fra_of_arrays(table):
     truth = tribode.plant_response(table, frequencies).value
     error = {name: np.abs(found["analyses"][name]["response"].value / truth - 1).max() for name in found["analyses"]}
     assert error["Proposed"] < 0.1 < error["FRA-1"]
+
+
+def test_options_are_documented():
+    """The docstrings have the engine's own tables."""
+    assert "relative_tolerance (> 0; default" in tribode.simulate.__doc__
+    assert "amplitude_N [N] (> 0; default 15)" in tribode.sweep.__doc__
+    assert "max_steps" in tribode.System.run.__doc__

@@ -74,7 +74,7 @@ WRONG = [
     (lambda: tribode.Machine(b"machine.lua"), ValueError, "plain data"),
     (lambda: tribode.Machine({}), ValueError, "nothing could move"),
     (lambda: tribode.Machine({1: 2}), ValueError, "must be a str"),
-    (lambda: tribode.Machine({"Ts": 0.001, "mass": 3}), ValueError, "nothing could move"),
+    (lambda: tribode.Machine({"Ts": 0.001, "mass": 3}), ValueError, "mass"),
     (lambda: tribode.Machine(description(mass=3)), ValueError, "mass"),
     (lambda: tribode.Machine(description(Ts=0)), ValueError, "must be positive"),
     (lambda: tribode.Machine(description(Ts="fast")), ValueError, "Ts"),

@@ -83,7 +83,7 @@ def _described(value, array):
     return f"a {type(value).__name__}"
 
 
-def _machine(value):
+def _machine(value: MachineLike) -> Machine:
     return value if isinstance(value, Machine) else Machine(value)
 
 
@@ -139,7 +139,7 @@ class _Progress:
             self.call = wanted
         elif wanted is True:
             try:
-                from tqdm.auto import tqdm
+                from tqdm.auto import tqdm  # type: ignore[import-untyped]
 
                 self._bars = _Bars(tqdm)
             except ImportError:
@@ -190,9 +190,14 @@ def simulate(
     ((2000,), 167)
     """
     name = "tribode.simulate"
-    signals = [_signal(value, name, key) for key, value in (("u", u), ("r", r), ("exc", exc), ("y", y))]
+
+    def signal(value, key):
+        return _signal(value, name, key)
+
     with _Progress(progress, name) as call:
-        result = _tribode.simulate(_machine(machine), *signals, options, call)
+        result = _tribode.simulate(
+            _machine(machine), signal(u, "u"), signal(r, "r"), signal(exc, "exc"), signal(y, "y"), options, call
+        )
     if not result.ok:
         raise _ended_early(result.message, result)
     return result
@@ -223,6 +228,7 @@ def sweep(
 def fit_modal(response: FrequencyResponse, **options: Unpack[FitModalOptions]) -> dict[str, Any]:
     """Fits a rigid body and vibration modes to a FrequencyResponse.
 
+    Options: f_min_hz and f_max_hz (the band, default 20 to 200 Hz), modes (default 2), robust_scale.
     Returns a dict: k0, k1, f1_hz, zeta1, k2, ... in SI units,
     standard_errors with the same keys, residual_rms, converged, message.
     """
@@ -319,7 +325,7 @@ def diagnose(
 
     data, validate: the path of a record, or a mapping from names to arrays (t, u, y and, in closed loop, r); data may
     be a list of them. Without validate, the last third of the first record is kept for validation. folder: where
-    report, plots and files go (needs gnuplot); by default nothing is written.
+    report, plots and files go (needs gnuplot); by default nothing is written. Options: max_effects.
 
     Returns the contents of diagnosis.json (docs/diagnosis.md) and: machine, the Machine with the effects; records and
     validation, for each record a dict of arrays t, u_measured, y_measured, u_before, y_before, u_after, y_after, and
@@ -469,11 +475,12 @@ def _document_options():
     """The tables of options, as the engine has them, into the docstrings."""
     for name, rows in _tribode.options().items():
         function = System.run if name == "run" else globals()[name]
-        indent = "    " if name != "run" else "        "
+        indent = "        " if name == "run" else "    "
         lines = [f"{indent}Options:"]
         for row in rows:
             unit = f" [{row['unit']}]" if row["unit"] else ""
-            lines.append(f"{indent}  {row['path']}{unit} ({row['values']}; default {row['default']}): {row['meaning']}")
+            meaning = f": {row['meaning']}" if row["meaning"] else ""
+            lines.append(f"{indent}  {row['path']}{unit} ({row['values']}; default {row['default']}){meaning}")
         function.__doc__ = function.__doc__.rstrip() + "\n\n" + "\n".join(lines) + "\n" + indent
 
 
