@@ -14,6 +14,7 @@ struct RunCommand final : Command {
         app.add_option("--machine", machine, "the script's option machine: a file");
         app.add_option("--data", data, "the script's option data: a file");
         app.add_option("--input", input, "the script's option input: a file");
+        app.add_option("--fmu", units, "a functional mock-up unit that the script may import: its machine code runs");
         common.add_workers(app);
         app.add_flag("--quick", request.quick, "a small version of the work, to try a script");
         app.add_flag("--allow-all", request.allow_all,
@@ -32,6 +33,7 @@ struct RunCommand final : Command {
             if (!file.empty()) request.defines[name] = file;
         }
         for (const auto& [name, value] : request.defines) request.named.emplace_back(value);
+        for (const auto& unit : units) request.units.push_back(std::make_shared<const UnitFile>(unit));
         request.limits.memory_bytes = memory_mib << 20;
         request.confine = true;
         // The engine may hold more than the script, such as the data of a plot, but not without end.
@@ -46,6 +48,7 @@ struct RunCommand final : Command {
     ScriptRequest request;
     std::vector<std::string> defines;
     std::string machine, data, input;
+    std::vector<std::string> units;
     std::size_t memory_mib = ScriptLimits{}.memory_bytes >> 20, cpu_seconds = 0; // 0: no limit
     CLI::Option* memory = nullptr;
 };

@@ -54,6 +54,35 @@ TEST_F(Strangers, AChunkNamedLikeAFileTellsNothingOfIt) {
     }
 }
 
+// A unit is machine code; in the sandbox it runs where the user has named it.
+TEST_F(Strangers, AFunctionalMockUpUnitRunsOnlyWhereItIsNamed) {
+    folder.write("lag.lua",
+                 "local tb = require 'tribode'\n"
+                 "return tb.system { name = 'lag', inputs = { u = 1 }, states = { x = 0 },\n"
+                 "  der = function(s) return { x = s.u - s.x } end, outputs = function(s) return { y = s.x } end }\n");
+    ASSERT_EQ(tribode({"export-fmu", "lag.lua", "-o", "lag.fmu", "--quiet"}).exit_code, 0);
+    const std::string use =
+        "local lag = tb.fmu { file = 'lag.fmu', period_s = 0.1 }\n"
+        "local whole = tb.system { parts = { lag = lag }, states = { z = 0 },\n"
+        "  der = function(s) return { z = s.lag.y } end }\n"
+        "local run = tb.run_system { system = whole, duration_s = 1 }\n"
+        "print(string.format('%.9f', run.final['lag.y']))\n"
+        "print(select(2, pcall(tb.linearize, { system = whole })))\n";
+    const auto refused = script(use);
+    EXPECT_EQ(refused.exit_code, 2);
+    EXPECT_NE(refused.err.find("machine code, which runs only where it is named: tribode run --fmu lag.fmu"),
+              std::string::npos)
+        << refused.err;
+    for (const std::vector<std::string>& allowed : {std::vector<std::string>{"--fmu", "lag.fmu"}, {"--allow-all"}}) {
+        const auto ending = script(use, allowed);
+        EXPECT_EQ(ending.exit_code, 0) << ending.err;
+        EXPECT_TRUE(ending.out.starts_with("0.632120559\n")) << ending.out; // 1 - exp(-1)
+        EXPECT_NE(ending.out.find("cannot be linearized"), std::string::npos) << ending.out;
+    }
+    EXPECT_EQ(script(use, {"--fmu", "secret.txt"}).exit_code, 2);
+    EXPECT_EQ(script(use, {"--fmu", "missing.fmu"}).exit_code, 2);
+}
+
 TEST_F(Strangers, LinksInTheRunFolderLeadNowhere) {
     fs::create_directory(folder / "out");
     for (const char* name : {"a.png", "r.html", "r_1.png", "c.csv", "f.png", "f.plot.json"}) {

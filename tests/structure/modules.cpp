@@ -49,7 +49,7 @@ Modules Modules::from_markdown(std::string_view text) {
     Modules modules;
     for (const auto& row : table_rows(text, "module")) modules.may_use[row.at(0)] = names_in(row.at(2));
     for (const auto& row : table_rows(text, "package")) {
-        for (const auto& beginning : names_in(row.at(1))) modules.only_in[beginning] = row.at(2);
+        for (const auto& beginning : names_in(row.at(1))) modules.only_in[beginning] = names_in(row.at(2));
     }
     return modules;
 }
@@ -109,8 +109,8 @@ std::vector<std::string> violations(const Modules& modules, const std::filesyste
             found.push_back(fmt::format("{}, which is in no module of docs/modules.md", where));
         }
         for (const auto& [beginning, only] : modules.only_in) {
-            if (include.path.starts_with(beginning) && module != only) {
-                found.push_back(fmt::format("{}, which belongs in {} alone", where, only));
+            if (include.path.starts_with(beginning) && !only.contains(module)) {
+                found.push_back(fmt::format("{}, which belongs in {} alone", where, fmt::join(only, ", ")));
             }
         }
     }

@@ -11,7 +11,7 @@ namespace tribode::structure {
 // What docs/modules.md allows.
 struct Modules {
     std::map<std::string, std::set<std::string>> may_use; // module -> the modules its row names
-    std::map<std::string, std::string> only_in;           // beginning of a header -> the one module, or main.cpp
+    std::map<std::string, std::set<std::string>> only_in; // beginning of a header -> the modules that may
 
     // Throws std::runtime_error where the text has no such tables.
     static Modules from_markdown(std::string_view text);

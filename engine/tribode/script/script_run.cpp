@@ -133,6 +133,7 @@ void ScriptRun::confine(const std::filesystem::path& writable) const {
     sandbox.read.insert(sandbox.read.end(), access.read_folders.begin(), access.read_folders.end());
     const auto& script = request_.script;
     sandbox.read.insert(sandbox.read.end(), {script, script.has_parent_path() ? script.parent_path() : "."});
+    for (const auto& unit : request_.units) sandbox.write.push_back(unit->folder());
     sandbox.allow_program("gnuplot");
     if (request_.compile) {
         // The compiler starts others, and all of them write temporary files.
@@ -175,6 +176,23 @@ std::filesystem::path ScriptRun::ready_file(const std::string& name) {
     if (path.empty() || std::filesystem::exists(path)) return path;
     const bool ready = *path.begin() == "models" || *path.begin() == "scripts";
     return ready ? home() / path : path;
+}
+
+std::shared_ptr<const UnitFile> ScriptRun::unit(const std::string& file) {
+    const auto path = find_file(file);
+    std::error_code problem;
+    for (const auto& unit : request_.units) {
+        if (std::filesystem::equivalent(unit->file(), path, problem)) return unit;
+    }
+    if (!request_.allow_all) {
+        throw InputError(
+            fmt::format("{}: a functional mock-up unit is machine code, which runs only where it is named: "
+                        "tribode run --fmu {}",
+                        printable(file), printable(file)));
+    }
+    note_read(path);
+    request_.units.push_back(std::make_shared<const UnitFile>(path));
+    return request_.units.back();
 }
 
 Json ScriptRun::machine(const std::string& file, const Json& argument) {

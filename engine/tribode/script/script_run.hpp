@@ -2,6 +2,7 @@
 #include "tribode/base/json.hpp"
 #include "tribode/base/run_control.hpp"
 #include "tribode/batch/batch.hpp"
+#include "tribode/fmu_import/imported_unit.hpp"
 #include "tribode/record/run_folder.hpp"
 #include "tribode/script/lua_state.hpp"
 
@@ -29,7 +30,9 @@ struct ScriptRequest {
     ScriptLimits limits;
     std::vector<std::filesystem::path> read_folders; // besides models/ and scripts/
     std::vector<std::filesystem::path> named;        // files and folders the user gave: the script may read them
-    int depth = 0;                                   // of nested runs
+    // Functional mock-up units whose machine code may run, unpacked.
+    std::vector<std::shared_ptr<const UnitFile>> units;
+    int depth = 0; // of nested runs
 };
 
 // What became of a nested run.
@@ -77,6 +80,9 @@ class ScriptRun {
     // Where models/ and scripts/ lie: beside an installed program, else the source tree it was built from, else where it
     // was to be installed.
     static std::filesystem::path home();
+
+    // A functional mock-up unit that the user has named, or any where the script may do all. Throws InputError.
+    std::shared_ptr<const UnitFile> unit(const std::string& file);
 
     // Checked reading of a machine description.
     Json machine(const std::string& file, const Json& argument);

@@ -3,6 +3,7 @@
 #include "tribode/base/random.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/experiment/system_run.hpp"
+#include "tribode/fmu_import/unit_system.hpp"
 #include "tribode/script/system_options.hpp"
 #include "tribode/script/system_reader.hpp"
 #include "tribode/script/value.hpp"
@@ -255,6 +256,23 @@ int normal_in_script(const ScriptContext& script, lua_State* lua) {
     return 1;
 }
 
+// tb.fmu{ file =, period_s = }
+int import_unit(const ScriptContext& script, lua_State* lua) {
+    const Json options = plain_options(lua, {}, "tb.fmu: options");
+    FieldReader fields(options, "tb.fmu");
+    const std::string file = fields.text("file");
+    const double period = fields.number("period_s", "s", Allowed::positive);
+    fields.finish();
+    const auto unit = script.run.unit(file);
+    const auto& left_out = unit->description().left_out;
+    if (!left_out.empty()) {
+        script.run.remark(fmt::format("{}: variables that are no single numbers are left out: {}", printable(file),
+                                      printable(fmt::format("{}", fmt::join(left_out, ", ")))));
+    }
+    push_system(lua, equations_of_unit(unit, period));
+    return 1;
+}
+
 int make_system(const ScriptContext& script, lua_State* lua) {
     push_system(lua, read_system(lua, 1, script.symbols));
     return 1;
@@ -270,6 +288,14 @@ const std::vector<LuaFunction>& system_functions() {
              "a hybrid system from its equations: states, algebraic variables, parameters, inputs, discrete variables, "
              "outputs, events, modes, sample clocks, parts. Its functions are recorded once. Errors: a branch that "
              "cannot be recorded, a variable that is not known, a state without an equation, an algebraic loop"},
+            {"fmu", import_unit, "`tb.fmu{ file =, period_s = }`",
+             "a functional mock-up unit for co-simulation as a system for the `parts` of `tb.system`, which takes a "
+             "step of "
+             "`period_s` at each sample; [how](how-to/import-an-fmu.md). Errors: a file that the user has not named "
+             "with "
+             "`--fmu`, a unit that is damaged, is for model exchange alone, has no library for this computer or does "
+             "not "
+             "start"},
             {"parts.coulomb",
              {},
              "`tb.parts.coulomb{ velocity =, level =, static =, stribeck_velocity =, exponent = 1 }`",

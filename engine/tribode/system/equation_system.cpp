@@ -572,6 +572,12 @@ SystemState EquationSystem::start_values(double t) const {
 SystemState EquationSystem::initial_state(double t) const {
     SystemState state = start_values(t);
     auto& memory = static_cast<Memory&>(*state.discrete);
+    for (std::size_t i = 0; i < equations_.clocks.size(); ++i) {
+        const auto& function = equations_.clocks[i].function;
+        if (!function || !function->open) continue;
+        memory.opened.resize(equations_.clocks.size());
+        memory.opened[i] = function->open();
+    }
     // A relation may stand in the operand of another; each pass sets one more of such a chain.
     std::vector<double> margins(relations_.size()), operands(counters_.size());
     for (std::size_t pass = 0; pass <= relations_.size(); ++pass) {
@@ -1148,7 +1154,8 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
     if (const auto& call = calls_[clock]) {
         std::vector<double> read(call->reads.output_count()), written(call->targets.size());
         if (!read.empty()) call->reads.evaluate({std::span(&state.t, 1), state.x, memory.values}, read);
-        equations_.clocks[clock].function->call(k, read, written);
+        const auto& function = *equations_.clocks[clock].function;
+        (function.open ? memory.opened[clock] : function.call)(k, read, written);
         changed = write(call->targets, written, state) || changed;
         targets.insert(targets.end(), call->targets.begin(), call->targets.end());
     }
@@ -1285,6 +1292,12 @@ SystemState EquationSystem::restored(const Snapshot& snapshot) const {
         }
         if (count > 0) list = found->second;
     };
+    for (const auto& clock : equations_.clocks) {
+        if (!clock.function || !clock.function->open) continue;
+        throw InputError(
+            fmt::format("{}: a run cannot be continued where a block has memory of its own, as that of {} has",
+                        equations_.name, clock.name));
+    }
     SystemState state = start_values(0);
     std::vector<double> time(1), samples(clocks_.size());
     read("t", time);

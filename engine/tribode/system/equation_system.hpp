@@ -170,6 +170,7 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
         bool restless = false;  // max_rounds were not enough
         bool unsettled = false; // a condition that is true at the start is an event, still to be carried out
         bool stopped = false;   // an event that ends the run has been carried out
+        std::vector<Equations::Function::Call> opened; // of each clock: of a function with memory, else empty
         OwnInstant instant;
     };
     static const Memory& memory(const DiscreteState& d) { return static_cast<const Memory&>(d); }

@@ -66,8 +66,12 @@ struct Equations {
 
     // A function from outside: gets the index of the sample and the values of `reads`, gives those of `writes`.
     struct Function {
+        using Call = std::function<void(long k, std::span<const double> read, std::span<double> written)>;
         std::vector<Term> reads, writes;
-        std::function<void(long k, std::span<const double> read, std::span<double> written)> call;
+        Call call;
+        // In place of `call`, of one that has memory of its own, which no state of a run holds: gives what one run calls.
+        // Such a system can neither be linearized nor continued.
+        std::function<Call()> open;
     };
 
     struct Clock {

@@ -340,6 +340,12 @@ Linearization linearize(const Equations& equations, const OperatingPoint& given)
         }
         jump(targets, jacobian(values, all), local.values(values));
         if (!clock.function) continue;
+        if (clock.function->open) {
+            throw InputError(
+                fmt::format("{}: the block of {} has memory of its own, as a functional mock-up unit has, and "
+                            "cannot be linearized",
+                            equations.name, clock.name));
+        }
         const auto read = local.values(clock.function->reads);
         std::vector<double> written(clock.function->writes.size());
         clock.function->call(0, read, written);
