@@ -3,6 +3,7 @@
 #include "tribode/base/text.hpp"
 #include "tribode/script/lua_force.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
@@ -71,6 +72,28 @@ std::string usage_problem(const CLI::App& app, const CLI::ParseError& problem) {
     return fmt::format("{}: {}; {} --help tells what is allowed", name, problem.what(), name);
 }
 
+// The same as COMMAND --help.
+int show_help(CLI::App& app, const std::vector<std::string>& about) {
+    CLI::App* command = &app;
+    std::string name = "tribode";
+    for (const auto& word : about) {
+        const auto commands = command->get_subcommands(nullptr);
+        const auto found =
+            std::find_if(commands.begin(), commands.end(), [&](const auto* one) { return one->get_name() == word; });
+        if (found == commands.end()) {
+            const auto known = command_names(*command);
+            if (known.empty()) return report(fmt::format("{} has no commands of its own", name), wrong_input);
+            return report(fmt::format("\"{}\" is not a command{}{}", word, command == &app ? "" : " of " + name,
+                                      suggestion(word, known)),
+                          wrong_input);
+        }
+        command = *found;
+        name += " " + word;
+    }
+    fmt::print("{}", command->get_formatter()->make_help(command, name, CLI::AppFormatMode::Normal));
+    return done;
+}
+
 int run_program(int argc, char** argv) {
     tribode::enable_lua_forces();
     std::signal(SIGINT, on_interrupt);
@@ -93,14 +116,20 @@ int run_program(int argc, char** argv) {
         {"fra", "frequency responses with their uncertainty, from measured records", fra_command()},
         {"run", "an experiment script in Lua", run_command()},
         {"batch", "many independent points, that survive what may happen", batch_command()},
-        {"export-fmu", "a model as a functional mock-up unit, for other programs", export_fmu_command()}};
+        {"export-fmu", "a model as a functional mock-up unit, for other programs", export_fmu_command()},
+        {"effects", "what a machine may have besides its basic parts, and the parameters of each", effects_command()},
+        {"solvers", "the methods of integration", solvers_command()}};
     for (auto& entry : commands) {
         entry.app = app.add_subcommand(entry.name, entry.what);
         entry.command->add_to(*entry.app, common);
         entry.app->set_version_flag("--version", "tribode " + version());
     }
+    auto* help = app.add_subcommand("help", "what a command does and its options");
+    std::vector<std::string> about;
+    help->add_option("command", about, "e.g. batch plan (default: all commands)");
     try {
         app.parse(argc, argv);
+        if (help->parsed()) return show_help(app, about);
     } catch (const CLI::Success& help_or_version) {
         return app.exit(help_or_version);
     } catch (const CLI::ParseError& problem) {

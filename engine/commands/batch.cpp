@@ -6,6 +6,7 @@
 #include "tribode/batch/slurm.hpp"
 #include "tribode/batch/status.hpp"
 #include "tribode/batch/workers.hpp"
+#include "tribode/record/output_file.hpp"
 #include "tribode/script/batch_script.hpp"
 
 #include <chrono>
@@ -60,11 +61,12 @@ struct BatchCommand final : Command {
             ->allow_extra_args(false);
         slurm_app->add_flag("--dry-run", dry_run, "show the scripts, submit nothing");
         slurm_app->add_flag("--again", again, "also what Slurm says to be waiting or running");
-        status_app->add_flag("--json", as_json, "as JSON");
         status_app->add_flag("--watch", watch, "a progress display until the batch is complete");
-        merge_app->add_option("-o,--out", output, "file to write: .h5, .csv or .mat")->required();
+        merge_app->add_option("-o,--out", output, "file to write: .h5, .csv or .mat; - for CSV on standard output")
+            ->required();
         for (auto* command : app.get_subcommands(nullptr)) {
             common.add_quiet(*command);
+            if (command != shard_app) common.add_json(*command);
             command->set_version_flag("--version", "tribode " + version());
         }
     }
@@ -93,13 +95,17 @@ struct BatchCommand final : Command {
         if (shards) plan.shards = shards;
         const PlannedBatch planned = plan_script_batch(plan, common.control());
         for (const auto& warning : planned.warnings) std::fprintf(stderr, "tribode: warning: %s\n", warning.c_str());
-        if (common.quiet) return done;
-        fmt::print("{} points in {} shards", planned.points, planned.shards);
+        std::string text = fmt::format("{} points in {} shards", planned.points, planned.shards);
         if (planned.seconds_per_point > 0) {
-            fmt::print(", {:.3g} ms a point, {:.3g} s in all on one core", 1e3 * planned.seconds_per_point,
-                       planned.seconds_per_point * static_cast<double>(planned.points));
+            text += fmt::format(", {:.3g} ms a point, {:.3g} s in all on one core", 1e3 * planned.seconds_per_point,
+                                planned.seconds_per_point * static_cast<double>(planned.points));
         }
-        fmt::print("; tribode batch run {}\n", plan.folder.string());
+        common.note(text + fmt::format("; tribode batch run {}\n", plan.folder.string()),
+                    {{"folder", plan.folder.string()},
+                     {"points", planned.points},
+                     {"shards", planned.shards},
+                     {"seconds_per_point", planned.seconds_per_point},
+                     {"warnings", planned.warnings}});
         return done;
     }
 
@@ -113,10 +119,9 @@ struct BatchCommand final : Command {
                             "goes on from there",
                             status.done, status.points, folder));
         }
-        if (!common.quiet) {
-            fmt::print("{} points done, {} failed; tribode batch merge {} -o FILE\n", status.done, status.failed,
-                       folder);
-        }
+        common.note(fmt::format("{} points done, {} failed; tribode batch merge {} -o FILE\n", status.done,
+                                status.failed, folder),
+                    status.json());
         return done;
     }
 
@@ -130,18 +135,28 @@ struct BatchCommand final : Command {
         require_defines(place, manifest, slurm.defines);
         const auto arrays = slurm_arrays(place, manifest, open, slurm, slurm_largest_index());
         if (dry_run) {
-            for (const auto& array : arrays) fmt::print("{}\n", array.script);
+            std::string text;
+            Json scripts = Json::array();
+            for (const auto& array : arrays) {
+                text += array.script + "\n";
+                scripts.push_back(array.script);
+            }
+            common.print(text, {{"scripts", scripts}});
             return done;
         }
         const FolderLock lock(place);
+        Json jobs = Json::array();
         for (const auto& array : arrays) {
-            const std::string job = submit(place, array);
-            if (!common.quiet) fmt::print("job {}: {} shards\n", job, array.tasks);
+            jobs.push_back({{"job", submit(place, array)}, {"shards", array.tasks}});
+            // At once: what is submitted should be known also where the next fails.
+            if (!common.json && !common.quiet) {
+                fmt::print("job {}: {} shards\n", jobs.back()["job"].get<std::string>(), array.tasks);
+            }
         }
-        if (!common.quiet) {
-            fmt::print("{} of {} shards missing, {} of them queued before; tribode batch status --watch {}\n",
-                       missing.size(), manifest.shards, missing.size() - open.size(), folder);
-        }
+        const std::size_t queued = missing.size() - open.size();
+        common.note(fmt::format("{} of {} shards missing, {} of them queued before; tribode batch status --watch {}\n",
+                                missing.size(), manifest.shards, queued, folder),
+                    {{"jobs", jobs}, {"shards", manifest.shards}, {"missing", missing.size()}, {"queued", queued}});
         return done;
     }
 
@@ -157,21 +172,31 @@ struct BatchCommand final : Command {
             if (control.stop_requested()) break;
             status = read_status(files, manifest, control);
         }
-        fmt::print("{}\n", as_json ? status.json().dump(2) : status.text());
+        common.print(status.text() + "\n", status.json());
         return done;
     }
 
     int merge(const Common& common) const {
         KernelSandbox sandbox;
         sandbox.read = files_of_batch(folder);
-        sandbox.allow_output(output);
+        if (output != standard_output) sandbox.allow_output(output);
+        if (output == standard_output && common.json) {
+            throw InputError("only one of -o - and --json can have the standard output");
+        }
         sandbox.enter();
         const MergeSummary summary = merge_script_batch(folder, output, common.control());
-        if (!common.quiet) {
-            fmt::print("{} points, {} failed, in {}\n", summary.points, summary.failed, output);
-            if (!summary.left_out.empty()) {
-                fmt::print("too long for such a table, and so only in .h5: {}\n", fmt::join(summary.left_out, ", "));
-            }
+        std::string text = fmt::format("{} points, {} failed, in {}\n", summary.points, summary.failed, output);
+        if (!summary.left_out.empty()) {
+            const std::string gap =
+                fmt::format("too long for such a table, and so only in .h5: {}\n", fmt::join(summary.left_out, ", "));
+            if (output == standard_output) fmt::print(stderr, "tribode: warning: {}", gap);
+            text += gap;
+        }
+        if (output != standard_output) {
+            common.note(text, {{"file", output},
+                               {"points", summary.points},
+                               {"failed", summary.failed},
+                               {"left_out", summary.left_out}});
         }
         return done;
     }
@@ -180,7 +205,7 @@ struct BatchCommand final : Command {
     std::vector<std::string> defines;
     std::string folder, output;
     std::size_t shards = 0, shard = 0;
-    bool as_json = false, watch = false, dry_run = false, again = false;
+    bool watch = false, dry_run = false, again = false;
     SlurmOptions slurm;
     CLI::App *plan_app, *run_app, *slurm_app, *resume_app, *shard_app, *status_app, *merge_app;
 };

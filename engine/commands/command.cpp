@@ -2,6 +2,8 @@
 #include "tribode/base/error.hpp"
 #include "tribode/base/kernel_sandbox.hpp"
 #include "tribode/base/text.hpp"
+#include "tribode/record/json_file.hpp"
+#include "tribode/record/output_file.hpp"
 #include "tribode/script/machine_file.hpp"
 #include "tribode/script/script_run.hpp"
 
@@ -27,6 +29,16 @@ RunControl Common::control() const {
 }
 
 void Common::add_quiet(CLI::App& app) { app.add_flag("--quiet", quiet, "no progress display"); }
+
+void Common::add_json(CLI::App& app) { app.add_flag("--json", json, "the report as JSON, on standard output"); }
+
+void Common::print(std::string_view text, const Json& value) const {
+    fmt::print("{}", json ? to_json_text(value) : text);
+}
+
+void Common::note(std::string_view text, const Json& value) const {
+    if (json || !quiet) print(text, value);
+}
 
 void Common::add_workers(CLI::App& app, const char* what) {
     app.add_option("-j,--workers", workers, what)->check(CLI::Range(1u, 4096u));
@@ -81,7 +93,9 @@ void confine(const std::string& machine, const std::vector<std::string>& read, c
         const std::filesystem::path file = machine;
         sandbox.read.insert(sandbox.read.end(), {file, file.has_parent_path() ? file.parent_path() : "."});
     }
-    for (const auto& file : write) sandbox.allow_output(file);
+    for (const auto& file : write) {
+        if (file != standard_output) sandbox.allow_output(file);
+    }
     sandbox.allow_program("gnuplot");
     sandbox.enter();
 }

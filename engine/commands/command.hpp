@@ -1,5 +1,6 @@
 #pragma once
 #include "commands/progress_display.hpp"
+#include "tribode/base/json.hpp"
 #include "tribode/base/run_control.hpp"
 #include "tribode/experiment/simulation.hpp"
 #include "tribode/machine/machine_model.hpp"
@@ -10,6 +11,7 @@
 #include <map>
 #include <memory>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <vector>
 
@@ -23,11 +25,18 @@ extern ProgressDisplay progress_display;
 // Options of every command.
 struct Common {
     bool quiet = false;
+    bool json = false; // what the command reports is one JSON value on standard output
     unsigned workers = std::max(1u, std::thread::hardware_concurrency());
 
     RunControl control() const;
     void add_quiet(CLI::App& app);
+    void add_json(CLI::App& app); // for a command that reports something
     void add_workers(CLI::App& app, const char* what = "threads (default: all cores); the results do not depend on it");
+
+    // Prints a result, as text or as JSON.
+    void print(std::string_view text, const Json& json) const;
+    // The same of a message that --quiet leaves out.
+    void note(std::string_view text, const Json& json) const;
 };
 
 // One command of the program, `tribode NAME`. It fills in a request of the engine, runs it and prints what came of it.
@@ -45,6 +54,8 @@ std::unique_ptr<Command> fra_command();
 std::unique_ptr<Command> run_command();
 std::unique_ptr<Command> batch_command();
 std::unique_ptr<Command> export_fmu_command();
+std::unique_ptr<Command> effects_command();
+std::unique_ptr<Command> solvers_command();
 
 // ---- what several commands need ----------------------------------------------------------------------------------
 

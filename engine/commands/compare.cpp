@@ -15,6 +15,7 @@ struct CompareCommand final : Command {
         app.add_option("-o,--out", output, "folder of table and plots (default results/compare)");
         app.add_option("--seed", options.seed, "seed of the noise (default 0)");
         common.add_quiet(app);
+        common.add_json(app);
     }
 
     int run(const Common& common) override {
@@ -24,7 +25,7 @@ struct CompareCommand final : Command {
         RunFolder folder(output); // first: a folder that cannot be made is said before the work
         const Comparison comparison = compare(model, record, options, common.control());
         write_comparison(comparison, model, folder);
-        fmt::print("{}\n", comparison.text());
+        common.print(comparison.text() + "\n", comparison.json());
         folder.write_manifest({{"program", "tribode compare"},
                                {"machine", model.hash()},
                                {"input", {{"file", what.input}, {"sha256", sha256(read_file(what.input))}}},

@@ -23,6 +23,7 @@ struct DiagnoseCommand final : Command {
         columns.add_to(app);
         common.add_workers(app);
         common.add_quiet(app);
+        common.add_json(app);
     }
 
     int run(const Common& common) override {
@@ -36,7 +37,7 @@ struct DiagnoseCommand final : Command {
         request.columns = columns.options();
         request.options = options;
         const DiagnosisResult result = diagnose_files(request, output, common.control());
-        fmt::print("{}", diagnosis_text(result.summary));
+        common.print(diagnosis_text(result.summary), result.summary);
         return done;
     }
 

@@ -23,16 +23,16 @@ struct ExportFmuCommand final : Command {
             fmt::format("of co-simulation: {} (default auto)", fmt::join(SolverOptions::method_names(), ", ")));
         app.add_option("-o,--out", request.output, "file to write, NAME.fmu")->required();
         app.add_flag("--quiet", common.quiet, "no message of what was written");
+        common.add_json(app);
     }
 
     int run(const Common& common) override {
         request.options.version = fmi == 2 ? FmiVersion::fmi2 : FmiVersion::fmi3;
         request.options.model_exchange = kind == "me";
         export_fmu(request, common.control());
-        if (!common.quiet) {
-            fmt::print("{}: FMI {}.0, {}\n", request.output.string(), fmi,
-                       kind == "me" ? "model exchange" : "co-simulation");
-        }
+        const char* name = kind == "me" ? "model exchange" : "co-simulation";
+        common.note(fmt::format("{}: FMI {}.0, {}\n", request.output.string(), fmi, name),
+                    {{"file", request.output.string()}, {"fmi", fmi}, {"kind", name}});
         return done;
     }
 

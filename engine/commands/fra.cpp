@@ -34,6 +34,7 @@ struct FraCommand final : Command {
         app.add_flag("--keep-transients", keep_transients, "do not take transients out of single sines");
         columns.add_to(app);
         common.add_quiet(app);
+        common.add_json(app);
     }
 
     int run(const Common& common) override {
@@ -51,7 +52,8 @@ struct FraCommand final : Command {
         RunFolder folder(output);
         write_measured_fra(fra, folder, common.control());
         folder.write_manifest({{"program", "tribode fra"}, {"machine", model.hash()}, {"data", sources}});
-        if (!common.quiet) fmt::print("{}", fra.text());
+        common.note(fra.text(),
+                    {{"folder", output}, {"records", fra.records}, {"fits", fra.fits()}, {"notes", fra.notes}});
         return done;
     }
 

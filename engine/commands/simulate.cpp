@@ -3,6 +3,7 @@
 #include "tribode/base/text.hpp"
 #include "tribode/record/csv.hpp"
 #include "tribode/record/output_file.hpp"
+#include "tribode/script/conversions.hpp"
 
 #include <cmath>
 #include <fmt/format.h>
@@ -16,8 +17,10 @@ namespace {
 struct SimulateCommand final : Command {
     void add_to(CLI::App& app, Common& common) override {
         what.add_to(app);
-        app.add_option("-o,--out", output, "file to write, .csv, .mat or .h5: t,r,u,y,x,v,f")->required();
-        app.add_option("--events", events, "CSV to write: t,element,kind");
+        app.add_option("-o,--out", output,
+                       "file to write, .csv, .mat or .h5: t,r,u,y,x,v,f; - for CSV on standard output")
+            ->required();
+        app.add_option("--events", events, "CSV to write: t,element,kind; - for standard output");
         app.add_option("--solver", solver,
                        fmt::format("{} (default auto: exact where possible, else erk)",
                                    fmt::join(SolverOptions::method_names(), ", ")));
@@ -26,9 +29,14 @@ struct SimulateCommand final : Command {
         app.add_option("--step", step, "step of the fixed-step solvers in seconds (default Ts/10)");
         app.add_option("--seed", options.seed, "seed of the noise (default 0)");
         common.add_quiet(app);
+        common.add_json(app);
     }
 
     int run(const Common& common) override {
+        const int on_output = int(output == standard_output) + int(events == standard_output) + int(common.json);
+        if (on_output > 1) {
+            throw InputError("only one of -o -, --events - and --json can have the standard output");
+        }
         confine(what.machine, {what.input}, events.empty() ? std::vector{output} : std::vector{output, events});
         const MachineModel model = what.model(common);
         options.solver.method = method_named(solver);
@@ -43,6 +51,10 @@ struct SimulateCommand final : Command {
         const Simulation result = simulate(model, what.record(model), options, common.control());
         if (!result.outcome.ok()) {
             // What was reached is kept, but not under the name of a whole result.
+            if (output == standard_output) {
+                throw EndedEarly(fmt::format("{}; with -o FILE the {} samples reached are kept", result.outcome.message,
+                                             result.trace.t.size()));
+            }
             const std::string partial = output + ".partial.csv";
             write_csv(partial, to_table(result.trace));
             throw EndedEarly(fmt::format("{}; the {} samples reached are in {}", result.outcome.message,
@@ -50,12 +62,18 @@ struct SimulateCommand final : Command {
         }
         write_record(output, to_table(result.trace));
         if (!events.empty()) write_file(events, to_csv(result.events));
-        if (!common.quiet) {
+        if (on_output == 0 || common.json) {
             const RunStatistics& n = result.statistics;
-            fmt::print("{} samples with {}: {} events, {} steps ({} rejected), {} derivative evaluations, {} restarts, "
-                       "{:.3g} s integrating, {:.3g} s in events and samples\n",
-                       result.trace.t.size(), name_of(result.method), n.events, n.steps, n.rejected_steps,
-                       n.derivative_evaluations, n.restarts, n.seconds_integrating, n.seconds_events);
+            common.note(
+                fmt::format(
+                    "{} samples with {}: {} events, {} steps ({} rejected), {} derivative evaluations, {} restarts, "
+                    "{:.3g} s integrating, {:.3g} s in events and samples\n",
+                    result.trace.t.size(), name_of(result.method), n.events, n.steps, n.rejected_steps,
+                    n.derivative_evaluations, n.restarts, n.seconds_integrating, n.seconds_events),
+                {{"file", output},
+                 {"samples", result.trace.t.size()},
+                 {"solver", name_of(result.method)},
+                 {"statistics", to_json(n)}});
         }
         return done;
     }

@@ -53,9 +53,20 @@ bool take_rights_away() {
     return setgroups(0, nullptr) == 0 && setgid(nobody) == 0 && setuid(nobody) == 0;
 }
 
-[[noreturn]] void become_program(char* const* arguments, const Surroundings& surroundings, int out, int err) {
-    const bool ready = chdir(surroundings.folder.c_str()) == 0 && dup2(out, STDOUT_FILENO) >= 0 &&
-                       dup2(err, STDERR_FILENO) >= 0 && (!surroundings.as_nobody || take_rights_away());
+// A pipe that holds the text and ends.
+int pipe_with(const std::string& text) {
+    int ends[2];
+    if (text.size() > 60000 || pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("no pipe can be made");
+    const bool written = write(ends[1], text.data(), text.size()) == static_cast<ssize_t>(text.size());
+    close(ends[1]);
+    if (!written) throw std::runtime_error("a pipe cannot be filled");
+    return ends[0];
+}
+
+[[noreturn]] void become_program(char* const* arguments, const Surroundings& surroundings, int in, int out, int err) {
+    const bool ready = chdir(surroundings.folder.c_str()) == 0 && dup2(in, STDIN_FILENO) >= 0 &&
+                       dup2(out, STDOUT_FILENO) >= 0 && dup2(err, STDERR_FILENO) >= 0 &&
+                       (!surroundings.as_nobody || take_rights_away());
     if (surroundings.largest_file > 0) {
         const rlimit limit{surroundings.largest_file, surroundings.largest_file};
         setrlimit(RLIMIT_FSIZE, &limit);
@@ -85,9 +96,11 @@ Program::Program(const std::vector<std::string>& arguments, const Surroundings& 
     std::vector<char*> pointers;
     for (auto& word : words) pointers.push_back(word.data());
     pointers.push_back(nullptr);
+    const int in = pipe_with(surroundings.input);
     process_ = fork();
+    if (process_ == 0) become_program(pointers.data(), surroundings, in, out_, err_);
+    close(in);
     if (process_ < 0) throw std::runtime_error("no process can be made");
-    if (process_ == 0) become_program(pointers.data(), surroundings, out_, err_);
 }
 
 Program::~Program() {

@@ -13,6 +13,7 @@ namespace tribode::cli {
 struct Surroundings {
     std::filesystem::path folder;      // working folder
     std::size_t largest_file = 0;      // limit of a file's size [bytes]; 0: none
+    std::string input;                 // standard input, a pipe
     std::filesystem::path output;      // standard output goes there; empty: to Ending::out
     bool as_nobody = false;            // a superuser gives up all rights first
     bool errors_to_terminal = false;   // standard error is a terminal

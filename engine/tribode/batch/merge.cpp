@@ -240,7 +240,7 @@ void for_each_point(const fs::path& folder, const Manifest& manifest, const std:
 
 MergeSummary merge_batch(const fs::path& folder, const Manifest& manifest, const fs::path& output,
                          const RunControl& control) {
-    const std::string kind = output.extension().string();
+    const std::string kind = output == standard_output ? ".csv" : output.extension().string();
     if (kind != ".h5" && kind != ".hdf5" && kind != ".csv" && kind != ".mat") {
         throw InputError(fmt::format("{}: a merged batch is a .h5, a .csv or a .mat", output.string()));
     }

@@ -299,6 +299,33 @@ Table Comparison::table() const {
     return table;
 }
 
+Json Comparison::json() const {
+    Json json{{"findings", findings()}, {"reference", reference}};
+    if (excitation_hz) json["excitation_hz"] = *excitation_hz;
+    json["methods"] = Json::array();
+    for (const auto& m : methods) {
+        Json method{{"name", m.name},
+                    {"ok", m.outcome.ok()},
+                    {"diverged", m.diverged},
+                    {"max_difference", m.max_difference},
+                    {"rms_difference", m.rms_difference},
+                    {"events_found", m.events_found},
+                    {"events_missed", m.events_missed},
+                    {"events_extra", m.events_extra},
+                    {"derivative_evaluations", m.statistics.derivative_evaluations},
+                    {"steps", m.statistics.steps},
+                    {"seconds", m.seconds}};
+        const auto put = [&](const char* name, const std::optional<double>& value) {
+            if (value) method[name] = *value;
+        };
+        put("gain_error", m.gain_error);
+        put("phase_error_deg", m.phase_error_deg);
+        put("stable_stiffness", m.stable_stiffness);
+        json["methods"].push_back(std::move(method));
+    }
+    return json;
+}
+
 std::string Comparison::text() const {
     std::string text = fmt::format("{:<28} {:>12} {:>12} {:>20} {:>12} {:>12}\n", "method", "max diff [m]",
                                    "rms diff [m]", "events found/miss/+", "rhs/sample", "us/sample");

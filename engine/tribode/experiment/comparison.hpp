@@ -47,6 +47,7 @@ struct Comparison {
     std::vector<const MethodResult*> all() const; // the reference, then the methods
     Table table() const;                          // a row for each of them; without times, so the same for every run
     std::string text() const;                     // table of the main columns, for people
+    Json json() const;                            // findings, reference and methods, as tb.compare returns them
     std::vector<std::string> findings() const;    // what the discrete methods get wrong, in words
 };
 

@@ -3,6 +3,7 @@
 
 #include <cerrno>
 #include <csignal>
+#include <cstdio>
 #include <cstring>
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -65,6 +66,12 @@ bool write_to_device(const fs::path& path, std::string_view bytes) {
 } // namespace
 
 void write_file(const fs::path& path, std::string_view bytes) {
+    if (path == standard_output) {
+        if (std::fwrite(bytes.data(), 1, bytes.size(), stdout) != bytes.size() || std::fflush(stdout) != 0) {
+            fail_to_write("standard output", std::strerror(errno));
+        }
+        return;
+    }
     [[maybe_unused]] static const auto size_limit_is_an_error = std::signal(SIGXFSZ, SIG_IGN);
 
     std::error_code problem;
@@ -91,6 +98,7 @@ void write_file(const fs::path& path, std::string_view bytes) {
 }
 
 OutputFile::OutputFile(fs::path path) : path_(std::move(path)), part_(path_) {
+    if (path_ == standard_output) return;
     part_ += ".part";
     std::error_code problem;
     if (fs::is_directory(path_)) fail_to_write(path_, "it is a folder");
@@ -113,12 +121,17 @@ void OutputFile::write(std::string_view bytes) {
 }
 
 void OutputFile::flush() {
+    if (path_ == standard_output) {
+        write_file(path_, std::exchange(buffer_, {}));
+        return;
+    }
     if (!write_all(file_, buffer_)) fail();
     buffer_.clear();
 }
 
 void OutputFile::commit() {
     flush();
+    if (path_ == standard_output) return;
     if (::fsync(file_) != 0 || ::close(std::exchange(file_, -1)) != 0 || ::rename(part_.c_str(), path_.c_str()) != 0) {
         fail();
     }

@@ -5,6 +5,9 @@
 
 namespace tribode {
 
+// The name that stands for standard output, as of many programs. A file of this name is ./-.
+inline constexpr std::string_view standard_output = "-";
+
 // Writes the bytes to `path`, all or nothing: they go to `<path>.part` in the same folder, which takes the final name
 // once everything has reached the disk. Missing parent folders are made. A symbolic link is followed; a device or a
 // pipe (/dev/stdout) is written to directly.

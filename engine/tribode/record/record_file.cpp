@@ -2,6 +2,7 @@
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/record/csv.hpp"
+#include "tribode/record/file_units.hpp"
 #include "tribode/record/hdf5.hpp"
 #include "tribode/record/mat.hpp"
 #include "tribode/record/output_file.hpp"
@@ -12,6 +13,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <set>
+#include <utility>
 
 namespace tribode {
 
@@ -40,8 +42,9 @@ std::map<std::string, std::string> pairs_of(std::string_view text, const char* o
 
 struct Content {
     std::vector<Variable> variables;
-    bool may_hold_more = true;  // than the record: what nobody asks for is passed over
-    std::size_t first_line = 0; // of row 0 in a text
+    bool may_hold_more = true;   // than the record: what nobody asks for is passed over
+    std::size_t first_line = 0;  // of row 0 in a text
+    bool has_file_units = false; // units are as the file has them, not SI
 };
 
 std::vector<std::string> names_of(const std::vector<Variable>& variables) {
@@ -68,29 +71,44 @@ bool contains(const std::vector<std::string>& names, std::string_view name) {
     return std::find(names.begin(), names.end(), name) != names.end();
 }
 
+// Columns may be named as the header line has them, with their units.
+RecordOptions with_plain_names(RecordOptions options, const std::vector<CsvName>& names) {
+    for (auto& [ours, theirs] : options.columns) {
+        for (const auto& name : names) {
+            if (theirs == name.in_header) theirs = name.name;
+        }
+    }
+    return options;
+}
+
 // All columns; or, where the user names some, these and the wanted: others may hold texts.
-void read_text(Content& content, std::string_view text, const std::string& source, const RecordOptions& options,
+void read_text(Content& content, std::string_view text, const std::string& source, RecordOptions& options,
                const std::vector<std::string>& wanted) {
     content.may_hold_more = false;
+    content.has_file_units = true;
     CsvOptions choice;
     std::vector<std::string> passed_over;
     if (!options.columns.empty()) {
-        for (const auto& name : csv_names(text, source)) {
+        const auto names = csv_names(text, source);
+        options = with_plain_names(options, names);
+        for (const auto& [name, in_header] : names) {
             const bool is_named = std::any_of(options.columns.begin(), options.columns.end(),
-                                              [&](const auto& pair) { return pair.second == name; });
+                                              [&, &column = name](const auto& pair) { return pair.second == column; });
             (is_named || contains(wanted, name) ? choice.columns : passed_over).push_back(name);
         }
     }
     if (choice.columns.size() + passed_over.size() == 0 || !choice.columns.empty()) {
         Table table = parse_csv(text, source, choice);
         content.first_line = table.first_line;
-        for (auto& column : table.columns) content.variables.push_back({column.name, "", std::move(column.values), ""});
+        for (auto& column : table.columns) {
+            content.variables.push_back({column.name, column.unit, std::move(column.values), ""});
+        }
     }
     for (const auto& name : passed_over) content.variables.push_back({name, "", {}, "is not among those asked for"});
 }
 
 // `packed`: bytes of the file itself.
-Content content_of(std::string_view bytes, std::size_t packed, const std::string& source, const RecordOptions& options,
+Content content_of(std::string_view bytes, std::size_t packed, const std::string& source, RecordOptions& options,
                    const std::vector<std::string>& wanted) {
     Content content;
     if (is_hdf5(bytes)) {
@@ -142,7 +160,7 @@ class Chooser {
             // One that the user has named is there already.
             if (contains(wanted_, variable.name) && !table_.find(variable.name)) take(variable.name, variable);
         }
-        if (contains(wanted_, "t") && !table_.find("t")) named("t");
+        if (contains(wanted_, "t") && !table_.find("t")) fail_without_time();
         if (keep_all) {
             for (const auto& variable : content_.variables) take_if_it_fits(variable);
         }
@@ -161,6 +179,21 @@ class Chooser {
                                      [&](const Variable& v) { return v.name == name; });
         if (it != content_.variables.end()) return *it;
         fail(fmt::format("there is no column {}{}", name, suggestion(name, names_of(content_.variables))));
+    }
+
+    // The line that the user should have written, as far as it can be known.
+    [[noreturn]] void fail_without_time() const {
+        const auto names = names_of(content_.variables);
+        if (!nearest_name("t", names).empty()) named("t");
+        std::string time = "NAME";
+        for (const auto& variable : content_.variables) {
+            const auto& name = variable.name;
+            const bool is_time = variable.unit == "s" || variable.unit == "ms" || name.starts_with("T") ||
+                                 name.find("time") != std::string::npos;
+            if (time == "NAME" && is_time) time = name;
+        }
+        fail(fmt::format("there is no column t{}; give the columns their names: --columns t={},u=NAME,y=NAME",
+                         suggestion("t", names), time));
     }
 
     void take(const std::string& ours, const Variable& variable) {
@@ -213,6 +246,36 @@ class Chooser {
     std::vector<const Variable*> taken_; // what the columns of table_ are in the file
 };
 
+// Brings a column to SI by the unit that the file gives it.
+void convert(Column& column, const std::string& source) {
+    if (column.unit.empty()) return;
+    const auto unit = file_unit(column.unit);
+    if (!unit) {
+        throw InputError(fmt::format("{}: column {} has the unit \"{}\", which is not known; give its factor to SI: "
+                                     "--scale {}=FACTOR",
+                                     source, column.name, column.unit, column.name));
+    }
+    unit->convert(column.values);
+    column.unit = unit->si;
+}
+
+// The columns that machines use.
+constexpr std::pair<const char*, const char*> expected_units[] = {
+    {"t", "s"}, {"r", "m"}, {"u", "N"}, {"exc", "N"}, {"y", "m"}};
+
+// Throws InputError where the file gives a column another unit than it has in Tribode. A column that the user scales is
+// taken as it is then.
+void require_units(const Table& table, const RecordOptions& options, const std::vector<std::string>& wanted) {
+    for (const auto& [name, expected] : expected_units) {
+        const Column* column = contains(wanted, name) ? table.find(name) : nullptr;
+        if (!column || column->unit.empty() || column->unit == expected || options.scale.contains(name)) continue;
+        const auto unit = file_unit(column->unit);
+        throw InputError(fmt::format("{}: column {} is in {}, must be in {}; give its factor: --scale {}={}",
+                                     table.source, name, column->unit, expected, name,
+                                     unit && unit->si == expected ? to_text(unit->to_si(1)) : "FACTOR"));
+    }
+}
+
 void require_finite(const Table& table) {
     if (table.rows() == 0) throw InputError(fmt::format("{}: there are no rows, must be one at least", table.source));
     for (const Column& column : table.columns) {
@@ -260,9 +323,10 @@ RecordOptions RecordOptions::read(FieldReader& fields) {
     return options;
 }
 
-Record record_from_bytes(std::string_view bytes, const std::string& source, const RecordOptions& options,
+Record record_from_bytes(std::string_view bytes, const std::string& source, const RecordOptions& asked,
                          const std::vector<std::string>& wanted) {
     const std::string unpacked = is_gzip(bytes) ? gunzip(bytes, source) : "";
+    RecordOptions options = asked;
     const Content content = content_of(is_gzip(bytes) ? unpacked : bytes, bytes.size(), source, options, wanted);
     Record record{Chooser(content, source, options, wanted).table(), std::nullopt};
     for (const auto& [name, factor] : options.scale) {
@@ -270,8 +334,13 @@ Record record_from_bytes(std::string_view bytes, const std::string& source, cons
         for (Column& column : record.table.columns) {
             if (column.name != name) continue;
             for (double& value : column.values) value *= factor;
+            if (content.has_file_units) column.unit.clear(); // whoever gives the factor knows it
         }
     }
+    if (content.has_file_units) {
+        for (Column& column : record.table.columns) convert(column, source);
+    }
+    require_units(record.table, options, wanted);
     require_finite(record.table);
     if (record.table.find("t")) record.time = time_grid(record.table);
     return record;

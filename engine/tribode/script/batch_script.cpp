@@ -292,6 +292,9 @@ ScriptRequest request_of(const Manifest& manifest, const BatchRunRequest& asked,
     request.folder = folder / "files";
     request.defines = manifest.defines;
     for (const auto& [name, value] : manifest.defines) request.named.emplace_back(value);
+    // Who planned the batch knew what is in these; what else lies beside the script may be nobody else's business.
+    for (const auto& file : manifest.files) request.named.push_back(ScriptRun::ready_file(file.name));
+    request.beside = false;
     request.quick = manifest.quick;
     request.compile = asked.compile;
     request.confine = asked.confine;

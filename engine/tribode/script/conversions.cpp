@@ -45,7 +45,7 @@ Record record_of(const ScriptContext& script, FieldReader& fields, const char* f
                  const std::vector<std::string>& wanted) {
     const auto path = script.run.find_file(fields.text(file_key));
     const RecordOptions options = RecordOptions::read(fields);
-    script.access().check_read(path);
+    script.run.check_data(path);
     Record record = read_record(path, options, wanted);
     script.run.note_read(path);
     return record;

@@ -13,7 +13,7 @@ Json diagnose_machine(const ScriptContext& script, const Json& arguments) {
     request.columns = RecordOptions::read(fields);
     const auto readable = [&](const std::string& file) {
         const auto path = script.run.find_file(file);
-        script.access().check_read(path);
+        script.run.check_data(path);
         script.run.note_read(path);
         return path;
     };

@@ -70,31 +70,8 @@ Json compare_methods(const ScriptContext& script, const Json& arguments) {
     const Comparison comparison = compare(machine, record, options, script.run.control());
     write_comparison(comparison, machine, script.run.folder());
     script.run.note_work({{"function", "compare"}, {"machine", machine.hash()}, {"seed", options.seed}});
-    Json json{{"text", comparison.text()},
-              {"findings", comparison.findings()},
-              {"reference", comparison.reference},
-              {"methods", Json::array()}};
-    if (comparison.excitation_hz) json["excitation_hz"] = *comparison.excitation_hz;
-    for (const auto& m : comparison.methods) {
-        Json method{{"name", m.name},
-                    {"ok", m.outcome.ok()},
-                    {"diverged", m.diverged},
-                    {"max_difference", m.max_difference},
-                    {"rms_difference", m.rms_difference},
-                    {"events_found", m.events_found},
-                    {"events_missed", m.events_missed},
-                    {"events_extra", m.events_extra},
-                    {"derivative_evaluations", m.statistics.derivative_evaluations},
-                    {"steps", m.statistics.steps},
-                    {"seconds", m.seconds}};
-        const auto put = [&](const char* name, const std::optional<double>& value) {
-            if (value) method[name] = *value;
-        };
-        put("gain_error", m.gain_error);
-        put("phase_error_deg", m.phase_error_deg);
-        put("stable_stiffness", m.stable_stiffness);
-        json["methods"].push_back(std::move(method));
-    }
+    Json json{{"text", comparison.text()}};
+    json.update(comparison.json());
     return json;
 }
 

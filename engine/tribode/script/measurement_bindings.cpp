@@ -53,7 +53,7 @@ std::vector<Table> records_of(const ScriptContext& script, FieldReader& fields, 
     for (const auto& entry : list) {
         if (entry.is_string()) {
             const auto path = script.run.find_file(entry.get<std::string>());
-            script.access().check_read(path);
+            script.run.check_data(path);
             records.push_back(read_record(path, options, fra_columns()).table);
             script.run.note_read(path);
             continue;

@@ -30,7 +30,7 @@ Json read_json_file(const ScriptContext& script, const Json& arguments) {
     FieldReader fields(arguments, "tb.read_json");
     const auto path = script.run.find_file(fields.text("file"));
     fields.finish();
-    script.access().check_read(path);
+    script.run.check_data(path);
     Json value = read_json(path);
     script.run.note_read(path);
     return value;

@@ -10,6 +10,7 @@
 #include "tribode/script/batch_script.hpp"
 #include "tribode/script/bindings.hpp"
 #include "tribode/script/machine_file.hpp"
+#include "tribode/script/sandbox.hpp"
 #include "tribode/system/compiled_c.hpp"
 
 #include <chrono>
@@ -17,6 +18,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <fmt/format.h>
+#include <sstream>
 #include <sys/stat.h>
 
 namespace tribode {
@@ -25,7 +27,7 @@ namespace {
 
 // The folder of the results. A missing script is said here, before the folder is made.
 std::filesystem::path folder_of(const ScriptRequest& request) {
-    read_file(request.script);
+    if (!request.text) read_file(request.script);
     return request.folder.empty() ? std::filesystem::path("results") / request.script.stem() : request.folder;
 }
 
@@ -97,10 +99,47 @@ std::string define_of(const Json& value, const std::string& name) {
     return text;
 }
 
+// The first line of a program may be for the shell. Without it the others keep their numbers.
+std::string without_first_comment(std::string text) {
+    constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";
+    if (text.starts_with(byte_order_mark)) text.erase(0, byte_order_mark.size());
+    if (text.starts_with('#')) text.erase(0, text.find('\n'));
+    return text;
+}
+
 ScriptRequest with_ready_script(ScriptRequest request) {
+    if (request.text) return request;
     const auto ready = ScriptRun::ready_file(request.script.string());
     if (std::filesystem::exists(ready)) request.script = ready; // else the user's own name is in the message
     return request;
+}
+
+// The calls that led to an error, as the end of its sentence; empty where the line that it begins with says it all.
+std::string calls_of(const std::string& problem, const std::string& traceback) {
+    constexpr std::size_t most = 8;
+    std::vector<std::string> calls;
+    std::istringstream lines(traceback);
+    for (std::string line; std::getline(lines, line);) {
+        const std::string_view call = trim(line);
+        const auto in = call.find(": in ");
+        if (in == std::string_view::npos || call.starts_with("[C]")) continue;
+        const std::string place(call.substr(0, in));
+        if (calls.empty() && problem.starts_with(place + ":")) {
+            calls.emplace_back();
+        } else {
+            calls.push_back(fmt::format("{} ({})", place, call.substr(in + 5)));
+        }
+    }
+    if (calls.size() < 2) return "";
+    std::string text = calls[0].empty() ? "" : "; raised at " + calls[0];
+    for (std::size_t i = 1; i < calls.size(); ++i) {
+        if (i == most && calls.size() > most + 1) {
+            text += fmt::format(", and {} more", calls.size() - most);
+            break;
+        }
+        text += (i == 1 ? text.empty() ? "; called from " : ", called from " : ", ") + calls[i];
+    }
+    return text;
 }
 
 } // namespace
@@ -131,8 +170,7 @@ void ScriptRun::confine(const std::filesystem::path& writable) const {
     const ScriptAccess& access = lua_.access();
     KernelSandbox sandbox{.read = access.named, .write = {access.run_folder, writable}, .execute = {}};
     sandbox.read.insert(sandbox.read.end(), access.read_folders.begin(), access.read_folders.end());
-    const auto& script = request_.script;
-    sandbox.read.insert(sandbox.read.end(), {script, script.has_parent_path() ? script.parent_path() : "."});
+    sandbox.read.insert(sandbox.read.end(), {request_.script, script_folder()});
     for (const auto& unit : request_.units) sandbox.write.push_back(unit->folder());
     sandbox.allow_program("gnuplot");
     if (request_.compile) {
@@ -167,8 +205,27 @@ std::filesystem::path ScriptRun::home() {
 std::filesystem::path ScriptRun::find_file(const std::string& name) const {
     const std::filesystem::path path = name;
     if (path.empty() || std::filesystem::exists(path)) return path;
-    if (const auto own = folder_.folder() / path; std::filesystem::exists(own)) return own;
+    for (const auto& folder : {folder_.folder(), script_folder()}) {
+        if (const auto there = folder / path; std::filesystem::exists(there)) return there;
+    }
     return ready_file(name);
+}
+
+std::filesystem::path ScriptRun::script_folder() const {
+    const bool elsewhere = !request_.text && request_.script.has_parent_path();
+    return elsewhere ? request_.script.parent_path() : std::filesystem::path(".");
+}
+
+void ScriptRun::check_data(const std::filesystem::path& file) const {
+    std::error_code problem;
+    const auto path = std::filesystem::canonical(file, problem);
+    if (request_.beside && !problem && std::filesystem::is_regular_file(path, problem) &&
+        path.parent_path() == std::filesystem::canonical(script_folder(), problem) &&
+        !path.filename().native().starts_with('.')) {
+        files_read_->insert(path);
+        return;
+    }
+    lua_.access().check_read(file);
 }
 
 std::filesystem::path ScriptRun::ready_file(const std::string& name) {
@@ -197,7 +254,7 @@ std::shared_ptr<const UnitFile> ScriptRun::unit(const std::string& file) {
 
 Json ScriptRun::machine(const std::string& file, const Json& argument) {
     const auto path = find_file(file);
-    lua_.access().check_read(path);
+    check_data(path);
     Json description = read_description(path, lua_.limits(), argument, files_read_, control_);
     note_read(path);
     const MachineModel model = MachineModel::from_description(description, file);
@@ -237,7 +294,12 @@ Json ScriptRun::options(const Json& defaults) {
 }
 
 void ScriptRun::run_script() {
-    lua_.run_file(request_.script);
+    if (request_.text) {
+        lua_.set_up([](lua_State* lua) { return set_script_folder(lua, "."), 0; });
+        lua_.run_text(without_first_comment(*request_.text), request_.script.string());
+    } else {
+        lua_.run_file(request_.script);
+    }
     if (!options_asked_ && !request_.defines.empty()) {
         throw InputError(fmt::format("-D {}: the script takes no options (it does not call tb.options)",
                                      request_.defines.begin()->first));
@@ -253,6 +315,10 @@ ScriptBatch& ScriptRun::read_batch() {
 }
 
 void ScriptRun::set_batch(ScriptBatch batch) {
+    if (request_.text) {
+        throw InputError(
+            "tb.batch: the script must be a file, because it is read again for the points; write it to one");
+    }
     if (batch_) throw InputError("tb.batch: was called before; a script describes one batch");
     if (batch.batch.name.empty()) batch.batch.name = request_.script.stem().string();
     batch_ = std::move(batch);
@@ -320,6 +386,7 @@ NestedRun ScriptRun::run_nested(const std::string& script, const std::string& fo
     ScriptRequest request = request_; // with its limits and rights
     request.limits = lua_.limits();
     request.script = find_file(script);
+    request.text.reset();
     lua_.access().check_read(request.script);
     request.folder = folder_.path(folder);
     request.quick = quick.value_or(request_.quick);
@@ -353,15 +420,26 @@ NestedRun ScriptRun::run_nested(const std::string& script, const std::string& fo
 }
 
 void ScriptRun::execute() {
+    // What ended the run is the news; a folder that cannot take the manifest either would only hide it.
+    const auto note = [&](const std::string& problem) {
+        try {
+            write_manifest(problem);
+        } catch (const OutputError&) {
+        }
+        return problem;
+    };
+    const auto with_calls = [&](const Error& problem) {
+        return note(problem.what() + calls_of(problem.what(), lua_.traceback()));
+    };
     try {
         run_script();
         if (batch_) run_batch();
+    } catch (const InputError& problem) {
+        throw InputError(with_calls(problem));
+    } catch (const OutputError& problem) {
+        throw OutputError(with_calls(problem));
     } catch (const Error& problem) {
-        // What ended the run is the news; a folder that cannot take the manifest either would only hide it.
-        try {
-            write_manifest(problem.what());
-        } catch (const OutputError&) {
-        }
+        note(problem.what());
         throw;
     }
     write_manifest("done");
@@ -385,7 +463,9 @@ void ScriptRun::run_batch() {
 void ScriptRun::write_manifest(const std::string& outcome) {
     Json manifest;
     manifest["program"] = "tribode";
-    manifest["script"] = {{"file", request_.script.string()}, {"sha256", sha256(read_file(request_.script))}};
+    const std::string text = request_.text ? *request_.text : read_file(request_.script);
+    manifest["script"] = {{"file", request_.script.string()}, {"sha256", sha256(text)}};
+    if (request_.text) manifest["script"]["text"] = text;
     manifest["options"] = options_;
     manifest["given"] = request_.defines;
     manifest["quick"] = request_.quick;

@@ -19,6 +19,7 @@ namespace tribode {
 // What `tribode run` asks for.
 struct ScriptRequest {
     std::filesystem::path script;
+    std::optional<std::string> text;            // the program itself, where it lies in no file; script is then its name
     std::filesystem::path folder;               // of the results; empty: results/<script>
     std::map<std::string, std::string> defines; // -D name=value
     bool quick = false;                         // scripts make their work small
@@ -26,6 +27,7 @@ struct ScriptRequest {
     bool allow_all = false;
     bool compile = false;    // equations of systems through the system's C compiler
     bool confine = false;    // the process, for good: what the script may not do, the kernel refuses, too
+    bool beside = true;      // the engine's readers open data files that lie beside the script
     bool only_batch = false; // it is read for the batch it describes: no manifest, no log of work, no checkpoints
     ScriptLimits limits;
     std::vector<std::filesystem::path> read_folders; // besides models/ and scripts/
@@ -73,8 +75,11 @@ class ScriptRun {
     // {default=, unit=, help=, choices=}; a value is read as its default's type, a list of numbers from "1,2,3".
     Json options(const Json& defaults);
 
-    // A file a script names: as it stands, in the folder of the run, or where models/ and scripts/ lie.
+    // A file a script names: as it stands, in the folder of the run, beside the script, or where models/ and scripts/ lie.
     std::filesystem::path find_file(const std::string& name) const;
+    // Throws InputError where the script may not have a data file read: a record, a machine, JSON. Besides what
+    // ScriptAccess allows, these are the files in the folder of the script, but for those whose name begins with a dot.
+    void check_data(const std::filesystem::path& file) const;
     // The same without the folder of the run.
     static std::filesystem::path ready_file(const std::string& name);
     // Where models/ and scripts/ lie: beside an installed program, else the source tree it was built from, else where it
@@ -120,6 +125,7 @@ class ScriptRun {
     void write_manifest(const std::string& outcome);
     bool is_complete(const ScriptRequest& request) const;
     ScriptAccess access() const;
+    std::filesystem::path script_folder() const;
 
     ScriptRequest request_;
     RunControl control_;

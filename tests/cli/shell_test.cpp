@@ -1,0 +1,201 @@
+#include "cli/program.hpp"
+#include "tribode/base/json.hpp"
+#include "unit/script/temporary_folder.hpp"
+
+#include <gtest/gtest.h>
+
+namespace tribode::cli {
+namespace {
+
+namespace fs = std::filesystem;
+
+// How the program is used from a shell: programs without a file, results in a pipe, reports as JSON.
+class Shell : public ::testing::Test {
+  protected:
+    Ending tribode(const std::vector<std::string>& arguments, const std::string& input = "") {
+        return run(arguments, {.folder = folder.path(), .input = input});
+    }
+
+    Json manifest(const std::string& run_folder) { return Json::parse(text_of(folder / run_folder / "manifest.json")); }
+
+    TemporaryFolder folder;
+};
+
+TEST_F(Shell, CodeOfTheCommandLineRunsWithTheModuleAtHand) {
+    const auto ending = tribode({"run", "-e", "x = tb.linspace(0, 1, 3)[2]", "-e", "print(x, ...)"});
+    EXPECT_EQ(ending.exit_code, 0) << ending.err;
+    EXPECT_EQ(ending.out, "0.5\n");
+    EXPECT_EQ(manifest("results/command_line").at("script").at("text"), "x = tb.linspace(0, 1, 3)[2]\nprint(x, ...)");
+    expect_sentence(tribode({"run", "-e", "x = {}", "-e", "x.y.z = 1"}), 2, {"command_line:2:", "field 'y'"});
+    expect_sentence(tribode({"run", "-e", "x = ="}), 2, {"command_line:1:", "'='"});
+    expect_sentence(tribode({"run", "-e", "tb.batch{}"}), 2, {"tb.batch"});
+}
+
+TEST_F(Shell, AScriptComesThroughAPipe) {
+    const std::string text = "#!/usr/bin/env tribode\nlocal tb = require 'tribode'\n"
+                             "tb.write_text { file = 'a.txt', text = tb.options { x = 1 }.x .. '' }\nprint 'done'\n";
+    for (const char* name : {"-", "/dev/stdin"}) {
+        const auto ending = tribode({"run", name, "-o", "out", "-D", "x=5"}, text);
+        EXPECT_EQ(ending.exit_code, 0) << ending.err;
+        EXPECT_EQ(ending.out, "done\n");
+        EXPECT_EQ(text_of(folder / "out/a.txt"), "5");
+        EXPECT_EQ(manifest("out").at("script").at("text"), text);
+    }
+    EXPECT_EQ(tribode({"run", "-"}, "print(1)\n").out, "1\n");
+    EXPECT_TRUE(fs::exists(folder / "results/stdin/manifest.json"));
+    expect_sentence(tribode({"run", "-"}, "print(1)\nerror 'no'\n"), 2, {"stdin:2: no"});
+    expect_sentence(tribode({"run", "-"}, "\x1bLua"), 2, {"stdin", "compiled Lua"});
+    expect_sentence(tribode({"run", "-"}, "io.open('/etc/passwd')"), 2, {"stdin:1:", "outside the run folder"});
+    EXPECT_EQ(tribode({"run", "-"}, "").exit_code, 0);
+}
+
+TEST_F(Shell, AProgramIsGivenOnce) {
+    folder.write("s.lua", "print(1)\n");
+    expect_sentence(tribode({"run"}), 2, {"wants a script", "-e CODE"});
+    expect_sentence(tribode({"run", "s.lua", "-e", "print(1)"}), 2, {"wants a script", "-e CODE"});
+}
+
+TEST_F(Shell, AnErrorHasTheCallsThatLedToIt) {
+    const auto error_of = [&](const std::string& text) {
+        folder.write("s.lua", text);
+        return tribode({"run", "s.lua"}).err;
+    };
+    EXPECT_EQ(
+        error_of("local function inner(x)\n  return x.y.z\nend\nlocal function outer() inner({}) end\n\nouter()\n"),
+        "tribode: s.lua:2: attempt to index a nil value (field 'y'); called from s.lua:4 (local 'outer'), "
+        "s.lua:6 (main chunk)\n");
+    EXPECT_EQ(error_of("local function check() error('bad', 2) end\ncheck()\n"),
+              "tribode: s.lua:2: bad; raised at s.lua:1 (local 'check'), called from s.lua:2 (main chunk)\n");
+    EXPECT_EQ(error_of("error 'bad'\n"), "tribode: s.lua:1: bad\n");
+    // Also of an error of the engine, in a module, and of a recursion without end.
+    folder.write("part.lua", "return function() require 'tribode'.machine { file = 3 } end\n");
+    EXPECT_NE(error_of("local call = require 'part'\n\ncall()\n").find("; called from s.lua:3 (main chunk)"),
+              std::string::npos);
+    const std::string deep = error_of("local function f() return 1 + f() end\nf()\n");
+    EXPECT_NE(deep.find("stack overflow"), std::string::npos) << deep;
+    EXPECT_LT(deep.size(), 1000u) << deep;
+}
+
+// What the engine reads, not what Lua itself would open: see Script.FilesOutsideAreNotRead.
+TEST_F(Shell, DataFilesBesideTheScriptAreRead) {
+    folder.write("work/axis.json", R"({"Ts": 0.0005, "rigid_gain_per_kg": 0.1})");
+    folder.write("work/log.csv", "t,u\n0,1\n0.0005,2\n");
+    folder.write("work/.hidden.json", "[1]");
+    folder.write("work/deeper/log.csv", "t,u\n0,1\n0.0005,2\n");
+    folder.write("elsewhere.csv", "t,u\n0,1\n0.0005,2\n");
+    fs::create_symlink(folder / "elsewhere.csv", folder / "work/link.csv");
+    const auto with = [&](const std::string& text) {
+        folder.write("work/s.lua", "local tb = require 'tribode'\n" + text);
+        return tribode({"run", "work/s.lua", "-o", "out"});
+    };
+    const auto ending = with("local m = tb.machine 'axis.json'\n"
+                             "local r = tb.read_record { file = 'log.csv' }\n"
+                             "print(m.Ts, r.data.u[2], #tb.simulate { machine = m, input = 'log.csv' }.y)\n");
+    EXPECT_EQ(ending.out, "0.0005\t2.0\t2\n") << ending.err;
+    EXPECT_EQ(with("tb.read_record { file = 'work/log.csv' }").exit_code, 0);
+    for (const std::string name : {"work/deeper/log.csv", "elsewhere.csv", "work/link.csv", "link.csv"}) {
+        expect_sentence(with("tb.read_record { file = '" + name + "' }"), 2, {"s.lua:2:", "outside the run folder"});
+    }
+    expect_sentence(with("tb.read_json { file = '.hidden.json' }"), 2, {"s.lua:2:", "outside the run folder"});
+}
+
+constexpr const char* mass = R"({"Ts": 0.0005, "rigid_gain_per_kg": 0.1})";
+
+TEST_F(Shell, ASimulationGoesIntoAPipe) {
+    folder.write("m.json", mass);
+    folder.write("u.csv", "t,u\n0,1\n0.0005,2\n0.001,0\n");
+    const std::vector<std::string> command = {"simulate", "--machine", "m.json", "--input", "u.csv"};
+    const auto with = [&](std::vector<std::string> more) {
+        more.insert(more.begin(), command.begin(), command.end());
+        return tribode(more);
+    };
+    ASSERT_EQ(with({"-o", "out.csv"}).exit_code, 0);
+    const auto piped = with({"-o", "-"});
+    EXPECT_EQ(piped.exit_code, 0) << piped.err;
+    EXPECT_EQ(piped.out, text_of(folder / "out.csv")) << "the file and nothing else";
+    const auto report = Json::parse(with({"-o", "out.csv", "--json", "--quiet"}).out);
+    EXPECT_EQ(report.at("samples"), 3);
+    EXPECT_EQ(report.at("file"), "out.csv");
+    EXPECT_EQ(report.at("solver"), "exact");
+    EXPECT_GE(report.at("statistics").at("steps"), 1);
+    expect_sentence(with({"-o", "-", "--json"}), 2, {"standard output"});
+    expect_sentence(with({"-o", "-", "--events", "-"}), 2, {"standard output"});
+    EXPECT_EQ(with({"-o", "out.csv", "--events", "-"}).out, "t,element,kind\n");
+    EXPECT_FALSE(fs::exists(folder / "-"));
+}
+
+TEST_F(Shell, ABatchGoesIntoAPipe) {
+    folder.write("s.lua", "local tb = require 'tribode'\n"
+                          "tb.batch { name = 'b', points = { { x = 1 }, { x = 2 }, { x = 3 } },\n"
+                          "  run = function(p) return { y = 2 * p.x } end }\n");
+    const auto planned = tribode({"batch", "plan", "s.lua", "-o", "b", "--json"});
+    ASSERT_EQ(planned.exit_code, 0) << planned.err;
+    EXPECT_EQ(Json::parse(planned.out).at("points"), 3);
+    EXPECT_EQ(Json::parse(tribode({"batch", "run", "b", "--json"}).out).at("done"), 3);
+    EXPECT_EQ(Json::parse(tribode({"batch", "status", "b", "--json"}).out).at("complete"), true);
+    const auto merged = Json::parse(tribode({"batch", "merge", "b", "-o", "b.csv", "--json"}).out);
+    EXPECT_EQ(merged.at("points"), 3);
+    EXPECT_EQ(tribode({"batch", "merge", "b", "-o", "-"}).out, text_of(folder / "b.csv"));
+    expect_sentence(tribode({"batch", "merge", "b", "-o", "-", "--json"}), 2, {"standard output"});
+    expect_sentence(tribode({"batch", "plan", "-", "-o", "c"}, "print(1)"), 2, {"-"});
+}
+
+TEST_F(Shell, TheReportOfARunIsItsManifest) {
+    const auto ending = tribode({"run", "-e", "print 'aside' tb.write_text { file = 'a', text = 'b' }", "--json"});
+    ASSERT_EQ(ending.exit_code, 0) << ending.err;
+    EXPECT_EQ(ending.out, text_of(folder / "results/command_line/manifest.json"));
+    EXPECT_EQ(ending.err, "aside\n");
+}
+
+TEST_F(Shell, ComparisonsAreReportedAsJson) {
+    folder.write("m.json", mass);
+    folder.write("u.csv", "t,u\n0,1\n0.0005,2\n0.001,0\n0.0015,0\n");
+    const auto ending = tribode({"compare", "--machine", "m.json", "--input", "u.csv", "-o", "c", "--json"});
+    ASSERT_EQ(ending.exit_code, 0) << ending.err;
+    const Json report = Json::parse(ending.out);
+    EXPECT_EQ(report.at("reference"), "exact");
+    EXPECT_GT(report.at("methods").size(), 10u);
+}
+
+TEST_F(Shell, TheEffectsAndSolversAreListed) {
+    const auto list = tribode({"effects"});
+    EXPECT_EQ(list.exit_code, 0);
+    const Json effects = Json::parse(tribode({"effects", "--json"}).out);
+    EXPECT_GE(effects.size(), 23u);
+    for (const auto& effect : effects) {
+        const std::string name = effect.at("name");
+        EXPECT_NE(list.out.find(name + " "), std::string::npos);
+        const auto one = tribode({"effects", name});
+        for (const auto& parameter : effect.at("parameters")) {
+            EXPECT_NE(one.out.find(parameter.at("name").get<std::string>()), std::string::npos) << name;
+        }
+        EXPECT_EQ(Json::parse(tribode({"effects", name, "--json"}).out), effect);
+    }
+    expect_sentence(tribode({"effects", "force_riple"}), 2, {"force_riple", "did you mean \"force_ripple\"?"});
+
+    const auto solvers = tribode({"solvers"});
+    const Json methods = Json::parse(tribode({"solvers", "--json"}).out);
+    EXPECT_EQ(methods.at(0).at("name"), "auto");
+    for (const auto& method : methods) {
+        EXPECT_NE(solvers.out.find("\n" + method.at("name").get<std::string>() + " "),
+                  method.at("name") == "auto" ? 0 : std::string::npos);
+    }
+}
+
+TEST_F(Shell, HelpOfACommandIsThatOfItsOption) {
+    for (const std::vector<std::string>& words :
+         {std::vector<std::string>{}, {"simulate"}, {"batch"}, {"batch", "plan"}}) {
+        auto option = words, command = words;
+        option.push_back("--help");
+        command.insert(command.begin(), "help");
+        const auto help = tribode(command);
+        EXPECT_EQ(help.exit_code, 0);
+        EXPECT_EQ(help.out, tribode(option).out);
+    }
+    expect_sentence(tribode({"help", "simulat"}), 2, {"did you mean \"simulate\"?"});
+    expect_sentence(tribode({"help", "batch", "plna"}), 2, {"\"plna\"", "of tribode batch", "did you mean \"plan\"?"});
+    expect_sentence(tribode({"help", "simulate", "x"}), 2, {"simulate has no commands of its own"});
+}
+
+} // namespace
+} // namespace tribode::cli
