@@ -12,7 +12,7 @@ local option = tb.options {
   frequencies = { default = tb.quick and "40" or "400", help = "how many, or a list such as 10,15,20" },
   f_min = { default = 10, unit = "Hz", help = "lowest frequency" },
   f_max = { default = 200, unit = "Hz", help = "highest frequency" },
-  solver = { default = "auto", help = "auto, exact, erk, adams, cvode or fixed" },
+  solver = { default = "auto", help = "as of tb.simulate" },
   machine = { default = "models/linear_motor_table.lua", help = "machine description, .lua or .json" },
   reading = { default = "halved", choices = { "halved", "printed" }, help = "of Table II" },
   delay_s = { default = 1.38e-3, unit = "s", help = "of the delay model C_dly" },

@@ -24,7 +24,7 @@ local option = tb.options {
   delay_s = { default = 1.38e-3, unit = "s", help = "of the delay model C_dly" },
   smoothness = { default = 1, help = "of the deadbeat feedforward: which difference of the thrust is least" },
   friction_compensation = { default = true, help = "by the friction model driven by the reference" },
-  solver = { default = "auto", help = "auto, exact, erk, adams, cvode or fixed" },
+  solver = { default = "auto", help = "as of tb.simulate" },
   seed = { default = 0, help = "of the sensor noise" },
 }
 

@@ -16,7 +16,7 @@ local runs = {
     panels = { { "plant.y" }, { "friction.friction", "amplifier.thrust" } },
     inputs = { exc = function(t) return 15 * math.sin(20 * math.pi * t) end },
   },
-  robertson = { duration = 40, panels = { { "y1", "y3" }, { "y2" } }, solver = "cvode" },
+  robertson = { duration = 40, panels = { { "y1", "y3" }, { "y2" } }, solver = "bdf" },
   stick_slip = { duration = 5, panels = { { "x" }, { "v" } } },
   tank = { duration = 900, panels = { { "h" }, { "out" } } },
   thermostat = { duration = 3600, panels = { { "T" } } },

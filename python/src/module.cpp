@@ -13,6 +13,7 @@
 #include "tribode/experiment/frequency_sweep.hpp"
 #include "tribode/experiment/measured_fra.hpp"
 #include "tribode/experiment/simulation.hpp"
+#include "tribode/experiment/system_run.hpp"
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/record/output_file.hpp"
 #include "tribode/record/record_file.hpp"
@@ -466,10 +467,7 @@ void add_sweep(nb::module_& m) {
             const Json json = options_of(options_given, "tribode.fit_modal");
             FieldReader fields(json, "tribode.fit_modal");
             ModalFitOptions options;
-            options.f_min_hz = fields.number("f_min_hz", "Hz", Allowed::positive, options.f_min_hz);
-            options.f_max_hz = fields.number("f_max_hz", "Hz", Allowed::positive, options.f_max_hz);
-            options.modes = static_cast<int>(fields.integer("modes", 0, 20, options.modes));
-            options.robust_scale = fields.number("robust_scale", "", Allowed::non_negative, options.robust_scale);
+            read_options(options, fields);
             fields.finish();
             EngineCall call(nb::none(), 1);
             return to_dict(
@@ -572,7 +570,7 @@ nb::dict run_diagnosis(const MachineModel& machine, const nb::list& data, nb::ha
     const Json json = options_of(options_given, function);
     FieldReader fields(json, function);
     DiagnosisOptions options;
-    options.max_effects = static_cast<std::size_t>(fields.integer("max_effects", 1, 6, 3));
+    read_options(options, fields);
     fields.finish();
     std::vector<GivenRecord> given;
     for (const nb::handle record : data) {
@@ -750,10 +748,7 @@ void add_systems(nb::module_& m) {
 template <class Options>
 nb::list rows_of() {
     nb::list list;
-    const Options defaults{};
-    FieldLister lister;
-    Options::describe(defaults, lister);
-    for (const auto& row : lister.rows) {
+    for (const auto& row : field_rows<Options>()) {
         nb::dict entry;
         entry["path"] = row.path;
         entry["unit"] = row.unit;
@@ -765,19 +760,14 @@ nb::list rows_of() {
     return list;
 }
 
-// Those of a run of equations, whose absolute tolerance has no unit.
-struct SolverOptionsOfSystems {
-    SolverOptions solver;
-
-    static void describe(auto& o, auto& fields) { SolverOptions::describe(o.solver, fields, false); }
-};
-
 void add_options(nb::module_& m) {
     m.def("options", [] {
         nb::dict options;
         options["simulate"] = rows_of<SimulationOptions>();
         options["sweep"] = rows_of<SweepOptions>();
-        options["run"] = rows_of<SolverOptionsOfSystems>();
+        options["fit_modal"] = rows_of<ModalFitOptions>();
+        options["diagnose"] = rows_of<DiagnosisOptions>();
+        options["run"] = rows_of<SystemRunOptions>();
         return options;
     });
 }

@@ -32,17 +32,9 @@ def type_of(values):
 
 # Options with a place of their own in the signature.
 NAMED = {"sweep": {"frequency_hz"}}
-# Options that the engine reads one by one, without a table.
+# What a function takes besides its struct of options.
 FURTHER = {
-    "fit_modal": [("f_min_hz", "float"), ("f_max_hz", "float"), ("modes", "int"), ("robust_scale", "float")],
-    "diagnose": [("max_effects", "int")],
     "run": [
-        ("duration_s", "float"),
-        ("end_time_s", "float"),
-        ("start_time_s", "float"),
-        ("output_step_s", "float"),
-        ("output_times_s", "ArrayLike"),
-        ("output_events", "bool"),
         ("parameters", "Mapping[str, Any]"),
         ("inputs", "Mapping[str, Any]"),
         ("start", 'Mapping[str, Any] | Literal["steady"]'),

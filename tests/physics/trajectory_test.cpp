@@ -111,7 +111,7 @@ TEST_P(OpenLoop, erk_and_cvode_agree_with_each_other) {
     const Json table = description_of(problems::linear_motor_table());
     const auto erk = run_open_loop(table, exact(*GetParam()).u, with_tolerance(Method::erk, 1e-10));
     const auto bdf = run_open_loop(table, exact(*GetParam()).u, with_tolerance(Method::bdf, 1e-10));
-    EXPECT_LT(largest_difference(erk.trace.x, bdf.trace.x), 1e-8); // the bound of cvode above
+    EXPECT_LT(largest_difference(erk.trace.x, bdf.trace.x), 1e-8); // the bound of bdf above
     ASSERT_EQ(erk.events.size(), bdf.events.size());
     for (std::size_t i = 0; i < erk.events.size(); ++i) {
         EXPECT_EQ(erk.events[i].subject, bdf.events[i].subject) << i;

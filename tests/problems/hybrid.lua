@@ -89,7 +89,7 @@ local function check_zeno(floor, solver)
 end
 if option.problem == "" or option.problem == "zeno" then
   for _, floor in ipairs { 0, 0.2, 1, 1000 } do
-    for _, solver in ipairs(floor == 0 and { "exact", "erk", "adams", "cvode" } or { "exact", "erk" }) do
+    for _, solver in ipairs(floor == 0 and { "exact", "erk", "adams", "bdf" } or { "exact", "erk" }) do
       check_zeno(floor, solver)
     end
   end
@@ -98,7 +98,7 @@ end
 local count = option.problem == "zeno" and 1 or 0
 for _, problem in ipairs(problems) do
   if option.problem == "" or option.problem == problem.name then
-    for _, solver in ipairs { "exact", "erk", "adams", "cvode" } do
+    for _, solver in ipairs { "exact", "erk", "adams", "bdf" } do
       local accepted = problem.accepted[solver]
       for _, tolerance in ipairs(solver == "exact" and { 1e-8 } or { 1e-6, 1e-8, 1e-10 }) do
         if accepted and (option.solver == "" or option.solver == solver) then

@@ -54,7 +54,7 @@ for _, problem in ipairs(ivp.problems()) do
   if (option.problem == "" or option.problem == problem.name) and not (tb.quick and problem.long) then
     local system = ivp.system(problem)
     -- `auto` finds out by itself that a problem is stiff.
-    problem.accepted.auto = problem.stiff and problem.accepted.cvode or problem.accepted.erk
+    problem.accepted.auto = problem.stiff and problem.accepted.bdf or problem.accepted.erk
     for solver, accepted in pairs(problem.accepted) do
       local tolerances = tb.quick and quick_tolerances or all_tolerances
       if #problem.start > 100 then tolerances = tb.quick and { 1e-6 } or { 1e-4, 1e-6, 1e-8 } end

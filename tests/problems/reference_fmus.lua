@@ -47,7 +47,7 @@ local dahlquist = tb.system {
   states = { x = 1 },
   der = function(s) return { x = -s.k * s.x } end,
 }
-for _, case in ipairs { { "exact", 1e-14 }, { "erk", 1e-7 }, { "adams", 1e-6 }, { "cvode", 1e-6 } } do
+for _, case in ipairs { { "exact", 1e-14 }, { "erk", 1e-7 }, { "adams", 1e-6 }, { "bdf", 1e-6 } } do
   local run = tb.run_system { system = dahlquist, duration_s = 10, output_step_s = 0.1, solver = case[1] }
   for i, at in ipairs(run.t) do near(run.values.x[i], math.exp(-at), case[2]) end
 end
@@ -73,7 +73,7 @@ local space = tb.system {
   der = function(s) return { x1 = s.x1 + s.u1, x2 = s.x2 + s.u2, x3 = s.x3 + s.u3 } end,
   outputs = function(s) return { y1 = s.x1 + s.u1, y2 = s.x2 + s.u2, y3 = s.x3 + s.u3 } end,
 }
-for _, case in ipairs { { "exact", 1e-13 }, { "erk", 1e-6 }, { "adams", 1e-6 }, { "cvode", 1e-5 } } do
+for _, case in ipairs { { "exact", 1e-13 }, { "erk", 1e-6 }, { "adams", 1e-6 }, { "bdf", 1e-5 } } do
   local run = tb.run_system { system = space, duration_s = 10, output_step_s = 1, solver = case[1] }
   for i, at in ipairs(run.t) do
     for k = 1, 3 do near(run.values["y" .. k][i] / (k * math.exp(at)), 1, case[2]) end

@@ -15,7 +15,7 @@ for i, method in ipairs(c.methods) do
   assert(c.text:find("\n" .. method.name .. " ", 1, true), method.name)
 end
 assert(table.concat(names, ", ") ==
-  "erk 1e-08, adams 1e-08, cvode 1e-08, fixed 500 us, fixed 50 us, euler 500 us, euler 50 us, " ..
+  "erk 1e-08, adams 1e-08, bdf 1e-08, fixed 500 us, fixed 50 us, euler 500 us, euler 50 us, " ..
   "semi_implicit_euler 500 us, semi_implicit_euler 50 us, zoh 500 us, zoh 50 us", table.concat(names, ", "))
 
 -- Under a constant thrust in each step Euler's velocity is exact, and its position lacks h v/2 in all: half a step.

@@ -1,6 +1,6 @@
 -- Events that end a run, events at the start, and both sides of an event in the results.
 local tb = require "tribode"
-local solvers = { "exact", "erk", "adams", "cvode" }
+local solvers = { "exact", "erk", "adams", "bdf" }
 
 local function near(found, wanted, tolerance, what)
   assert(math.abs(found - wanted) <= tolerance, string.format("%s: %.17g, not %.17g", what, found, wanted))

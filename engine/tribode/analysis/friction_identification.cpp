@@ -118,16 +118,6 @@ double range_of(std::span<const double> values) {
 
 } // namespace
 
-void FrictionFitOptions::read(FieldReader& fields) {
-    elements = static_cast<int>(fields.integer("elements", 1, 200, elements));
-    shortest = fields.number("shortest_m", "m", Allowed::positive, shortest);
-    longest = fields.number("longest_m", "m", Allowed::non_negative, longest);
-    optimise =
-        fields.choice("break_points", {"geometric", "optimised"}, optimise ? "optimised" : "geometric") == "optimised";
-    first_fitted =
-        static_cast<std::size_t>(fields.integer("first_fitted", 1, 1L << 53, static_cast<long>(first_fitted) + 1) - 1);
-}
-
 std::vector<double> rolling_force(std::span<const MaxwellSlipElement> elements, std::span<const double> position) {
     std::vector<double> force(position.size(), 0.0), z(elements.size(), 0.0);
     for (std::size_t k = 1; k < position.size(); ++k) {
@@ -152,15 +142,16 @@ FrictionFit fit_friction(std::span<const double> position, std::span<const doubl
     // Break points, as limits X = half the displacement from a reversal.
     const auto count = static_cast<std::size_t>(options.elements);
     const double decades = std::log10(longest / options.shortest);
+    const bool optimized = options.break_points == FrictionFitOptions::BreakPoints::optimized;
     const std::size_t candidates =
-        options.optimise ? std::max(4 * count, static_cast<std::size_t>(grid_per_decade * decades) + 1) : count;
+        optimized ? std::max(4 * count, static_cast<std::size_t>(grid_per_decade * decades) + 1) : count;
     const std::vector<double> limits = geometric(options.shortest / 2, longest / 2, candidates);
     const Sums sums = sums_of(position, force, limits, options.first_fitted);
     Chosen chosen;
     for (std::size_t i = 0; i < count; ++i) {
         chosen.push_back(static_cast<Eigen::Index>((2 * i + 1) * candidates / (2 * count)));
     }
-    if (options.optimise) exchange(sums, chosen);
+    if (optimized) exchange(sums, chosen);
 
     FrictionFit fit;
     const Eigen::VectorXd stiffness = stiffness_of(sums, chosen);

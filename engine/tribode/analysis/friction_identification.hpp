@@ -1,5 +1,5 @@
 #pragma once
-#include "tribode/base/field_reader.hpp"
+#include "tribode/base/options.hpp"
 #include "tribode/friction/rolling_friction.hpp"
 
 #include <cstddef>
@@ -24,15 +24,26 @@ struct FrictionFitOptions {
     // one; a greatest of zero is the whole range of the fitted positions.
     double shortest = 2e-7;
     double longest = 0;
-    // false: geometric, from least to greatest. true: each in turn is moved to the best of a dense geometric grid
-    // between the two, until none moves.
-    bool optimise = false;
+    // geometric: a geometric series from least to greatest. optimized: each in turn is moved to the best of a dense geometric
+    // grid between the two, until none moves.
+    enum class BreakPoints { geometric, optimized };
+    BreakPoints break_points = BreakPoints::geometric;
     // Samples before this one move the elements and are not fitted. The elements start relaxed; after a reversal
     // and a motion longer than `longest` their start no longer matters.
     std::size_t first_fitted = 0;
 
-    // Fields elements, shortest_m, longest_m, break_points ("geometric" or "optimised"), first_fitted (from 1).
-    void read(FieldReader& fields);
+    static void describe(auto& o, auto& fields) {
+        fields.integer("elements", o.elements, 1, 200,
+                       "number of elements; fewer are returned if the best stiffness of one is zero");
+        fields.number("shortest_m", o.shortest, "m", Allowed::positive,
+                      "least displacement from a reversal at which an element slips, 2F/K");
+        fields.number("longest_m", o.longest, "m", Allowed::non_negative,
+                      "greatest one; 0: the range of the positions");
+        fields.choice("break_points", o.break_points, {"geometric", "optimised"},
+                      "these displacements: a geometric series, or each of them fitted in turn");
+        fields.index("first_fitted", o.first_fitted, 1L << 53,
+                     "the samples before this one only set the state of the elements");
+    }
 };
 
 struct FrictionFit {

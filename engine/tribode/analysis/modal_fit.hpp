@@ -2,6 +2,7 @@
 #include "tribode/analysis/frequency_response.hpp"
 #include "tribode/analysis/modal_model.hpp"
 #include "tribode/base/json.hpp"
+#include "tribode/base/options.hpp"
 
 #include <string>
 
@@ -16,6 +17,14 @@ struct ModalFitOptions {
     // responses that differ from a modal model by noise; friction bends whole stretches of a response, and a scale
     // read from the good ones would cut those off. Infinity: least squares.
     double robust_scale = 0.3;
+
+    static void describe(auto& o, auto& fields) {
+        fields.number("f_min_hz", o.f_min_hz, "Hz", Allowed::positive, "lower end of the band");
+        fields.number("f_max_hz", o.f_max_hz, "Hz", Allowed::positive, "upper end of the band");
+        fields.integer("modes", o.modes, 0, 20, "number of vibration modes");
+        fields.number("robust_scale", o.robust_scale, "", Allowed::non_negative,
+                      "size of a relative error from which a frequency loses influence; 0: from the data");
+    }
 };
 
 struct ModalFitResult {

@@ -1,4 +1,6 @@
 #pragma once
+#include "tribode/base/options.hpp"
+
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -14,6 +16,20 @@ struct MultisineOptions {
     bool odd = true;        // odd lines alone
     long detection = 4;     // of each so many of these lines one is left out, by chance; 0: none
     std::uint64_t seed = 0; // another seed is another realization
+
+    static void describe(auto& o, auto& fields) {
+        fields.number("sample_time_s", o.sample_time, "s", Allowed::positive, "of the signal");
+        fields.number("period_s", o.period, "s", Allowed::positive,
+                      "rounded to whole samples; its inverse is the distance of the lines");
+        fields.integer("periods", o.periods, 1, 100'000, "length of the signal");
+        fields.number("f_min_hz", o.f_min_hz, "Hz", Allowed::positive, "lower end of the band");
+        fields.number("f_max_hz", o.f_max_hz, "Hz", Allowed::positive, "upper end of the band");
+        fields.number("amplitude_N", o.amplitude, "N", Allowed::positive, "largest value of the signal");
+        fields.flag("odd", o.odd, "only odd multiples of the line distance");
+        fields.integer("detection", o.detection, 0, 1000,
+                       "of this many lines, one is left out at random to detect distortion; 0: none");
+        fields.integer("seed", o.seed, 0, 1L << 53, "another one gives another realization");
+    }
 };
 
 struct Multisine {

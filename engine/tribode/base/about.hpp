@@ -4,6 +4,11 @@
 
 namespace tribode {
 
+// A further name of a choice, which is accepted and never written.
+struct Alias {
+    std::string_view name, means;
+};
+
 // What a describe() says of a field besides its name, unit and allowed values: what it means, which values are usual, and
 // how a fit may move it. A text alone is the meaning. The texts must outlive all that is described: literals do.
 //
@@ -15,6 +20,7 @@ struct About {
     double min = 0, max = 0;
     std::string_view hint;      // ends the warning: what may have been mistaken
     std::string_view tolerance; // key of the machine's tolerance; empty: the field is exact
+    Alias alias;                // of a choice; empty: none
 
     constexpr About() = default;
     constexpr About(std::string_view text) : meaning(text) {}
@@ -31,6 +37,11 @@ struct About {
     constexpr About uncertain(std::string_view key) const {
         About about = *this;
         about.tolerance = key;
+        return about;
+    }
+    constexpr About also(Alias another) const {
+        About about = *this;
+        about.alias = another;
         return about;
     }
 

@@ -50,6 +50,15 @@ bool is_empty_table(const Json& value) { return (value.is_array() || value.is_ob
 
 } // namespace
 
+std::string name_list(const std::vector<std::string>& names, Alias alias) {
+    std::string text;
+    for (const auto& name : names) {
+        text += (text.empty() ? "" : ", ") + name;
+        if (name == alias.means) text += fmt::format(" (also {})", alias.name);
+    }
+    return text;
+}
+
 FieldReader::FieldReader(const Json& fields, std::string where, std::string path)
     : fields_(&fields),
       where_(std::move(where)),
@@ -114,6 +123,19 @@ long FieldReader::integer(std::string_view key, long least, long most, long fall
     fail(key, fmt::format("= {}, must be a whole number from {} to {}", shown(*value), least, most));
 }
 
+std::vector<long> FieldReader::integers(std::string_view key, long least, long most, std::vector<long> fallback) {
+    const std::vector<double> defaults(fallback.begin(), fallback.end());
+    std::vector<long> list;
+    for (const double x : numbers(key, "", Allowed::finite, defaults)) {
+        if (x != std::floor(x) || x < static_cast<double>(least) || x > static_cast<double>(most)) {
+            fail(fmt::format("{}[{}]", key, list.size() + 1),
+                 fmt::format("= {}, must be a whole number from {} to {}", to_text(x), least, most));
+        }
+        list.push_back(static_cast<long>(x));
+    }
+    return list;
+}
+
 bool FieldReader::boolean(std::string_view key, bool fallback) {
     const Json* value = find(key);
     if (!value) return fallback;
@@ -132,11 +154,12 @@ std::string FieldReader::text(std::string_view key, std::string_view fallback) {
     return has(key) ? text(key) : (known_.emplace_back(key), std::string(fallback));
 }
 
-std::string FieldReader::choice(std::string_view key, const std::vector<std::string>& names,
-                                std::string_view fallback) {
+std::string FieldReader::choice(std::string_view key, const std::vector<std::string>& names, std::string_view fallback,
+                                Alias alias) {
     const std::string name = text(key, fallback);
+    if (!alias.name.empty() && name == alias.name) return std::string(alias.means);
     if (std::find(names.begin(), names.end(), name) == names.end()) {
-        fail(key, fmt::format("= \"{}\", must be one of {}", name, fmt::join(names, ", ")));
+        fail(key, fmt::format("= \"{}\", must be one of {}", name, name_list(names, alias)));
     }
     return name;
 }

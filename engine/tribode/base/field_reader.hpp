@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/base/about.hpp"
 #include "tribode/base/json.hpp"
 
 #include <functional>
@@ -13,6 +14,9 @@ namespace tribode {
 enum class Allowed { finite, positive, non_negative, fraction }; // fraction: 0 < x < 1
 bool is_allowed(double x, Allowed allowed);
 const char* requirement(Allowed allowed); // as error messages say it: "must be finite"
+
+// "erk, bdf (also cvode), ida", for messages and help.
+std::string name_list(const std::vector<std::string>& names, Alias alias = {});
 
 // Reads a table of named fields (a machine description, an options table) and refuses what it does not know.
 //
@@ -37,11 +41,13 @@ class FieldReader {
     double number(std::string_view key, std::string_view unit, Allowed allowed, double fallback); // optional
     std::optional<double> optional_number(std::string_view key, std::string_view unit, Allowed allowed);
     long integer(std::string_view key, long least, long most, long fallback);
+    std::vector<long> integers(std::string_view key, long least, long most, std::vector<long> fallback);
     bool boolean(std::string_view key, bool fallback);
     std::string text(std::string_view key);
     std::string text(std::string_view key, std::string_view fallback);
     // One of the names; the error lists them.
-    std::string choice(std::string_view key, const std::vector<std::string>& names, std::string_view fallback);
+    std::string choice(std::string_view key, const std::vector<std::string>& names, std::string_view fallback,
+                       Alias alias = {});
     std::vector<double> numbers(std::string_view key, std::string_view unit, Allowed allowed,
                                 std::vector<double> fallback);
     std::vector<std::string> texts(std::string_view key, std::vector<std::string> fallback);

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -24,7 +25,12 @@ class FieldLister {
     std::vector<FieldRow> rows;
 
     void number(std::string_view key, double value, std::string_view unit, Allowed allowed, const About& about = {}) {
-        add(key, unit, values_of(allowed), to_text(value), about);
+        // A default that nobody could write stands for none.
+        add(key, unit, values_of(allowed), is_allowed(value, allowed) ? to_text(value) : "none", about);
+    }
+    void number(std::string_view key, const std::optional<double>&, std::string_view unit, Allowed allowed,
+                const About& about = {}) {
+        add(key, unit, values_of(allowed), "none", about);
     }
     void required(std::string_view key, double, std::string_view unit, Allowed allowed, const About& about = {}) {
         add(key, unit, values_of(allowed), "required", about);
@@ -36,8 +42,20 @@ class FieldLister {
     void entry(std::string_view key, const auto&, std::string_view unit, Allowed allowed, const About& about = {}) {
         add(key, unit, values_of(allowed), "none", about);
     }
-    void integer(std::string_view key, auto value, long least, long most, const About& about = {}) {
-        add(key, "", fmt::format("whole, {} to {}", least, most), std::to_string(value), about);
+    void integer(std::string_view key, std::integral auto value, long least, long most, const About& about = {}) {
+        add(key, "", whole(least, most), std::to_string(value), about);
+    }
+    template <class Integer>
+    void integer(std::string_view key, const std::optional<Integer>&, long least, long most, const About& about = {}) {
+        add(key, "", whole(least, most), "none", about);
+    }
+    void integers(std::string_view key, const std::vector<long>& values, long least, long most,
+                  const About& about = {}) {
+        add(key, "", "list of numbers, each " + whole(least, most), fmt::format("{{ {} }}", fmt::join(values, ", ")),
+            about);
+    }
+    void index(std::string_view key, std::size_t value, long most, const About& about = {}) {
+        add(key, "", whole(1, most), std::to_string(value + 1), about);
     }
     void flag(std::string_view key, bool value, const About& about = {}) {
         add(key, "", "true or false", value ? "true" : "false", about);
@@ -47,16 +65,29 @@ class FieldLister {
     }
     void choice(std::string_view key, const std::string& value, const std::vector<std::string>& names,
                 const About& about = {}) {
-        add(key, "", fmt::format("`\"{}\"`", fmt::join(names, "\"`, `\"")), fmt::format("`\"{}\"`", value), about);
+        std::vector<std::string> quoted;
+        for (const auto& name : names) {
+            quoted.push_back(fmt::format("`\"{}\"`", name));
+            if (name == about.alias.means) quoted.back() += fmt::format(" (also `\"{}\"`)", about.alias.name);
+        }
+        add(key, "", fmt::format("{}", fmt::join(quoted, ", ")), fmt::format("`\"{}\"`", value), about);
     }
     template <class Enum>
     requires std::is_enum_v<Enum>
     void choice(std::string_view key, Enum value, const std::vector<std::string>& names, const About& about = {}) {
         choice(key, names.at(static_cast<std::size_t>(value)), names, about);
     }
-    void numbers(std::string_view key, const auto&, std::string_view unit, Allowed allowed, std::size_t,
+    void choices(std::string_view key, const std::vector<std::string>& values, const std::vector<std::string>& names,
                  const About& about = {}) {
-        add(key, unit, "list of numbers, each " + values_of(allowed), "none", about);
+        add(key, "", fmt::format("list of `\"{}\"`", fmt::join(names, "\"`, `\"")),
+            fmt::format("{{ \"{}\" }}", fmt::join(values, "\", \"")), about);
+    }
+    void numbers(std::string_view key, const std::vector<double>& values, std::string_view unit, Allowed allowed,
+                 std::size_t, const About& about = {}) {
+        std::vector<std::string> texts;
+        for (const double value : values) texts.push_back(to_text(value));
+        add(key, unit, "list of numbers, each " + values_of(allowed),
+            texts.empty() ? "none" : fmt::format("{{ {} }}", fmt::join(texts, ", ")), about);
     }
     void fixed(std::string_view key, const std::string&, const About& about = {}) {
         add(key, "", "text", "required", about);
@@ -118,6 +149,11 @@ class FieldLister {
         }
         return "";
     }
+    static std::string whole(long least, long most) {
+        constexpr long practically_unlimited = 1'000'000;
+        return most < practically_unlimited ? fmt::format("whole, {} to {}", least, most)
+                                            : fmt::format("whole, ≥ {}", least);
+    }
     void add(std::string_view key, std::string_view unit, std::string values, std::string fallback,
              const About& about) {
         rows.push_back({path_ + std::string(key), std::string(unit), std::move(values), std::move(fallback), about});
@@ -132,5 +168,13 @@ class FieldLister {
 
     std::string path_;
 };
+
+// The rows of a struct with its defaults.
+template <class Struct>
+std::vector<FieldRow> field_rows(const Struct& defaults = {}) {
+    FieldLister lister;
+    Struct::describe(defaults, lister);
+    return std::move(lister.rows);
+}
 
 } // namespace tribode

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <concepts>
 #include <map>
 #include <optional>
@@ -29,9 +30,14 @@ namespace tribode {
 // documentation. A describe() calls these of its visitor, each with an About as its last argument where there is more to say:
 //
 //     number(key, double&, unit, Allowed)         required(key, double&, unit, Allowed): a number without a default
-//     integer(key, integer&, least, most)         flag(key, bool& or optional<bool>&)
+//     integer(key, integer&, least, most)         flag(key, bool&)
+//     integers(key, vector<long>&, least, most)   index(key, size_t&, most): counts from 1 for the user
 //     choice(key, text or enumeration&, names)    numbers(key, vector<double>&, unit, Allowed, most entries)
+//     choices(key, vector<string>&, names)        a list of some of the names
 //     list(key, vector<Struct>&)                  table(key, optional<Struct>&): of structs with a describe()
+//
+// number(), integer() and flag() also take an optional, which stays empty where the field is absent. What fields must
+// satisfy together is said by a function check(const FieldReader&) of the struct, which read_options() calls.
 //
 // and, for what is not options but a machine and its effects:
 //
@@ -79,6 +85,10 @@ class OptionReader {
     void required(std::string_view key, double& value, std::string_view unit, Allowed allowed, const About& = {}) {
         value = fields_.number(key, unit, allowed);
     }
+    void number(std::string_view key, std::optional<double>& value, std::string_view unit, Allowed allowed,
+                const About& = {}) {
+        if (const auto read = fields_.optional_number(key, unit, allowed)) value = read;
+    }
     void optional(std::string_view key, double& value, double none, std::string_view unit, Allowed allowed,
                   const About& = {}) {
         value = fields_.optional_number(key, unit, allowed).value_or(none);
@@ -92,6 +102,19 @@ class OptionReader {
         note(key);
         value = static_cast<Integer>(fields_.integer(key, least, most, static_cast<long>(value)));
     }
+    template <std::integral Integer>
+    void integer(std::string_view key, std::optional<Integer>& value, long least, long most, const About& = {}) {
+        const long read = fields_.integer(key, least, most, 0);
+        if (fields_.has(key)) value = static_cast<Integer>(read);
+    }
+    void integers(std::string_view key, std::vector<long>& values, long least, long most, const About& = {}) {
+        note(key);
+        values = fields_.integers(key, least, most, std::move(values));
+    }
+    void index(std::string_view key, std::size_t& value, long most, const About& = {}) {
+        note(key);
+        value = static_cast<std::size_t>(fields_.integer(key, 1, most, static_cast<long>(value) + 1) - 1);
+    }
     void flag(std::string_view key, bool& value, const About& = {}) {
         note(key);
         value = fields_.boolean(key, value);
@@ -100,22 +123,33 @@ class OptionReader {
         const bool read = fields_.boolean(key, false);
         if (fields_.has(key)) value = read;
     }
-    void choice(std::string_view key, std::string& value, const std::vector<std::string>& names, const About& = {}) {
+    void choice(std::string_view key, std::string& value, const std::vector<std::string>& names,
+                const About& about = {}) {
         note(key);
         if (value.empty() && !fields_.has(key)) {
             fields_.fail(key, fmt::format("is missing, must be one of {}", fmt::join(names, ", ")));
         }
-        value = fields_.choice(key, names, value);
+        value = fields_.choice(key, names, value, about.alias);
     }
     // The values of the enumeration are the places of their names.
     template <class Enum>
     requires std::is_enum_v<Enum>
-    void choice(std::string_view key, Enum& value, const std::vector<std::string>& names, const About& = {}) {
+    void choice(std::string_view key, Enum& value, const std::vector<std::string>& names, const About& about = {}) {
         std::string name = names.at(static_cast<std::size_t>(value));
-        choice(key, name, names);
+        choice(key, name, names, about);
         std::size_t place = 0;
         while (names[place] != name) ++place;
         value = static_cast<Enum>(place);
+    }
+    void choices(std::string_view key, std::vector<std::string>& values, const std::vector<std::string>& names,
+                 const About& = {}) {
+        note(key);
+        values = fields_.texts(key, std::move(values));
+        if (values.empty()) fields_.fail(key, fmt::format("is empty, must have one of {} or more", name_list(names)));
+        for (const auto& value : values) {
+            if (std::find(names.begin(), names.end(), value) != names.end()) continue;
+            fields_.fail(key, fmt::format("has \"{}\", must have some of {}", value, name_list(names)));
+        }
     }
     void numbers(std::string_view key, std::vector<double>& values, std::string_view unit, Allowed allowed,
                  std::size_t most, const About& = {}) {
@@ -233,6 +267,10 @@ class OptionWriter {
 
     void number(std::string_view key, double value, std::string_view, Allowed, const About& = {}) { put(key, value); }
     void required(std::string_view key, double value, std::string_view, Allowed, const About& = {}) { put(key, value); }
+    void number(std::string_view key, const std::optional<double>& value, std::string_view, Allowed,
+                const About& = {}) {
+        put(key, value ? Json(*value) : Json());
+    }
     void optional(std::string_view key, double value, double none, std::string_view, Allowed, const About& = {}) {
         put(key, value == none ? Json() : Json(value));
     }
@@ -245,6 +283,14 @@ class OptionWriter {
     void integer(std::string_view key, Integer value, long, long, const About& = {}) {
         put(key, value);
     }
+    template <std::integral Integer>
+    void integer(std::string_view key, const std::optional<Integer>& value, long, long, const About& = {}) {
+        put(key, value ? Json(*value) : Json());
+    }
+    void integers(std::string_view key, const std::vector<long>& values, long, long, const About& = {}) {
+        put(key, values);
+    }
+    void index(std::string_view key, std::size_t value, long, const About& = {}) { put(key, value + 1); }
     void flag(std::string_view key, bool value, const About& = {}) { put(key, value); }
     void flag(std::string_view key, const std::optional<bool>& value, const About& = {}) {
         put(key, value ? Json(*value) : Json());
@@ -256,6 +302,10 @@ class OptionWriter {
     requires std::is_enum_v<Enum>
     void choice(std::string_view key, Enum value, const std::vector<std::string>& names, const About& = {}) {
         put(key, names.at(static_cast<std::size_t>(value)));
+    }
+    void choices(std::string_view key, const std::vector<std::string>& values, const std::vector<std::string>&,
+                 const About& = {}) {
+        put(key, values);
     }
     void numbers(std::string_view key, const std::vector<double>& values, std::string_view, Allowed, std::size_t,
                  const About& = {}) {
@@ -357,6 +407,7 @@ template <class Options>
 void read_options(Options& options, FieldReader& fields) {
     OptionReader reader(fields);
     Options::describe(options, reader);
+    if constexpr (requires { options.check(fields); }) options.check(fields);
 }
 
 template <class Options>

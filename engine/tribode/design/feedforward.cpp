@@ -60,15 +60,7 @@ Feedforward feedforward_from_json(const Json& json, const std::string& where) {
     return result;
 }
 
-void FeedforwardOptions::read(FieldReader& fields) {
-    method = fields.choice("method", methods(), method);
-    task.sample_time = fields.number("sample_time_s", "s", Allowed::positive, task.sample_time);
-    task.distance = fields.number("distance_m", "m", Allowed::finite, task.distance);
-    task.duration = fields.number("duration_s", "s", Allowed::positive, task.duration);
-    task.horizon = fields.number("horizon_s", "s", Allowed::positive, task.horizon);
-    smoothness = static_cast<int>(fields.integer("smoothness", 1, 4, smoothness));
-    shaper = fields.choice("shaper", {"zv", "zvd"}, shaper);
-    shaped_modes = static_cast<int>(fields.integer("shaped_modes", 0, 20, shaped_modes));
+void FeedforwardOptions::check(const FieldReader& fields) const {
     if (task.distance == 0) fields.fail("distance_m", "= 0 m, must not be zero");
     if (task.horizon < task.duration) {
         fields.fail("horizon_s", fmt::format("= {} s, must not be shorter than duration_s = {} s",

@@ -1,7 +1,7 @@
 #pragma once
 #include "tribode/analysis/modal_model.hpp"
-#include "tribode/base/field_reader.hpp"
 #include "tribode/base/json.hpp"
+#include "tribode/base/options.hpp"
 
 #include <complex>
 #include <string>
@@ -42,9 +42,20 @@ struct FeedforwardOptions {
 
     static const std::vector<std::string>& methods(); // deadbeat, zero_phase, s_curve, input_shaping
 
-    // Fields method, sample_time_s, distance_m, duration_s, horizon_s, smoothness, shaper, shaped_modes; absent ones
-    // stay as they are.
-    void read(FieldReader& fields);
+    static void describe(auto& o, auto& fields) {
+        fields.choice("method", o.method, methods(), "[the design](feedforward.md)");
+        fields.number("sample_time_s", o.task.sample_time, "s", Allowed::positive, "of the controller");
+        fields.number("distance_m", o.task.distance, "m", Allowed::finite, "of the step; not zero");
+        fields.number("duration_s", o.task.duration, "s", Allowed::positive, "of the move");
+        fields.number("horizon_s", o.task.horizon, "s", Allowed::positive,
+                      "length of the sequences, at least `duration_s` and at most 10⁶ samples");
+        fields.integer("smoothness", o.smoothness, 1, 4,
+                       "for `\"deadbeat\"`: the order of the difference of the thrust that is minimized");
+        fields.choice("shaper", o.shaper, {"zv", "zvd"}, "for `\"input_shaping\"`");
+        fields.integer("shaped_modes", o.shaped_modes, 0, 20,
+                       "for `\"input_shaping\"`: the number of modes, from the lowest; 0: all");
+    }
+    void check(const FieldReader& fields) const;
 };
 
 // Throws InputError where the model or the duration does not allow the design.

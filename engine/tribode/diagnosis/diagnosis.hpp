@@ -10,6 +10,10 @@ namespace tribode {
 
 struct DiagnosisOptions {
     std::size_t max_effects = 3;
+
+    static void describe(auto& o, auto& fields) {
+        fields.integer("max_effects", o.max_effects, 1, 6, "how many effects may be missing together");
+    }
 };
 
 struct Rival {

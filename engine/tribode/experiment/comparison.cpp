@@ -218,17 +218,6 @@ double largest_stable_stiffness(const ServoSystem& system, Method method, double
 
 } // namespace
 
-void ComparisonOptions::read(FieldReader& fields) {
-    tolerances = fields.numbers("tolerances", "", Allowed::positive, tolerances);
-    std::vector<double> counts(divisions.begin(), divisions.end());
-    divisions.clear();
-    for (const double n : fields.numbers("divisions", "", Allowed::positive, counts)) {
-        if (n != std::floor(n) || n > 1e6) fields.fail("divisions", "must be whole numbers from 1 to 1e6");
-        divisions.push_back(static_cast<long>(n));
-    }
-    seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, static_cast<long>(seed)));
-}
-
 Comparison compare(const MachineModel& machine, const DriveRecord& record, const ComparisonOptions& options,
                    const RunControl& control) {
     const double ts = machine.sample_time;

@@ -1,5 +1,4 @@
 #pragma once
-#include "tribode/base/field_reader.hpp"
 #include "tribode/base/run_control.hpp"
 #include "tribode/experiment/simulation.hpp"
 #include "tribode/record/plot.hpp"
@@ -33,8 +32,14 @@ struct MethodResult {
 struct ComparisonOptions {
     std::vector<double> tolerances = {1e-4, 1e-6, 1e-8, 1e-10}; // relative; absolute: times 1e-3 m
     std::vector<long> divisions = {1, 2, 5, 10, 20, 50, 100};   // fixed steps Ts/n
-    std::uint64_t seed = 0;
-    void read(FieldReader& fields); // tolerances, divisions, seed
+    std::uint64_t seed = 0;                                     // of the noise
+
+    static void describe(auto& o, auto& fields) {
+        fields.numbers("tolerances", o.tolerances, "", Allowed::positive, 1000,
+                       "relative tolerances of the variable steps; the absolute ones are 1e-3 m times that");
+        fields.integers("divisions", o.divisions, 1, 1'000'000, "fixed steps Ts/n: the values of n");
+        fields.integer("seed", o.seed, 0, 1L << 53, "of the noise");
+    }
 };
 
 struct Comparison {

@@ -61,21 +61,33 @@ struct SweepOptions {
     std::uint64_t seed = 0; // of the noise; every frequency has noise of its own
 
     static void describe(auto& o, auto& fields) {
-        fields.numbers("frequency_hz", o.frequency_hz, "Hz", Allowed::positive, 1'000'000);
-        fields.number("amplitude_N", o.amplitude, "N", Allowed::positive);
-        fields.number("settle_periods", o.settle_periods, "", Allowed::non_negative);
-        fields.number("settle_time_s", o.settle_time, "s", Allowed::non_negative);
-        fields.number("settle_tolerance", o.settle_tolerance, "", Allowed::positive);
-        fields.number("settle_time_limit_s", o.settle_time_limit, "s", Allowed::positive);
-        fields.integer("measure_periods", o.measure_periods, 2, 1'000'000);
-        fields.number("measure_time_s", o.measure_time, "s", Allowed::non_negative);
-        fields.integer("harmonics", o.harmonics, 1, 50);
-        fields.number("delay_s", o.delay, "s", Allowed::non_negative);
-        fields.integer("delay_order", o.delay_order, 1, 10);
-        fields.flag("improved", o.improved);
-        fields.number("friction_feedback", o.friction_feedback, "", Allowed::non_negative);
-        fields.table("friction_model", o.friction_model);
-        fields.integer("seed", o.seed, 0, 1L << 53);
+        fields.numbers("frequency_hz", o.frequency_hz, "Hz", Allowed::positive, 1'000'000,
+                       "ascending, up to 0.45 of the sampling rate");
+        fields.number("amplitude_N", o.amplitude, "N", Allowed::positive,
+                      "of the excitation A sin 2πft, added to the controller's output");
+        fields.number("settle_periods", o.settle_periods, "", Allowed::non_negative, "minimum settling, in periods");
+        fields.number("settle_time_s", o.settle_time, "s", Allowed::non_negative, "minimum settling time");
+        fields.number("settle_tolerance", o.settle_tolerance, "", Allowed::positive,
+                      "settled when the phasors of u and y of two consecutive windows agree within this, relative");
+        fields.number("settle_time_limit_s", o.settle_time_limit, "s", Allowed::positive, "maximum settling time");
+        fields.integer("measure_periods", o.measure_periods, 2, 1'000'000, "minimum length of the measured window");
+        fields.number("measure_time_s", o.measure_time, "s", Allowed::non_negative,
+                      "the same as a time, rounded up to whole periods");
+        fields.integer("harmonics", o.harmonics, 1, 50,
+                       "number of fitted harmonics, including the fundamental, for the distortion and for the motion "
+                       "that drives the friction of `\"Improved\"`");
+        fields.number("delay_s", o.delay, "s", Allowed::non_negative, "dead time of the delay model C_dly");
+        fields.integer("delay_order", o.delay_order, 1, 10, "order of its Padé approximant, eq. (19)");
+        fields.flag("improved", o.improved,
+                    "adds the analysis `\"Improved\"`, with hold, delays and thrust lag of the machine description "
+                    "instead of C_dly, and with friction between the samples ([open question](open-question.md))");
+        fields.number("friction_feedback", o.friction_feedback, "", Allowed::non_negative,
+                      "share of the modeled friction that is added to u ([how](friction-compensation.md)); if "
+                      "positive, adds the analysis `\"Add-on\"`, FRA-2 in the form of Fig. 6");
+        fields.table("friction_model", o.friction_model,
+                     "`{ elements = {…}, viscous = 0 }` as in a machine description [N, N/m, N s/m]: the friction that "
+                     "the analyses assume; default the machine's own");
+        fields.integer("seed", o.seed, 0, 1L << 53, "of the noise; each frequency has noise of its own");
         SolverOptions::describe(o.solver, fields);
     }
 };

@@ -1,6 +1,5 @@
 #pragma once
 #include "tribode/analysis/loop_gain.hpp"
-#include "tribode/base/field_reader.hpp"
 #include "tribode/base/run_control.hpp"
 #include "tribode/design/feedforward.hpp"
 #include "tribode/experiment/friction_model.hpp"
@@ -28,16 +27,18 @@ struct PositioningOptions {
     std::uint64_t seed = 0; // of the noise
 
     static void describe(auto& o, auto& fields) {
-        fields.number("duration_s", o.duration, "s", Allowed::positive);
-        fields.number("delay_s", o.delay, "s", Allowed::non_negative);
-        fields.integer("delay_order", o.delay_order, 1, 10);
-        fields.flag("friction_compensation", o.friction_compensation);
-        fields.table("friction_model", o.friction_model);
-        fields.number("band_m", o.band, "m", Allowed::positive);
-        fields.number("rated_thrust_N", o.rated_thrust, "N", Allowed::positive);
-        fields.number("stroke_m", o.stroke, "m", Allowed::positive);
-        fields.number("spectrum_max_hz", o.spectrum_max_hz, "Hz", Allowed::positive);
-        fields.integer("seed", o.seed, 0, 1L << 53);
+        fields.number("duration_s", o.duration, "s", Allowed::positive, "of the run and of the errors");
+        fields.number("delay_s", o.delay, "s", Allowed::non_negative,
+                      "dead time of the delay model C_dly of the reference");
+        fields.integer("delay_order", o.delay_order, 1, 10, "order of its Padé approximant");
+        fields.flag("friction_compensation", o.friction_compensation,
+                    "compensation by the friction model, driven by r*");
+        fields.table("friction_model", o.friction_model, "as for `tb.sweep`; default the machine's own");
+        fields.number("band_m", o.band, "m", Allowed::positive, "settled within ± this");
+        fields.number("rated_thrust_N", o.rated_thrust, "N", Allowed::positive, "for `within_rating`");
+        fields.number("stroke_m", o.stroke, "m", Allowed::positive, "for `within_stroke`");
+        fields.number("spectrum_max_hz", o.spectrum_max_hz, "Hz", Allowed::positive, "highest frequency of `spectrum`");
+        fields.integer("seed", o.seed, 0, 1L << 53, "of the noise");
         SolverOptions::describe(o.solver, fields);
     }
 };

@@ -44,8 +44,10 @@ struct SimulationOptions {
 
     static void describe(auto& o, auto& fields) {
         SolverOptions::describe(o.solver, fields);
-        fields.number("friction_feedback", o.friction_feedback, "", Allowed::non_negative);
-        fields.integer("seed", o.seed, 0, 1L << 53);
+        fields.number("friction_feedback", o.friction_feedback, "", Allowed::non_negative,
+                      "in closed loop: share of the modeled friction that is added to u "
+                      "([how](friction-compensation.md))");
+        fields.integer("seed", o.seed, 0, 1L << 53, "of the noise");
     }
 };
 

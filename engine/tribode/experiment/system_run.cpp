@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cmath>
 #include <fmt/format.h>
+#include <functional>
 
 namespace tribode {
 
@@ -136,57 +137,73 @@ std::string limits_of_tables(const Equations& equations, Term root) {
 }
 
 // From the start in steps, and the end.
-std::vector<double> grid_of(double start, const SystemRunOptions& options) {
-    const double duration = options.end - start;
+std::vector<double> grid_of(double start, double end, const SystemRunOptions& options) {
+    const double duration = end - start;
     const double step = options.output_step > 0 ? options.output_step : duration / 1000;
     const double count = std::floor(duration / step * (1 + 1e-12));
     if (!(count < max_rows)) {
         throw InputError(fmt::format("{} s in steps of {} s are more than {} rows", duration, step, max_rows));
     }
     std::vector<double> grid;
-    for (double k = 0; k <= count; ++k) grid.push_back(std::min(start + k * step, options.end));
-    if (options.end - grid.back() > std::max(1e-12 * duration, 1e-15 * options.end)) {
-        grid.push_back(options.end);
+    for (double k = 0; k <= count; ++k) grid.push_back(std::min(start + k * step, end));
+    if (end - grid.back() > std::max(1e-12 * duration, 1e-15 * end)) {
+        grid.push_back(end);
     } else {
-        grid.back() = options.end;
+        grid.back() = end;
     }
     return grid;
 }
 
 } // namespace
 
+void SystemRunOptions::check(const FieldReader& fields) const {
+    if (duration && end) fields.fail("duration_s", "and end_time_s say both when the run ends, must be one of the two");
+    if (!duration && !end) fields.fail("duration_s", "is missing (a number in s)");
+    if (end && !(*end > start)) {
+        fields.fail("end_time_s",
+                    fmt::format("= {} s, must be after the start at {} s", to_text(*end), to_text(start)));
+    }
+    if (!fields.has("output_times_s")) return;
+    if (fields.has("output_step_s")) fields.fail("output_times_s", "and output_step_s are both there, must be one");
+    if (output_times.empty()) fields.fail("output_times_s", "is empty, must have a time");
+    const auto bad = std::adjacent_find(output_times.begin(), output_times.end(), std::greater_equal<>());
+    if (bad == output_times.end()) return;
+    fields.fail("output_times_s", fmt::format("has {} behind {}, must increase", to_text(bad[1]), to_text(*bad)));
+}
+
 SystemRun run_system(const EquationSystem& system, const SystemRunOptions& options, const RunControl& control) {
     SystemRun result;
     result.table = empty_table(system.equations());
     result.method = resolved(options.solver.method, system);
     SystemState start = options.resume ? system.restored(options.resume->system) : system.initial_state(options.start);
-    const double begin = start.t;
-    if (!(options.end > begin)) {
-        throw InputError(fmt::format("the run is to end at t = {:.9g} s, must be after its start at t = {:.9g} s",
-                                     options.end, begin));
+    const double begin = start.t, end = options.end.value_or(begin + options.duration.value_or(0));
+    if (!(end > begin)) {
+        throw InputError(
+            fmt::format("the run is to end at t = {:.9g} s, must be after its start at t = {:.9g} s", end, begin));
     }
     // What lies within a step and outside all conditions, a short bump of an input for one, only shorter steps can see.
     constexpr double max_step_part = 1.0 / 50;
     SolverOptions solver = options.solver;
     // One that had been found stiff goes on as such.
-    const bool was_stiff = options.resume && options.resume->method == name_of(Method::bdf);
+    const auto before = options.resume ? std::optional(method_named(options.resume->method)) : std::nullopt;
+    const bool was_stiff = before == Method::bdf;
     if (solver.method == Method::automatic && result.method == Method::erk && was_stiff) {
         solver.method = result.method = Method::bdf;
     }
-    if (solver.max_step == 0) solver.max_step = max_step_part * (options.end - begin);
+    if (solver.max_step == 0) solver.max_step = max_step_part * (end - begin);
     Simulator run(system, solver, std::move(start), control);
-    if (options.resume && options.resume->method == name_of(result.method)) run.propose_step(options.resume->step);
-    SystemRecorder recorder(system, result.table, control, begin, options.end, options.output_jumps);
+    if (before == result.method) run.propose_step(options.resume->step);
+    SystemRecorder recorder(system, result.table, control, begin, end, options.output_jumps);
     recorder.follow(run.events());
     run.observe(&recorder);
     for (const double t : options.output_times) {
-        if (t >= begin && t <= options.end) continue;
+        if (t >= begin && t <= end) continue;
         throw InputError(
             fmt::format("a row is to be at t = {} s, must be between the start at {} s and the end at {} s", to_text(t),
-                        to_text(begin), to_text(options.end)));
+                        to_text(begin), to_text(end)));
     }
-    run.set_output_grid(options.output_times.empty() ? grid_of(begin, options) : options.output_times);
-    result.outcome = run.advance_to(options.end);
+    run.set_output_grid(options.output_times.empty() ? grid_of(begin, end, options) : options.output_times);
+    result.outcome = run.advance_to(end);
     result.statistics = run.statistics();
 
     result.events = recorder.events();

@@ -9,13 +9,30 @@
 namespace tribode {
 
 struct SystemRunOptions {
-    double start = 0, end = 1;        // [s]
-    double output_step = 0;           // of the grid of the results [s]; 0: a thousandth of the duration
-    std::vector<double> output_times; // ascending, instead of the grid [s]; empty: the grid
-    bool output_jumps = false;        // also a row just before and one just after each event and each jump
-    SolverOptions solver;             // absolute tolerance: times the nominal value of each state
-    std::optional<RunState> resume;   // begins with this, at its time, instead of with the start values
-    std::string fingerprint;          // of the equations, for the state at the end
+    double start = 0;                    // [s]
+    std::optional<double> end, duration; // one of the two: when the run ends, or how long it is [s]
+    double output_step = 0;              // of the grid of the results [s]; 0: a thousandth of the duration
+    std::vector<double> output_times;    // ascending, instead of the grid [s]; empty: the grid
+    bool output_jumps = false;           // also a row just before and one just after each event and each jump
+    SolverOptions solver;                // absolute tolerance: times the nominal value of each state
+    std::optional<RunState> resume;      // begins with this, at its time, instead of with the start values
+    std::string fingerprint;             // of the equations, for the state at the end
+
+    static void describe(auto& o, auto& fields) {
+        fields.number("duration_s", o.duration, "s", Allowed::positive, "length of the run");
+        fields.number("end_time_s", o.end, "s", Allowed::positive, "instead: the time at which it ends");
+        fields.number("start_time_s", o.start, "s", Allowed::non_negative,
+                      "the time at which it starts. Clocks keep their instants, samples of inputs their times");
+        fields.number("output_step_s", o.output_step, "s", Allowed::non_negative,
+                      "grid of the results; 0: a thousandth of the duration");
+        fields.numbers("output_times_s", o.output_times, "s", Allowed::non_negative, 10'000'000,
+                       "instead: the times of the results, an increasing list");
+        fields.flag("output_events", o.output_jumps,
+                    "adds a row just before and a row just after each event and each jump of a state or discrete "
+                    "variable, with the same time, so that plots show steps");
+        SolverOptions::describe(o.solver, fields, false);
+    }
+    void check(const FieldReader& fields) const;
 };
 
 // What a run of a system of equations gave, up to where it came.

@@ -28,10 +28,7 @@ Json fit_modal(const Json& arguments) {
     FieldReader fields(arguments, "tb.fit_modal");
     const FrequencyResponse response = response_of(fields);
     ModalFitOptions options;
-    options.f_min_hz = fields.number("f_min_hz", "Hz", Allowed::positive, options.f_min_hz);
-    options.f_max_hz = fields.number("f_max_hz", "Hz", Allowed::positive, options.f_max_hz);
-    options.modes = static_cast<int>(fields.integer("modes", 0, 20, options.modes));
-    options.robust_scale = fields.number("robust_scale", "", Allowed::non_negative, options.robust_scale);
+    read_options(options, fields);
     fields.finish();
     return to_json(fit_modal_model(response, options));
 }
@@ -101,7 +98,7 @@ Json identify_friction(const Json& arguments) {
     const auto position = fields.numbers("position", "m", Allowed::finite, {});
     const auto force = fields.numbers("force", "N", Allowed::finite, {});
     FrictionFitOptions options;
-    options.read(fields);
+    read_options(options, fields);
     fields.finish();
     const FrictionFit fit = fit_friction(position, force, options, "tb.fit_friction");
     Json json{{"elements", Json::array()}, {"residual_rms", fit.residual_rms}, {"residual_max", fit.residual_max}};
@@ -174,11 +171,12 @@ const std::vector<LuaFunction>& analysis_functions() {
          "the dead time [s] that eq. (18) reads from the phase at one frequency: L = (−180° − φ)/(360° f)"},
         {"remove_delay", remove_delay, "`tb.remove_delay{ response =, delay_s = }`",
          "the response times exp(+j2πf·delay_s)"},
-        {"fit_modal", fit_modal,
-         "`tb.fit_modal{ response =, f_min_hz = 20, f_max_hz = 200, modes = 2, robust_scale = 0.3 }`",
+        {"fit_modal", fit_modal, "`tb.fit_modal{ response =, modes = 2, … }`",
          "fits k0/s² + Σ k_j/(s² + 2ζ_jω_j s + ω_j²), with start values from the data: `{ k0, k1, f1_hz, zeta1, …, "
-         "standard_errors = { same keys }, residual_rms, converged, message }`. `robust_scale` is the size of a "
-         "relative error from which a frequency loses influence; 0: from the data"},
+         "standard_errors = { same keys }, residual_rms, converged, message }` ([options](#tbfit_modal))",
+         [] {
+             return option_rows<ModalFitOptions>({{"response", "", "table", "required", "a response"}});
+         }},
         {"model_response", model_response, "`tb.model_response{ model =, frequency_hz = {…} }`",
          "response of such a model"},
         {"estimate_delay", loop_delay, "`tb.estimate_delay{ fra1 =, fra2 =, f_min_hz =, f_max_hz =, expected_s = 0 }`",
@@ -192,11 +190,13 @@ const std::vector<LuaFunction>& analysis_functions() {
          "response of the delay model C_dly as used in the sweep: the sampled Padé approximant"},
         {"fit_friction", identify_friction, "`tb.fit_friction{ position = {…}, force = {…}, elements = 20, … }`",
          "Maxwell-slip elements from positions [m] and friction forces [N] at the same instants "
-         "([how](friction.md#identification)): `{ elements, residual_rms, residual_max }` [N]. Returns fewer elements "
-         "than requested if the best stiffness of one is zero. `shortest_m` (2e-7), `longest_m`: least and greatest "
-         "displacement from a reversal at which an element slips, 2F/K; 0, the default of the second, is the range of "
-         "the positions. `break_points`: `\"geometric\"` (default) or `\"optimised\"`. `first_fitted`: the samples "
-         "before this one only set the state of the elements; default 1"},
+         "([how](friction.md#identification)): `{ elements, residual_rms, residual_max }` [N] "
+         "([options](#tbfit_friction))",
+         [] {
+             return option_rows<FrictionFitOptions>(
+                 {{"position", "m", "list of numbers", "required", "positions"},
+                  {"force", "N", "list of numbers", "required", "friction forces at the same instants"}});
+         }},
         {"friction_force", friction_force, "`tb.friction_force{ elements = {…}, position = {…} }`",
          "list of the forces of the elements along the positions, relaxed at the first; without damping [N]"},
         {"low_pass", low_pass, "`tb.low_pass{ values = {…}, sample_time_s =, corner_hz =, order = 4 }`",

@@ -51,6 +51,15 @@ Record record_of(const ScriptContext& script, FieldReader& fields, const char* f
     return record;
 }
 
+FieldRow machine_row() {
+    return {"machine", "", "table", "required", "a [machine description](machine-description.md)"};
+}
+
+std::vector<FieldRow> column_rows() {
+    return {{"columns", "", "table of texts", "none", "names of columns in the file, as for `tb.read_record`"},
+            {"scale", "", "table of numbers", "none", "factors of columns, as for `tb.read_record`"}};
+}
+
 Json to_json(const FrequencyResponse& response) {
     std::vector<double> real, imag;
     for (const auto& value : response.value) {

@@ -21,6 +21,10 @@ Table table_of(FieldReader& fields, const char* key); // a list of {name =, unit
 Record record_of(const ScriptContext& script, FieldReader& fields, const char* file_key,
                  const std::vector<std::string>& wanted);
 
+// The options read by these, for the reference.
+FieldRow machine_row();
+std::vector<FieldRow> column_rows(); // columns, scale
+
 Json to_json(const FrequencyResponse& response);
 Json to_json(const RunStatistics& statistics);
 Json to_json(const ServoTrace& trace);

@@ -11,7 +11,7 @@ Json feedforward(const Json& arguments) {
     FieldReader fields(arguments, "tb.feedforward");
     const ModalModel model = modal_model_from_json(fields.value("model"), "tb.feedforward");
     FeedforwardOptions options;
-    options.read(fields);
+    read_options(options, fields);
     FrequencyResponse response{fields.numbers("frequency_hz", "Hz", Allowed::positive, {}), {}};
     fields.finish();
     const Feedforward designed = design_feedforward(model, options);
@@ -27,7 +27,13 @@ const std::vector<LuaFunction>& design_functions() {
     static const std::vector<LuaFunction> functions = {
         {"feedforward", feedforward, "`tb.feedforward{ model =, … }`",
          "designs a feedforward on a modal model, a table as `tb.fit_modal` gives it ([options and "
-         "result](#tbfeedforward))"},
+         "result](#tbfeedforward))",
+         [] {
+             auto rows = option_rows<FeedforwardOptions>(
+                 {{"model", "", "table", "required", "a modal model, as `tb.fit_modal` returns it"}});
+             rows.push_back({"frequency_hz", "Hz", "list of numbers, each > 0", "none", "of `response`"});
+             return rows;
+         }},
     };
     return functions;
 }

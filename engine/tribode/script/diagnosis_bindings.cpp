@@ -20,7 +20,7 @@ Json diagnose_machine(const ScriptContext& script, const Json& arguments) {
     for (const auto& file : fields.texts("data", {})) request.data.push_back(readable(file));
     if (request.data.empty()) fields.fail("data", "is empty: a list of files of measured records is needed");
     if (fields.has("validate")) request.validate = readable(fields.text("validate"));
-    request.options.max_effects = static_cast<std::size_t>(fields.integer("max_effects", 1, 6, 3));
+    read_options(request.options, fields);
     const std::string where = fields.text("folder", "diagnosis");
     fields.finish();
     DiagnosisResult result = diagnose_files(request, script.run.folder().path(where), script.run.control());
@@ -36,7 +36,17 @@ Json diagnose_machine(const ScriptContext& script, const Json& arguments) {
 const std::vector<LuaFunction>& diagnosis_functions() {
     static const std::vector<LuaFunction> functions = {
         {"diagnose", diagnose_machine, "`tb.diagnose{ machine =, data = { files }, … }`",
-         "finds the effect that the machine lacks ([options and result](#tbdiagnose))"},
+         "finds the effect that the machine lacks ([options and result](#tbdiagnose))",
+         [] {
+             std::vector<FieldRow> rows = {
+                 machine_row(),
+                 {"data", "", "list of texts", "required", "files of measured [records](records.md)"},
+                 {"validate", "", "text", "none",
+                  "file of a record that is not used for the fit; default: the last third of the first record"}};
+             for (auto& row : column_rows()) rows.push_back(std::move(row));
+             rows.push_back({"folder", "", "text", "`\"diagnosis\"`", "of the files of `tribode diagnose`"});
+             return option_rows<DiagnosisOptions>(std::move(rows));
+         }},
     };
     return functions;
 }

@@ -31,6 +31,19 @@ DriveRecord drive_of(const ScriptContext& script, FieldReader& fields, const Mac
     return DriveRecord::from_table(table, machine, function);
 }
 
+std::vector<FieldRow> drive_rows() {
+    std::vector<FieldRow> rows = {
+        machine_row(),
+        {"u", "N", "list of numbers", "none", "thrust reference: open loop"},
+        {"r", "m", "list of numbers", "none", "closed loop: reference; zero if only `exc` is given"},
+        {"exc", "N", "list of numbers", "none", "closed loop: excitation, added to the controller's output"},
+        {"y", "m", "list of numbers", "none", "measured position, for a machine with `initial = \"fitted\"`"},
+        {"input", "", "text", "none", "instead of these lists: the file of a [record](records.md) with them and t"},
+    };
+    for (auto& row : column_rows()) rows.push_back(std::move(row));
+    return rows;
+}
+
 Json simulate_machine(const ScriptContext& script, const Json& arguments) {
     FieldReader fields(arguments, "tb.simulate");
     const MachineModel machine = machine_of(fields);
@@ -65,7 +78,7 @@ Json compare_methods(const ScriptContext& script, const Json& arguments) {
     const MachineModel machine = machine_of(fields);
     const DriveRecord record = drive_of(script, fields, machine, "tb.compare");
     ComparisonOptions options;
-    options.read(fields);
+    read_options(options, fields);
     fields.finish();
     const Comparison comparison = compare(machine, record, options, script.run.control());
     write_comparison(comparison, machine, script.run.folder());
@@ -195,18 +208,30 @@ Json loop_gain(const Json& arguments) {
 const std::vector<LuaFunction>& experiment_functions() {
     static const std::vector<LuaFunction> functions = {
         {"simulate", simulate_machine, "`tb.simulate{ machine =, … }`",
-         "runs a machine from rest, one sample per entry of the input ([options and result](#tbsimulate))"},
+         "runs a machine from rest, one sample per entry of the input ([options and result](#tbsimulate))",
+         [] { return option_rows<SimulationOptions>(drive_rows()); }},
         {"compare", compare_methods, "`tb.compare{ machine =, … }`",
          "runs the same machine under the same input with every method, one after another ([options and "
-         "result](#tbcompare))"},
+         "result](#tbcompare))",
+         [] { return option_rows<ComparisonOptions>(drive_rows()); }},
         {"sweep", sweep, "`tb.sweep{ machine =, frequency_hz = {…}, … }`",
          "runs a sine sweep in closed loop and evaluates the three analyses from the same signals ([options and "
-         "result](#tbsweep))"},
+         "result](#tbsweep))",
+         [] {
+             return option_rows<SweepOptions>({machine_row(),
+                                               {"checkpoint", "", "text", "`\"sweep.resume.json\"`",
+                                                "file for the completed frequencies of an interrupted "
+                                                "sweep"}});
+         }},
         {"single_frequency", single_frequency, "`tb.single_frequency{ machine =, excitation_hz =, periods = 3, … }`",
          "the signals of one frequency after settling: the signals of `tb.simulate`, and `delayed_thrust` (C_dly u), "
          "`friction_estimate`, `effective_thrust` [N]. Options as for `tb.sweep`"},
         {"positioning", positioning, "`tb.positioning{ machine =, feedforward =, … }`",
-         "runs a feedforward on a machine with a PID controller, from rest ([options and result](#tbpositioning))"},
+         "runs a feedforward on a machine with a PID controller, from rest ([options and result](#tbpositioning))",
+         [] {
+             return option_rows<PositioningOptions>(
+                 {machine_row(), {"feedforward", "", "table", "required", "a table as `tb.feedforward` returns it"}});
+         }},
         {"loop_margins", loop_margins, "`tb.loop_margins{ machine =, amplitude_m =, friction_feedback = 0 }`",
          "margins of the PID loop, with an amplitude [m] including friction ([result](#stability-margins))"},
         {"loop_gain", loop_gain,

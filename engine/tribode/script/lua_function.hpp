@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/base/field_rows.hpp"
 #include "tribode/script/lua_state.hpp"
 #include "tribode/script/script_run.hpp"
 
@@ -32,7 +33,15 @@ struct LuaFunction {
     std::string name;
     std::variant<std::monostate, Plain, InScript, OnStack> function; // none: registered where its value comes from
     std::string usage, documentation;                                // Markdown, the columns of the reference
+    std::vector<FieldRow> (*options)() = nullptr; // of its table of options, where that has a table in the reference
 };
+
+// What is read besides an options struct, and the fields of the struct.
+template <class Options>
+std::vector<FieldRow> option_rows(std::vector<FieldRow> rows) {
+    for (auto& row : field_rows<Options>()) rows.push_back(std::move(row));
+    return rows;
+}
 
 // Puts the functions of a table into the state.
 void add_functions(const ScriptContext& script, const std::vector<LuaFunction>& functions);

@@ -10,7 +10,8 @@ namespace tribode {
 
 namespace {
 
-constexpr std::string_view functions_begin = "<!-- functions:", end_line = "<!-- end -->";
+constexpr std::string_view functions_begin = "<!-- functions:", options_begin = "<!-- options:",
+                           end_line = "<!-- end -->";
 
 const LuaFunction& function_named(const std::string& name) {
     static const std::vector<LuaFunction> all = all_functions();
@@ -38,6 +39,18 @@ std::string function_table(const std::vector<std::string>& names) {
     return text;
 }
 
+std::string option_table(const LuaFunction& function) {
+    if (!function.options) throw Error(fmt::format("tb.{} has no table of options", function.name));
+    std::string text = "| option | unit | allowed | default | meaning |\n|---|---|---|---|---|\n";
+    for (const auto& row : function.options()) {
+        // Fields of tables inside are described where these tables are.
+        if (row.path.find_first_of(".[") != std::string::npos) continue;
+        text += fmt::format("| `{}` | {} | {} | {} | {} |\n", row.path, row.unit, row.values, row.fallback,
+                            row.about.meaning);
+    }
+    return text;
+}
+
 } // namespace
 
 std::string with_tables(const std::string& page) {
@@ -45,8 +58,15 @@ std::string with_tables(const std::string& page) {
     std::istringstream lines(page);
     for (std::string line; std::getline(lines, line);) {
         made += line + "\n";
-        if (!line.starts_with(functions_begin)) continue;
-        made += "\n" + function_table(names_in(line));
+        const bool functions = line.starts_with(functions_begin);
+        if (!functions && !line.starts_with(options_begin)) continue;
+        const auto names = names_in(line);
+        made += "\n";
+        if (functions) {
+            made += function_table(names);
+        } else {
+            for (const auto& name : names) made += option_table(function_named(name));
+        }
         const std::string begin = line;
         while (line != end_line) {
             if (!std::getline(lines, line)) throw Error(fmt::format("no line {} follows {}", end_line, begin));

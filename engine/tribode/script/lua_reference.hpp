@@ -8,6 +8,8 @@ namespace tribode {
 //
 //     <!-- functions: tb.simulate tb.compare -->      usage and result of these functions (LuaFunction)
 //     <!-- end -->
+//     <!-- options: tb.simulate -->                   the options of this function (LuaFunction::options)
+//     <!-- end -->
 //
 // The page with all of its tables made anew. Throws Error where a line names what there is not, or an end is missing.
 std::string with_tables(const std::string& page);

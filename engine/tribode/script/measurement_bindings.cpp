@@ -127,15 +127,7 @@ Json response_between(const Json& arguments) {
 Json multisine(const Json& arguments) {
     FieldReader fields(arguments, "tb.multisine");
     MultisineOptions o;
-    o.sample_time = fields.number("sample_time_s", "s", Allowed::positive, o.sample_time);
-    o.period = fields.number("period_s", "s", Allowed::positive, o.period);
-    o.periods = fields.integer("periods", 1, 100'000, o.periods);
-    o.f_min_hz = fields.number("f_min_hz", "Hz", Allowed::positive, o.f_min_hz);
-    o.f_max_hz = fields.number("f_max_hz", "Hz", Allowed::positive, o.f_max_hz);
-    o.amplitude = fields.number("amplitude_N", "N", Allowed::positive, o.amplitude);
-    o.odd = fields.boolean("odd", o.odd);
-    o.detection = fields.integer("detection", 0, 1000, o.detection);
-    o.seed = static_cast<std::uint64_t>(fields.integer("seed", 0, 1L << 53, 0));
+    read_options(o, fields);
     fields.finish();
     const Multisine made = make_multisine(o);
     return {{"values", made.values},
@@ -161,12 +153,10 @@ const std::vector<LuaFunction>& measurement_functions() {
          "the response between any two signals by averaged cross spectra; in a closed loop with the "
          "`excitation` as reference. A response as in `tb.fra`. `window_samples` = 0: an eighth of the "
          "signals, at most 8192"},
-        {"multisine", multisine,
-         "`tb.multisine{ sample_time_s = 5e-4, period_s = 4, periods = 4, f_min_hz = 10, f_max_hz = 200, "
-         "amplitude_N = 15, odd = true, detection = 4, seed = 0 }`",
-         "a random-phase multisine: `values`, `period_samples`, `frequency_hz` of its lines, `crest_factor`. "
-         "`amplitude_N` is its largest value; of every `detection` lines one is left out at random to detect "
-         "distortion (0: none); another `seed` gives another realization"},
+        {"multisine", multisine, "`tb.multisine{ f_min_hz = 10, f_max_hz = 200, … }`",
+         "a random-phase multisine: `values`, `period_samples`, `frequency_hz` of its lines, `crest_factor` "
+         "([options](#tbmultisine))",
+         [] { return option_rows<MultisineOptions>({}); }},
     };
     return functions;
 }

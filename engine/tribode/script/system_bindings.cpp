@@ -67,34 +67,7 @@ SystemRunOptions run_options(FieldReader& fields) {
         }
         options.start = time_of_run_state(resumed, "tb.run_system: resume");
     }
-    options.start = fields.number("start_time_s", "s", Allowed::non_negative, options.start);
-    if (fields.has("duration_s") && fields.has("end_time_s")) {
-        fields.fail("duration_s", "and end_time_s say both when the run ends, must be one of the two");
-    }
-    if (fields.has("end_time_s")) {
-        options.end = fields.number("end_time_s", "s", Allowed::positive);
-        if (!(options.end > options.start)) {
-            fields.fail("end_time_s", fmt::format("= {} s, must be after the start at {} s", to_text(options.end),
-                                                  to_text(options.start)));
-        }
-    } else {
-        options.end = options.start + fields.number("duration_s", "s", Allowed::positive);
-    }
-    options.output_step = fields.number("output_step_s", "s", Allowed::non_negative, 0);
-    options.output_times = fields.numbers("output_times_s", "s", Allowed::non_negative, {});
-    if (fields.has("output_times_s")) {
-        if (fields.has("output_step_s")) fields.fail("output_times_s", "and output_step_s are both there, must be one");
-        if (options.output_times.empty()) fields.fail("output_times_s", "is empty, must have a time");
-        const auto bad = std::adjacent_find(options.output_times.begin(), options.output_times.end(),
-                                            [](double a, double b) { return !(a < b); });
-        if (bad != options.output_times.end()) {
-            fields.fail("output_times_s",
-                        fmt::format("has {} behind {}, must increase", to_text(bad[1]), to_text(*bad)));
-        }
-    }
-    options.output_jumps = fields.boolean("output_events", false);
-    OptionReader reader(fields);
-    SolverOptions::describe(options.solver, reader, false);
+    read_options(options, fields);
     return options;
 }
 
@@ -320,7 +293,22 @@ const std::vector<LuaFunction>& system_functions() {
              "runs it, with any solver: `t`, `values`, `columns`, `events`, `final`, `state`, `ok`, `message`, "
              "`t_end`, `ended_by`, `solver`, `statistics`. `resume = run.state` [continues a "
              "run](systems.md#continuing-a-run). A run that ends early is not an error; then `ok` is false and "
-             "`message` gives the reason"},
+             "`message` gives the reason",
+             [] {
+                 return option_rows<SystemRunOptions>({
+                     {"system", "", "system", "required", "what `tb.system` returned"},
+                     {"resume", "", "table", "none", "the `state` of an earlier run, [below](#continuing-a-run)"},
+                     {"parameters", "", "table of numbers", "none",
+                      "`{ name = number }`: values that replace the system's"},
+                     {"start", "", "table or `\"steady\"`", "none",
+                      "`\"steady\"`: the [steady state](#steady-states) at the start time. Or `{ name = value }` to "
+                      "replace "
+                      "the system's start values of states, discrete variables and modes (by name). A state without a "
+                      "start value in the system starts at 0"},
+                     {"inputs", "", "table", "none",
+                      "`{ name = … }`: a number, a function of the time, which is recorded, or samples, below"},
+                 });
+             }},
             {"table1",
              {},
              "`tb.table1{ x =, y =, … }`",

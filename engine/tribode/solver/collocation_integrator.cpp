@@ -41,7 +41,7 @@ double dot(const std::vector<double>& row, const double* x) {
 const HybridSystem& CollocationIntegrator::checked(const HybridSystem& system) {
     const auto reason = why_not_nearly_affine(system);
     if (!reason) return system;
-    throw InputError(fmt::format("solver \"collocation\" cannot be used: {}; choose erk, adams or cvode", *reason));
+    throw InputError(fmt::format("solver \"collocation\" cannot be used: {}; choose erk, adams or bdf", *reason));
 }
 
 CollocationIntegrator::CollocationIntegrator(const HybridSystem& system, const SolverOptions& options)

@@ -10,7 +10,7 @@ namespace tribode {
 const HybridSystem& ExactIntegrator::checked(const HybridSystem& system) {
     const auto reason = why_not_affine(system);
     if (!reason) return system;
-    throw InputError(fmt::format("solver \"exact\" cannot be used: {}; choose erk, adams or cvode", *reason));
+    throw InputError(fmt::format("solver \"exact\" cannot be used: {}; choose erk, adams or bdf", *reason));
 }
 
 ExactIntegrator::ExactIntegrator(const HybridSystem& system)

@@ -16,17 +16,18 @@ namespace tribode {
 
 const std::vector<std::string>& SolverOptions::method_names() {
     static const std::vector<std::string> names = {
-        "auto", "exact", "collocation", "erk", "adams", "cvode", "ida", "fixed", "euler", "semi_implicit_euler", "zoh"};
+        "auto", "exact", "collocation", "erk", "adams", "bdf", "ida", "fixed", "euler", "semi_implicit_euler", "zoh"};
     return names;
 }
 
 std::string name_of(Method method) { return SolverOptions::method_names()[static_cast<std::size_t>(method)]; }
 
 Method method_named(const std::string& name) {
+    constexpr Alias alias = SolverOptions::method_alias;
     const auto& names = SolverOptions::method_names();
-    const auto it = std::find(names.begin(), names.end(), name);
+    const auto it = std::find(names.begin(), names.end(), name == alias.name ? alias.means : name);
     if (it != names.end()) return static_cast<Method>(it - names.begin());
-    throw InputError(fmt::format("solver \"{}\" is not known, must be one of {}", name, fmt::join(names, ", ")));
+    throw InputError(fmt::format("solver \"{}\" is not known, must be one of {}", name, name_list(names, alias)));
 }
 
 bool has_fixed_step(Method method) { return method >= Method::fixed; }

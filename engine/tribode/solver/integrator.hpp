@@ -63,7 +63,7 @@ enum class Method {
     collocation,         // exponential collocation, for systems that are nearly affine
     erk,                 // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE
     adams,               // Adams-Moulton with functional iteration, CVODE
-    bdf,                 // backward differentiation formulas with Newton iteration, CVODE; the user writes cvode
+    bdf,                 // backward differentiation formulas with Newton iteration, CVODE
     ida,                 // the same with algebraic variables, IDA
     fixed,               // classical Runge-Kutta of order 4 with a fixed step
     euler,               // explicit Euler with a fixed step
@@ -78,19 +78,28 @@ struct SolverOptions {
     double absolute_tolerance = 1e-12; // [m] for positions; other states: times their scale
     double fixed_step = 5e-5;          // [s] of fixed, euler, semi_implicit_euler, zoh
     long max_steps = 100'000'000;      // from one output or sample to the next; more: the run ends
-    double max_step = 0;               // [s] of erk, adams, cvode, ida; 0: as long as the tolerances allow
+    double max_step = 0;               // [s] of erk, adams, bdf, ida; 0: as long as the tolerances allow
 
     static const std::vector<std::string>& method_names(); // as the user writes them, in the order of Method
+    static constexpr Alias method_alias{"cvode", "bdf"};   // a name that is also accepted
 
     // The absolute tolerance of a servo axis is that of its positions; of equations, that times the nominal value of a state.
     static void describe(auto& o, auto& fields, bool of_axis = true) {
-        fields.choice("solver", o.method, method_names());
-        fields.number("relative_tolerance", o.relative_tolerance, "", Allowed::positive);
+        fields.choice("solver", o.method, method_names(),
+                      About("[integration method](hybrid-simulation.md); `\"fixed\"` (RK4), `\"euler\"`, "
+                            "`\"semi_implicit_euler\"` and `\"zoh\"` have a fixed step")
+                          .also(method_alias));
+        fields.number("relative_tolerance", o.relative_tolerance, "", Allowed::positive,
+                      "ignored by `exact` and the fixed-step methods, as is the absolute one");
         fields.number(of_axis ? "absolute_tolerance_m" : "absolute_tolerance", o.absolute_tolerance, of_axis ? "m" : "",
-                      Allowed::positive);
-        fields.number("fixed_step_s", o.fixed_step, "s", Allowed::positive);
-        fields.number("max_step_s", o.max_step, "s", Allowed::positive);
-        fields.integer("max_steps", o.max_steps, 1, 1'000'000'000'000);
+                      Allowed::positive,
+                      of_axis ? "of positions; other states are scaled" : "times the nominal value of each state");
+        fields.number("fixed_step_s", o.fixed_step, "s", Allowed::positive, "step of the fixed-step methods");
+        fields.number("max_step_s", o.max_step, "s", Allowed::positive,
+                      of_axis ? "largest step of `erk`, `adams`, `bdf`, `ida`; default: as long as the tolerances allow"
+                              : "largest step of `erk`, `adams`, `bdf`, `ida`; default: a fiftieth of the duration");
+        fields.integer("max_steps", o.max_steps, 1, 1'000'000'000'000,
+                       "from one result or sample to the next; a run that needs more ends there with a message");
     }
 };
 

@@ -57,7 +57,7 @@ local function driven_block(A, static, inside)
   return {
     name = string.format("block under %g sin%s", A, inside and " (affine)" or ""), duration_s = duration,
     events = events, final = { x = x, v = v, mode = mode == 0 and "stick" or mode > 0 and "plus" or "minus" },
-    accepted = { exact = inside and 1e-13, erk = 100, adams = 4000, cvode = 5000 },
+    accepted = { exact = inside and 1e-13, erk = 100, adams = 4000, bdf = 5000 },
     system = tb.system {
       states = states,
       der = function(s) return inside and { push = w * s.other, other = -w * s.push } or {} end,
@@ -94,7 +94,7 @@ local function clutch()
     name = "clutch", fixed_step_s = 1e-2, duration_s = duration,
     events = { { locks, "locks" }, { rise, "torque" }, { rise, "slips" }, { again, "locks" } },
     final = { w1 = speed, w2 = speed, mode = "locked" },
-    accepted = { exact = 2e-13, erk = 10, adams = 20, cvode = 50 },
+    accepted = { exact = 2e-13, erk = 10, adams = 20, bdf = 50 },
     system = tb.system {
       states = { w1 = before, w2 = driven }, discrete = { T = T1 },
       when = { { name = "torque", condition = function(s) return tb.greater_equal(s.t, rise) end,

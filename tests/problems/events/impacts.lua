@@ -17,7 +17,7 @@ local function ball(floor, set_height, duration)
     name = string.format("ball on a floor at %g%s", floor, set_height and "" or " where only v is set"),
     duration_s = duration, events = events, final = { h = height, v = speed },
     accepted = { exact = 1e-13 * (1 + floor), erk = 100 * (1 + floor), adams = 100 * (1 + floor),
-      cvode = 500 * (1 + floor) },
+      bdf = 500 * (1 + floor) },
     system = tb.system {
       states = { h = floor + 1, v = 0 },
       der = function(s) return { h = s.v, v = -g } end,
@@ -47,7 +47,7 @@ local function ball_with_drag(floor)
   return {
     name = string.format("ball with drag on a floor at %g", floor), duration_s = 2.5, events = events,
     final = { h = y[1], v = y[2] },
-    accepted = { erk = 1000, adams = 5000, cvode = 5000 },
+    accepted = { erk = 1000, adams = 5000, bdf = 5000 },
     system = tb.system {
       states = { h = floor + 1, v = 0 },
       der = function(s) return { h = s.v, v = -g - drag * s.v * math.abs(s.v) } end,
@@ -76,7 +76,7 @@ local function pendulum()
   -- To the turning point after the last impact.
   return {
     name = "pendulum with stop", fixed_step_s = 1e-3, duration_s = events[count][1] + quarter(k), events = events,
-    final = { phi = 2 * math.asin(k), w = 0 }, accepted = { erk = 50, adams = 200, cvode = 1000 },
+    final = { phi = 2 * math.asin(k), w = 0 }, accepted = { erk = 50, adams = 200, bdf = 1000 },
     system = tb.system {
       states = { phi = phi0, w = 0 },
       der = function(s) return { phi = s.w, w = -w0 ^ 2 * math.sin(s.phi) } end,

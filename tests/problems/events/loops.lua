@@ -26,7 +26,7 @@ local function two_clocks()
   move(duration)
   return {
     name = "two clocks", duration_s = duration, events = {}, final = { x = x, v = v, u = u, target = target },
-    accepted = { exact = 1e-13, erk = 1, adams = 2000, cvode = 5000 },
+    accepted = { exact = 1e-13, erk = 1, adams = 2000, bdf = 5000 },
     system = tb.system {
       states = { x = 0, v = 0 }, discrete = { u = 0, target = 0 },
       der = function(s) return { x = s.v, v = s.u } end,
@@ -79,7 +79,7 @@ local function converter(name, bias, gain)
   return {
     -- A rounding of the time is 2e-12 of the current.
     name = name, duration_s = duration, events = events, final = { i = y[1], v = y[2], mode = mode },
-    accepted = { exact = 3e-11, erk = 30, adams = 100, cvode = 2000 },
+    accepted = { exact = 3e-11, erk = 30, adams = 100, bdf = 2000 },
     system = tb.system {
       states = { i = 0, v = 0 }, discrete = { k = -1 },
       sample = { { period_s = period, set = function(s) return { k = s.k + 1 } end, mode = "on" } },

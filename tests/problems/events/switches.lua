@@ -14,7 +14,7 @@ local function relay()
   local x = u + (-u * a - u) * math.exp(-(duration - (t - half)))
   return {
     name = "relay", fixed_step_s = 1e-3, duration_s = duration, events = events, final = { x = x, u = u },
-    accepted = { exact = 1e-13, erk = 20, adams = 60, cvode = 300 },
+    accepted = { exact = 1e-13, erk = 20, adams = 60, bdf = 300 },
     system = tb.system {
       states = { x = 0 }, discrete = { u = 1 },
       der = function(s) return { x = s.u - s.x } end,
@@ -60,7 +60,7 @@ local function rectifier()
   return {
     name = "rectifier", fixed_step_s = 1e-5,
     duration_s = duration, events = events, final = { v = v, mode = on and "on" or "off" },
-    accepted = { erk = 100, adams = 50, cvode = 300 },
+    accepted = { erk = 100, adams = 50, bdf = 300 },
     system = tb.system {
       states = { v = 0 },
       modes = {
@@ -118,7 +118,7 @@ local function tanks()
   return {
     name = "two tanks", duration_s = duration, events = events,
     final = { h1 = y[1], h2 = y[2], pump = on, mode = full and "overflow" or "normal" },
-    accepted = { erk = 1e4, adams = 1e4, cvode = 1e5 }, -- the instants are of some 1000 s
+    accepted = { erk = 1e4, adams = 1e4, bdf = 1e5 }, -- the instants are of some 1000 s
     system = tb.system {
       states = { h1 = 0.1, h2 = 0.1 }, discrete = { pump = 1 },
       modes = {

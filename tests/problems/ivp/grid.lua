@@ -8,7 +8,7 @@ local function akzo(n)
   for i = 1, n do start[2 * i - 1], start[2 * i] = 0, 1 end
   return {
     name = string.format("MEDAKZO n=%d", 2 * n), stiff = true, source = "medical problem of Akzo Nobel",
-    start = start, duration_s = 20, breaks = { 5 }, accepted = { cvode = 40 },
+    start = start, duration_s = 20, breaks = { 5 }, accepted = { bdf = 40 },
     der = function(t, y)
       local rates, phi = {}, tb.where(tb.less_equal(t, 5), 2, 0)
       for i = 1, n do
@@ -34,7 +34,7 @@ local function brusselator(n)
   end
   return {
     name = string.format("BRUSSELATOR n=%d", 2 * n), stiff = true, source = "Brusselator with diffusion",
-    accepted = { erk = 6, adams = 40, cvode = 300 },
+    accepted = { erk = 6, adams = 40, bdf = 300 },
     start = start, duration_s = 10,
     der = function(_, y)
       local rates, spread = {}, 0.02 * (n + 1) ^ 2
@@ -69,7 +69,7 @@ brusselator_40.reference = {
 
 -- From CVODE at 1e-12 and Radau at 1e-9 on equations in C++, which agree to 2e-10.
 local brusselator_400 = brusselator(200)
-brusselator_400.long, brusselator_400.accepted = true, { cvode = 300 }
+brusselator_400.long, brusselator_400.accepted = true, { bdf = 300 }
 brusselator_400.reference = {
   [1] = 0.9871026625, [2] = 3.0162625827, [41] = 0.7472308975, [42] = 3.3179070479, [81] = 0.5786790487,
   [82] = 3.5246790802, [121] = 0.4849333464, [122] = 3.6313244027, [161] = 0.4417113141, [162] = 3.6751060002,
@@ -79,7 +79,7 @@ brusselator_400.reference = {
 
 -- From CVODE at 1e-12 and Radau at 1e-10, which agree to 3e-10.
 local brusselator_2000 = brusselator(1000)
-brusselator_2000.long, brusselator_2000.accepted = true, { cvode = 300 }
+brusselator_2000.long, brusselator_2000.accepted = true, { bdf = 300 }
 brusselator_2000.reference = {
   [1] = 0.9974099838, [2] = 3.0032657203, [201] = 0.7548340193, [202] = 3.3083969385, [401] = 0.5828121650,
   [402] = 3.5197412547, [601] = 0.4867541654, [602] = 3.6293617914, [801] = 0.4423284293, [802] = 3.6744818962,

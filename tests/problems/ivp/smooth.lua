@@ -3,7 +3,7 @@ return {
   {
     name = "ARENSTORF", source = "a periodic orbit about earth and moon [Hairer 1993, II.0], after one period",
     start = { 0.994, 0, 0, -2.00158510637908252240537862224 }, duration_s = 17.0652165601579625588917206249,
-    accepted = { erk = 2e5, adams = 2e6, cvode = 2e7 },
+    accepted = { erk = 2e5, adams = 2e6, bdf = 2e7 },
     reference = { 0.994, 0, 0, -2.00158510637908252240537862224 },
     der = function(_, y)
       local mu = 0.012277471
@@ -20,7 +20,7 @@ return {
   {
     name = "PLEIADES", source = "seven stars in a plane, of masses 1 to 7 [Mazzia 2008]; x, y, x', y'",
     start = { 3, 3, -1, -3, 2, -2, 2, 3, -3, 2, 0, 0, -4, 4, 0, 0, 0, 0, 0, 1.75, -1.5, 0, 0, 0, -1.25, 1, 0, 0 },
-    duration_s = 3, accepted = { erk = 5e3, adams = 6e4, cvode = 3e5 },
+    duration_s = 3, accepted = { erk = 5e3, adams = 6e4, bdf = 3e5 },
     der = function(_, y)
       local rates = {}
       for i = 1, 14 do rates[i] = y[14 + i] end

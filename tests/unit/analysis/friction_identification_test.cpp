@@ -67,7 +67,7 @@ TEST(FitFriction, OfAPlainLoopPredictsNestedOnes) {
     options.elements = 20;
     options.shortest = 5e-7;
     options.longest = 5e-4;
-    options.optimise = true;
+    options.break_points = FrictionFitOptions::BreakPoints::optimized;
     const FrictionFit fit = fit_friction(loop, rolling_force(truth, loop), options);
     // The grid's steps of 10 % leave 1 % of the level at most; three quarters of the range have been seen only once.
     EXPECT_LT(rms_difference(rolling_force(fit.elements, nested), rolling_force(truth, nested)), 0.01 * true_level);
@@ -91,7 +91,10 @@ TEST(FitFriction, ErrorFallsWithTheNumberOfElements) {
     const auto force = rolling_force(truth, position);
     double previous = true_level;
     for (const int n : {1, 2, 5, 20}) {
-        FrictionFitOptions options{.elements = n, .shortest = 5e-7, .longest = 5e-4, .optimise = true};
+        FrictionFitOptions options{.elements = n,
+                                   .shortest = 5e-7,
+                                   .longest = 5e-4,
+                                   .break_points = FrictionFitOptions::BreakPoints::optimized};
         const FrictionFit fit = fit_friction(position, force, options);
         EXPECT_LT(fit.residual_rms, 0.8 * previous) << n;
         EXPECT_LE(fit.elements.size(), static_cast<std::size_t>(n));
@@ -106,7 +109,7 @@ TEST(FitFriction, OptimisedBreakPointsAreNoWorseThanGeometricOnes) {
     for (const int n : {2, 3, 6}) {
         FrictionFitOptions options{.elements = n, .shortest = 5e-7, .longest = 5e-4};
         const double geometric = fit_friction(position, force, options).residual_rms;
-        options.optimise = true;
+        options.break_points = FrictionFitOptions::BreakPoints::optimized;
         EXPECT_LT(fit_friction(position, force, options).residual_rms, geometric) << n;
     }
 }

@@ -174,7 +174,7 @@ TEST(Feedforward, OptionsThatDoNotFitAreRefused) {
                               Json{{"smoothness", 9}}, Json{{"sample_time_s", 1e-9}}}) {
         FieldReader fields(wrong, "test");
         FeedforwardOptions options;
-        EXPECT_THROW(options.read(fields), InputError) << wrong;
+        EXPECT_THROW(read_options(options, fields), InputError) << wrong;
     }
 }
 

@@ -73,8 +73,8 @@ TEST(Comparison, has_each_tolerance_of_each_variable_step_and_each_fixed_step) {
     const auto c = compare(mass(), open_loop(sine(1, 10, 100)), some({1, 10}, {1e-5, 1e-7}));
     std::vector<std::string> names;
     for (const auto& m : c.methods) names.push_back(m.name);
-    EXPECT_EQ(names, (std::vector<std::string>{"erk 1e-05", "erk 1e-07", "adams 1e-05", "adams 1e-07", "cvode 1e-05",
-                                               "cvode 1e-07", "fixed 500 us", "fixed 50 us", "euler 500 us",
+    EXPECT_EQ(names, (std::vector<std::string>{"erk 1e-05", "erk 1e-07", "adams 1e-05", "adams 1e-07", "bdf 1e-05",
+                                               "bdf 1e-07", "fixed 500 us", "fixed 50 us", "euler 500 us",
                                                "euler 50 us", "semi_implicit_euler 500 us", "semi_implicit_euler 50 us",
                                                "zoh 500 us", "zoh 50 us"}));
     EXPECT_EQ(c.exact.name, "exact");
@@ -494,7 +494,7 @@ TEST(ComparisonOptions, are_read_and_checked) {
     const auto read = [](const Json& json) {
         FieldReader fields(json, "compare");
         ComparisonOptions options;
-        options.read(fields);
+        read_options(options, fields);
         fields.finish();
         return options;
     };

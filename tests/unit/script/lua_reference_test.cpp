@@ -29,13 +29,13 @@ TEST(LuaReference, tables_on_pages_are_those_of_the_code) {
     for (const auto& entry : fs::directory_iterator(docs)) {
         if (entry.path().extension() != ".md") continue;
         const std::string page = read(entry.path()), made = with_tables(page);
-        found += page.find("<!-- functions: ") != std::string::npos;
+        found += page.find("<!-- options: ") != std::string::npos;
         if (update && made != page) std::ofstream(entry.path(), std::ios::binary) << made;
         EXPECT_TRUE(made == page || update)
             << entry.path() << " is not what the code says. Run\n  TRIBODE_UPDATE_PAGES=1 test_script "
             << "--gtest_filter=LuaReference.*\nwhich writes it, and commit the page.";
     }
-    EXPECT_GE(found, 1);
+    EXPECT_EQ(found, 2); // lua-reference.md and systems.md
 }
 
 TEST(LuaReference, a_change_of_a_table_is_noticed) {
@@ -46,6 +46,12 @@ TEST(LuaReference, a_change_of_a_table_is_noticed) {
     changed.replace(place, 13, "| `tb.linspax");
     EXPECT_EQ(with_tables(changed), with_tables(page));
     EXPECT_NE(with_tables(changed), changed);
+    std::string other = page;
+    const auto option = other.find("| `amplitude_N` | N |");
+    ASSERT_NE(option, std::string::npos);
+    other.replace(option, 21, "| `amplitude_N` | m |");
+    EXPECT_EQ(with_tables(other), with_tables(page));
+    EXPECT_THROW(with_tables("<!-- options: tb.linspace -->\n<!-- end -->\n"), Error);
     EXPECT_THROW(with_tables("<!-- functions: tb.simulat -->\n<!-- end -->\n"), Error);
     EXPECT_THROW(with_tables("<!-- functions: tb.simulate -->\n"), Error);
 }
@@ -72,9 +78,12 @@ TEST(LuaReference, has_every_function_of_the_module_once) {
     auto on_page = functions_on(read(docs / "lua-reference.md"));
     std::sort(on_page.begin(), on_page.end());
     EXPECT_EQ(on_page, names);
+    const std::string all_pages = read(docs / "lua-reference.md") + read(docs / "systems.md");
     for (const auto& function : all_functions()) {
         EXPECT_FALSE(function.documentation.empty()) << function.name;
         EXPECT_EQ(function.usage.front(), '`') << function.name;
+        if (!function.options) continue;
+        EXPECT_NE(all_pages.find("<!-- options: tb." + function.name + " -->"), std::string::npos) << function.name;
     }
 }
 

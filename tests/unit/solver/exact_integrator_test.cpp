@@ -387,7 +387,7 @@ TEST(ExactIntegrator, a_system_that_is_not_affine_is_refused_with_its_reason) {
         FAIL() << "nothing was thrown";
     } catch (const InputError& error) {
         EXPECT_EQ(std::string(error.what()), "solver \"exact\" cannot be used: its equations are not known to be "
-                                             "affine between events; choose erk, adams or cvode");
+                                             "affine between events; choose erk, adams or bdf");
     }
     EXPECT_EQ(resolved(Method::automatic, system), Method::erk);
     EXPECT_EQ(resolved(Method::automatic, affine_oscillator()), Method::exact);

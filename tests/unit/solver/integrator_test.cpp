@@ -224,6 +224,7 @@ TEST(Erk, a_restart_at_each_sample_costs_one_step) {
 
 TEST(SolverOptions, a_method_is_known_by_the_name_the_user_writes) {
     for (const auto& name : SolverOptions::method_names()) EXPECT_EQ(name_of(method_named(name)), name);
+    EXPECT_EQ(name_of(Method::bdf), "bdf");
     EXPECT_EQ(method_named("cvode"), Method::bdf);
     EXPECT_THROW(method_named("ode45"), InputError);
 }
@@ -238,6 +239,10 @@ TEST(SolverOptions, are_read_from_fields_and_refuse_nonsense) {
     EXPECT_EQ(options.relative_tolerance, 1e-5);
     EXPECT_EQ(options.absolute_tolerance, SolverOptions{}.absolute_tolerance);
     EXPECT_EQ(options.fixed_step, 1e-4);
+    const Json alias = {{"solver", "cvode"}};
+    FieldReader alias_fields(alias, "run");
+    read_options(options, alias_fields);
+    EXPECT_EQ(options_json(options)["solver"], "bdf");
     for (const Json& wrong : {Json{{"solver", "ode45"}}, Json{{"relative_tolerance", 0}}, Json{{"fixed_step_s", -1}}}) {
         FieldReader reader(wrong, "run");
         SolverOptions read;

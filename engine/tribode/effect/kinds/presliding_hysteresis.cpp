@@ -125,7 +125,7 @@ end
                     options.elements = count;
                     options.shortest = 5e-7;
                     options.longest = std::max(std::min(c.stroke, 2e-3), 4e-6);
-                    options.optimise = count < 7;
+                    if (count < 7) options.break_points = FrictionFitOptions::BreakPoints::optimized;
                     std::vector<MaxwellSlipElement> elements;
                     try {
                         elements = fit_friction(c.position, friction, options).elements;
