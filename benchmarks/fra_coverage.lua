@@ -2,9 +2,10 @@
 --
 --   tribode run benchmarks/fra_coverage.lua -D repetitions=40 -D seconds=4,0.8
 --
--- The truth is what the same analysis finds without noise and rounding in a record that is long enough for every transient.
--- Each row: noise, seconds per sine, share of values within their 95 % bounds (parameters of the fit, gain and phase of the
--- response), spread over the repetitions / mean standard error of each parameter, share of points without a value.
+-- The truth of the parameters is the machine's, that of the response is what the same analysis finds without noise and
+-- rounding in a record that is long enough for every transient.
+-- Each row: noise, seconds per sine, share of values within their 95 % bounds (parameters of the fit, gain and phase of
+-- the response), share of points without a value, spread over the repetitions / mean standard error of each parameter.
 -- Results: coverage.json and the table.
 
 local tb = require "tribode"
@@ -13,7 +14,7 @@ local option = tb.options {
   repetitions = { default = tb.quick and 3 or 40, help = "records of each row" },
   seconds = { default = "4,0.8", help = "per sine" },
   frequencies = { default = 40, help = "of a record, from 20 to 200 Hz" },
-  method = { default = "proposed", choices = { "fra1", "proposed", "improved" }, help = "the analysis" },
+  method = { default = "improved", choices = { "fra1", "proposed", "improved" }, help = "the analysis" },
   rows = { default = "rounding,0.3,3", help = "noise in um rms, or rounding: of the encoder alone" },
   zeta2 = { default = 0.003, help = "damping ratio of the second mode" },
 }
@@ -30,13 +31,13 @@ end
 local ts = machine_with(0, 0).Ts
 local frequencies = tb.linspace(20, 200, option.frequencies)
 
--- Sines in turn. A phase offset per repetition, so that rounding differs as it does in reality.
+-- Sines in turn. Phase and amplitude differ from repetition to repetition, so that the rounding does.
 local function excitation(seconds, phase)
   local values = {}
   local count = math.floor(seconds / ts)
   for i, f in ipairs(frequencies) do
     for k = 0, count - 1 do
-      values[#values + 1] = 15 * math.sin(2 * math.pi * (f * k * ts + phase * (0.5 + 0.618 * i)))
+      values[#values + 1] = (12 + 6 * phase) * math.sin(2 * math.pi * (f * k * ts + phase * (0.5 + 0.618 * i)))
     end
   end
   return values
@@ -61,7 +62,10 @@ local function parameters(fit)
 end
 
 local truth = measured(machine_with(0, 0), 20, 0, 0)
-local true_fit = parameters(truth.fits[option.method])
+local true_fit = {}
+for name, value in pairs(tb.plant_parameters { machine = machine_with(0, 0) }) do
+  true_fit[name:gsub("_hz", "")] = value
+end
 local true_points = {}
 for i, f in ipairs(truth.responses[option.method].frequency_hz) do
   local r = truth.responses[option.method]
@@ -109,8 +113,9 @@ for row in option.rows:gmatch("[^,]+") do
       noise = row, seconds = seconds, parameters = hits / values, response = point_hits / point_values,
       missing = missing / (option.repetitions * #frequencies),
     }
-    print(string.format("%-9s %5g  %10.3f %8.3f %8.3f %8.3f  %s", row, seconds, hits / values, point_hits / point_values,
-      2 * settled / point_values, missing / (option.repetitions * #frequencies), table.concat(ratios, " ")))
+    print(string.format("%-9s %5g  %10.3f %8.3f %8.3f %8.3f  %s", row, seconds, hits / values,
+      point_hits / point_values, 2 * settled / point_values, missing / (option.repetitions * #frequencies),
+      table.concat(ratios, " ")))
   end
 end
 tb.write_json { file = "coverage.json", value = results }

@@ -27,12 +27,13 @@ const char* const too_uncertain = "noise, distortion or a transient are too larg
 
 Complex turned(double cycles) { return std::polar(1.0, 2 * pi * (cycles - std::floor(cycles))); }
 
-// Phasor of a sum over the samples, x[i] at (first + i) Ts.
-Complex phasor(std::span<const double> x, double cycles_per_sample, std::size_t first) {
+// Phasor of a sum over the samples. Time counts from the first one: a transient that begins there is smooth over frequency, and
+// with any other origin it would turn from line to line.
+Complex phasor(std::span<const double> x, double cycles_per_sample) {
     const Complex step = turned(-cycles_per_sample);
     Complex sum = 0, turn = 1;
     for (std::size_t i = 0; i < x.size(); ++i) {
-        turn = i % 64 == 0 ? turned(-cycles_per_sample * static_cast<double>(first + i)) : turn * step;
+        turn = i % 64 == 0 ? turned(-cycles_per_sample * static_cast<double>(i)) : turn * step;
         sum += x[i] * turn;
     }
     return sum * (2.0 / static_cast<double>(x.size()));
@@ -61,33 +62,80 @@ struct Precision {
     Complex transient = 0;                    // of a parabola
     double transient_variance = 0;            // of that
     double variance = MeasuredPoint::unknown; // of the noise in the ratio
+    double nearest = MeasuredPoint::unknown;  // the same from the two lines on each side alone
     double bias = 0;                          // left where the transient is taken out
 };
 
-// From Z at the lines next to f, by their distance in lines.
+// Z over the lines next to f, by their distance d from it: a polynomial of `terms` terms, if asked for divided by 1 + a d. A
+// transient of a lightly damped mode next to f is such a pole, and no polynomial [McKelvey 2012]. a is found by linear least squares
+// on Z (1 + a d), with the denominator of the iteration before as weight.
+struct LocalFit {
+    Complex at_sine = 0;
+    double residual = 0; // variance, per line
+    double factor = 0;   // variance of at_sine relative to it
+    double freedom = 0;  // real degrees of freedom of the residual
+    double nearest = 0;  // as residual, of the two lines on each side
+
+    LocalFit(const std::vector<int>& distance, const Spectrum& z, Eigen::Index terms, bool pole) {
+        const auto count = static_cast<Eigen::Index>(z.size()), unknowns = terms + (pole ? 1 : 0);
+        const double reach = std::max(std::abs(distance.front()), std::abs(distance.back()));
+        Eigen::MatrixXcd columns(count, unknowns), inverse;
+        Eigen::VectorXcd values(count), solution;
+        Complex a = 0;
+        for (int iteration = 0; iteration < (pole ? 6 : 1); ++iteration) {
+            for (Eigen::Index i = 0; i < count; ++i) {
+                const auto place = static_cast<std::size_t>(i);
+                const double d = distance[place] / reach;
+                const Complex weight = 1.0 / (1.0 + a * d);
+                for (Eigen::Index j = 0; j < terms; ++j) columns(i, j) = weight * std::pow(d, static_cast<double>(j));
+                if (pole) columns(i, terms) = -weight * d * z[place];
+                values[i] = weight * z[place];
+            }
+            const Eigen::VectorXd scale = columns.colwise().norm().cwiseMax(1e-300);
+            const Eigen::MatrixXcd scaled = columns * scale.cwiseInverse().asDiagonal();
+            inverse = (scaled.adjoint() * scaled).inverse();
+            solution = scale.cwiseInverse().asDiagonal() * (inverse * (scaled.adjoint() * values));
+            factor = inverse(0, 0).real() / (scale[0] * scale[0]);
+            if (pole) a = solution[terms];
+        }
+        at_sine = solution[0];
+        const Eigen::VectorXcd rest = values - columns * solution;
+        residual = rest.squaredNorm() / static_cast<double>(count - unknowns);
+        double lines = 0;
+        for (Eigen::Index i = 0; i < count; ++i) {
+            if (std::abs(distance[static_cast<std::size_t>(i)]) > 2) continue;
+            nearest += std::norm(rest[i]);
+            ++lines;
+        }
+        nearest *= static_cast<double>(count) / static_cast<double>(count - unknowns) / lines;
+        freedom = 2 * static_cast<double>(count - unknowns);
+        if (!std::isfinite(std::abs(at_sine)) || !std::isfinite(factor)) {
+            residual = std::numeric_limits<double>::infinity();
+        }
+    }
+};
+
+// From Z at the lines next to f.
 Precision precision_of(const std::vector<int>& distance, const Spectrum& z) {
     Precision found;
-    const auto count = static_cast<Eigen::Index>(z.size());
-    const auto fit = [&](Eigen::Index terms) {
-        Eigen::MatrixXcd columns(count, terms);
-        Eigen::VectorXcd values(count);
-        for (Eigen::Index i = 0; i < count; ++i) {
-            const double d = distance[static_cast<std::size_t>(i)] / static_cast<double>(distance.back());
-            for (Eigen::Index j = 0; j < terms; ++j) columns(i, j) = std::pow(d, static_cast<double>(j));
-            values[i] = z[static_cast<std::size_t>(i)];
+    if (z.size() < 2) return found;
+    const Eigen::Index terms = z.size() >= 6 ? 3 : 1;
+    LocalFit best(distance, z, terms, false);
+    found.bias = std::abs(best.at_sine - (terms == 3 ? LocalFit(distance, z, 1, false).at_sine : 0.0));
+    if (z.size() >= 10) {
+        const LocalFit with_pole(distance, z, terms, true);
+        constexpr double clearly = 3; // noise alone lowers the residual by a few percent
+        if (clearly * with_pole.residual < best.residual) {
+            best = with_pole;
+            found.bias = std::abs(best.at_sine - LocalFit(distance, z, terms - 1, true).at_sine);
         }
-        const Eigen::MatrixXcd inverse = (columns.adjoint() * columns).inverse();
-        const Eigen::VectorXcd solution = inverse * (columns.adjoint() * values);
-        const double rest = (values - columns * solution).squaredNorm() / static_cast<double>(count - terms);
-        return std::tuple{solution[0], rest, inverse(0, 0).real()};
-    };
-    if (count < 2) return found;
-    const Eigen::Index terms = count >= 6 ? 3 : 1;
-    const auto [transient, rest, factor] = fit(terms);
-    found.transient = transient;
-    found.variance = rest;
-    found.transient_variance = rest * factor;
-    found.bias = terms == 3 ? std::abs(transient - std::get<0>(fit(1))) : std::abs(transient);
+    }
+    found.transient = best.at_sine;
+    // Few lines tell the variance itself only roughly: Student's distribution is wider by this.
+    const double student = best.freedom > 2 ? best.freedom / (best.freedom - 2) : 3;
+    found.variance = best.residual * student;
+    found.nearest = best.nearest * student;
+    found.transient_variance = found.variance * best.factor;
     return found;
 }
 
@@ -107,19 +155,14 @@ class SineWindow {
             distance_.push_back(d);
         }
         output_fit_ = fit(signals.output);
-        output_lines_ = lines(signals.output, output_fit_);
-        // Rounding that repeats itself with the sine is as many different errors as there are different phases.
-        const double step = signals.resolution;
-        if (step > 0) {
-            std::size_t phases = 1;
-            while (phases < window.count) {
-                const double cycles = cycles_ * static_cast<double>(phases);
-                if (std::abs(cycles - std::round(cycles)) < 0.5 / n) break;
-                ++phases;
-            }
-            rounding_ = 4 * step * step / 12 * (1 / static_cast<double>(phases) - 1 / n);
-            dither_ = step / 2;
+        const std::vector<double> rest = rest_of(signals.output, output_fit_);
+        output_lines_ = lines(rest);
+        for (std::size_t i = 1; i < rest.size(); ++i) {
+            sample_noise_ += (rest[i] - rest[i - 1]) * (rest[i] - rest[i - 1]) / 2;
         }
+        sample_noise_ /= static_cast<double>(rest.size() - 1);
+        step_squared_ = signals.resolution * signals.resolution;
+        if (signals.resolution > 0) rounding_ = rounding(signals.resolution);
     }
 
     SineFit fit(std::span<const double> signal) const { return basis_.fit(cut(signal)); }
@@ -127,14 +170,22 @@ class SineWindow {
     const Window& window() const { return window_; }
 
     Precision precision(std::span<const double> input, const SineFit& input_fit) const {
-        const Spectrum input_lines = lines(input, input_fit);
+        const Spectrum input_lines = lines(rest_of(input, input_fit));
         Spectrum z(distance_.size());
         for (std::size_t i = 0; i < z.size(); ++i) {
             z[i] = output_lines_[i] / output_fit_.fundamental() - input_lines[i] / input_fit.fundamental();
         }
         Precision found = precision_of(distance_, z);
-        if (rounding_ > 0 && output_fit_.residual_rms < 2 * dither_) {
-            found.variance += rounding_ / std::norm(output_fit_.fundamental());
+        if (rounding_ > 0) {
+            // Noise besides that of rounding, in steps squared. Both changes from sample to sample and the lines next to f must show it: the
+            // pattern of the rounding may have lines there of its own, and its power differs from 1/12, the more the fewer
+            // phases it has.
+            const double power = std::norm(output_fit_.fundamental());
+            const double near = found.variance * power * static_cast<double>(window_.count) / 4;
+            const double dither = std::max(std::min(near, sample_noise_) / step_squared_ - pattern_power_, 0.0);
+            const double share = std::exp(-4 * pi * pi * dither);
+            // A slow drift across the steps spreads the pattern over the lines next to the sine, and not further.
+            found.variance = std::max(found.variance, share * found.nearest) + share * rounding_ / power;
         }
         return found;
     }
@@ -144,11 +195,39 @@ class SineWindow {
         return signal.subspan(window_.first, window_.count);
     }
 
-    Spectrum lines(std::span<const double> signal, const SineFit& fitted) const {
-        const std::vector<double> rest = residual(cut(signal), fitted, cycles_, window_.first);
+    // Variance of the output's phasor by rounding that repeats itself with the sine, so that no line between the harmonics
+    // shows it. Noise of half a step does away with it.
+    double rounding(double step) {
+        const auto n = static_cast<double>(window_.count);
+        // As many different errors as there are different phases.
+        std::size_t phases = 1;
+        while (phases < window_.count) {
+            const double cycles = cycles_ * static_cast<double>(phases);
+            if (std::abs(cycles - std::round(cycles)) < 0.5 / n) break;
+            ++phases;
+        }
+        pattern_power_ = (1 + std::max(0.25, 3 / std::sqrt(static_cast<double>(phases)))) / 12;
+        const double folded = 4 * step * step / 12 * (1 / static_cast<double>(phases) - 1 / n);
+        // What would be left with any number of phases: the describing function of the rounding of a sine of amplitude A about
+        // the offset o, 1 + sum_m 2 (-1)^m/(pi m) J1(2 pi m A) cos(2 pi m o)/A, both in steps; the mean square of
+        // J1(x) is 1/(pi x). All of it is in the gain, which has half of the variance.
+        const double amplitude = std::max(std::abs(output_fit_.fundamental()) / step, 0.5);
+        double gain = 0;
+        for (const double m : {1.0, 2.0, 3.0, 4.0}) {
+            gain += 2 * std::pow(std::cos(2 * pi * m * output_fit_.offset / step), 2) / (std::pow(pi, 4) * m * m * m);
+        }
+        return folded + 2 * gain * step * step / amplitude;
+    }
+
+    std::vector<double> rest_of(std::span<const double> signal, const SineFit& fitted) const {
+        return residual(cut(signal), fitted, cycles_, window_.first);
+    }
+
+    Spectrum lines(const std::vector<double>& rest) const {
+        const Complex begin = turned(-cycles_ * static_cast<double>(window_.first)); // as the fits count time
         Spectrum found;
         for (const int d : distance_) {
-            found.push_back(phasor(rest, cycles_ + d / static_cast<double>(window_.count), window_.first));
+            found.push_back(begin * phasor(rest, cycles_ + d / static_cast<double>(window_.count)));
         }
         return found;
     }
@@ -159,7 +238,9 @@ class SineWindow {
     std::vector<int> distance_;
     SineFit output_fit_;
     Spectrum output_lines_;
-    double rounding_ = 0, dither_ = 0;
+    double sample_noise_ = 0; // variance of what the harmonics leave of the output, from sample to sample
+    double rounding_ = 0;     // variance of the output's phasor, without noise
+    double step_squared_ = 0, pattern_power_ = 0; // largest power of the rounding, in steps squared
 };
 
 bool is_constant(std::span<const double> x) {
@@ -202,7 +283,7 @@ class SlowTransient {
             const SineFit fit = window->fit(input);
             const Precision p = window->precision(input, fit);
             ratio[third] = window->output_fit().fundamental() / fit.fundamental();
-            if (stands_out(p)) ratio[third] /= 1.0 + p.transient;
+            if (stands_out(p)) ratio[third] *= 1.0 - p.transient;
             variance[third] = p.variance + p.transient_variance;
         }
         const double size = std::abs(ratio[2]);
@@ -288,7 +369,7 @@ Observation observe(const MeasuredSignals& signals, const SineSegment& segment, 
         o.input_harmonics.push_back(fit.harmonics);
         const Precision p = window->precision(input, fit);
         const bool removed = options.remove_transients && stands_out(p);
-        o.inputs.push_back(removed ? fit.fundamental() * (1.0 + p.transient) : fit.fundamental());
+        o.inputs.push_back(removed ? fit.fundamental() / (1.0 - p.transient) : fit.fundamental());
         o.variance.push_back(p.variance + (removed ? p.transient_variance : 0.0));
         o.transient.push_back(std::abs(p.transient));
         o.bias.push_back(

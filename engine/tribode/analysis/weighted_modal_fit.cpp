@@ -200,7 +200,8 @@ void put_covariance(WeightedFit& fit, const Problem& problem, const Eigen::Vecto
         const Eigen::MatrixXd inverse = triangle.inverse();
         Eigen::MatrixXd covariance =
             factor.colsPermutation() * (inverse * inverse.transpose()) * factor.colsPermutation().transpose();
-        covariance *= problem.excess(residual);
+        // Variances that are too large for most points may yet be true for those that decide.
+        covariance *= std::max(1.0, problem.excess(residual));
         for (Eigen::Index j = 0; j < unknowns; ++j) {
             std::vector<double> row;
             for (Eigen::Index k = 0; k < unknowns; ++k) {
