@@ -69,7 +69,10 @@ def machine(folder, model, closed):
     for fmi in (2, 3):
         unit = export(folder, model, fmi)
         run = fmpy.simulate_fmu(str(unit), stop_time=t[-1], output_interval=ts, input=given, output=["y", "x", "v", "f"])
+        # Where an input changes, FMPy ends a step and adds a row.
+        run = run[np.abs(run["time"] / ts - np.round(run["time"] / ts)) < 0.25]
         rows = len(run)
+        check(f"{unit.name} in FMPy, rows", rows == count, rows)
         found = {name: run[name] for name in ("y", "x", "v")}
         compare(f"{unit.name} in FMPy", found, {name: own[name][:rows] for name in found}, 1e-12)
         compare(f"{unit.name} in FMPy, friction", {"f": run["f"]}, {"f": own["f"][:rows]}, 1e-9)

@@ -1,96 +1,17 @@
 #include "tribode/base/error.hpp"
+#include "tribode/base/field_path.hpp"
 #include "tribode/fmu_runtime/fmu_model.hpp"
 #include "tribode/machine/servo_system.hpp"
 #include "tribode/solver/simulator.hpp"
 
 #include <algorithm>
 #include <fmt/format.h>
-#include <map>
 
 namespace tribode::fmu {
 
 namespace {
 
 using Kind = Variable::Kind;
-
-// Units of the fields of a machine description, by the last name of their path.
-const std::map<std::string, std::string>& units() {
-    static const std::map<std::string, std::string> table = {{"Ts", "s"},
-                                                             {"rigid_gain_per_kg", "m/(N s2)"},
-                                                             {"gain", "m/(N s2)"},
-                                                             {"freq_hz", "Hz"},
-                                                             {"zeta", ""},
-                                                             {"coulomb", "N"},
-                                                             {"static", "N"},
-                                                             {"velocity", "m/s"},
-                                                             {"exponent", ""},
-                                                             {"viscous", "N s/m"},
-                                                             {"K", "N/m"},
-                                                             {"F", "N"},
-                                                             {"D", "N s/m"},
-                                                             {"input_delay_s", "s"},
-                                                             {"output_delay_s", "s"},
-                                                             {"current_loop_hz", "Hz"},
-                                                             {"noise_rms_m", "m"},
-                                                             {"encoder_resolution_m", "m"},
-                                                             {"process_noise_rms_N", "N"}};
-    return table;
-}
-
-std::string unit_of(const Json::json_pointer& path, const Json& machine) {
-    const std::string name = path.back();
-    const Json::json_pointer above = path.parent_pointer();
-    if (!above.empty() && above.back() == "controller") {
-        const bool cascade = machine.at("controller").value("type", "pid") == "cascade";
-        if (name == "kp") return cascade ? "1/s" : "N/m";
-        if (name == "limit") return "N";
-        if (name == "derivative_filter_hz") return "Hz";
-        return name == "ki" ? "N/(m s)" : name == "kd" || name == "kv" ? "N s/m" : "";
-    }
-    // Of effects: effects/i/parameters/name, or .../name/j/field.
-    const std::string text = path.to_string();
-    if (text.starts_with("/effects/")) {
-        const auto effect = text.substr(0, text.find('/', sizeof "/effects/" - 1));
-        const auto& parameters = effect_kind(machine.at(Json::json_pointer(effect)).value("name", "")).parameters;
-        for (const auto& parameter : parameters) {
-            if (parameter.name == name) return parameter.unit;
-            for (const auto& field : parameter.fields) {
-                if (field.name == name) return field.unit;
-            }
-        }
-        return "";
-    }
-    const auto known = units().find(name);
-    return known == units().end() ? "" : known->second;
-}
-
-// "/modes/0/freq_hz" -> "modes[1].freq_hz".
-std::string name_of(Json::json_pointer path) {
-    std::vector<std::string> parts;
-    for (; !path.empty(); path.pop_back()) parts.push_back(path.back());
-    std::string name;
-    for (auto part = parts.rbegin(); part != parts.rend(); ++part) {
-        const bool is_index = part->find_first_not_of("0123456789") == std::string::npos;
-        if (is_index) {
-            name += fmt::format("[{}]", std::stoul(*part) + 1);
-        } else {
-            name += (name.empty() ? "" : ".") + *part;
-        }
-    }
-    return name;
-}
-
-void find_numbers(const Json& value, const Json::json_pointer& path, std::vector<Json::json_pointer>& found) {
-    if (value.is_number() && !value.is_number_integer()) found.push_back(path);
-    if (value.is_number_integer() && (path.empty() || path.back() != "delay_samples")) found.push_back(path);
-    if (value.is_object()) {
-        for (const auto& [key, field] : value.items()) {
-            if (!FieldReader::is_note(key) && !(path.empty() && key == "tolerance"))
-                find_numbers(field, path / key, found);
-        }
-    }
-    for (std::size_t i = 0; value.is_array() && i < value.size(); ++i) find_numbers(value[i], path / i, found);
-}
 
 // What the machine and its runs share: the system asks for the inputs of the run that is advancing.
 struct Driven {
@@ -171,20 +92,25 @@ class MachineRun final : public Run {
 
 class MachineOfFmu final : public Model {
   public:
-    explicit MachineOfFmu(const Json& json) : description_(json.at("machine")) {
+    explicit MachineOfFmu(const Json& json)
+        : model_(MachineModel::from_description(json.at("machine"), json.at("name"))) {
         solver_.method = method_named(json.value("solver", "auto"));
-        const MachineModel model = MachineModel::from_description(description_, json.at("name"));
-        require_possible(model);
-        step_ = model.sample_time;
+        require_possible(model_);
+        step_ = model_.sample_time;
         tolerance_ = solver_.relative_tolerance;
         Driven driven;
-        driven.make(model);
+        driven.make(model_);
         add({Kind::time, 0, "time", "s"});
-        find_numbers(description_, Json::json_pointer(), paths_);
-        for (const auto& path : paths_) {
-            add({Kind::parameter, 0, name_of(path), unit_of(path, description_), "", description_[path].get<double>(),
-                 true});
-        }
+        std::size_t place = 0;
+        each_number(model_, [&](double value, auto path, std::string_view unit, Allowed, const About& about) {
+            const std::string name = path();
+            // A run knows nothing of tolerances.
+            if (!name.starts_with("tolerance.")) {
+                places_.push_back(place);
+                add({Kind::parameter, 0, name, std::string(unit), std::string(about.meaning), value, true});
+            }
+            ++place;
+        });
         if (driven.closed) {
             add({Kind::input, 0, "r", "m", "position reference, read at each sample instant", 0, true, true});
             add({Kind::input, 0, "exc", "N", "excitation, added to the controller's output", 0, true, true});
@@ -200,17 +126,14 @@ class MachineOfFmu final : public Model {
     }
 
     std::unique_ptr<Run> start(const Settings& settings) const override {
-        Json description = description_;
-        for (std::size_t i = 0; i < paths_.size(); ++i) {
-            // What nobody changed stays as it was written, an integer too.
-            if (description[paths_[i]].get<double>() != settings.parameters[i]) {
-                description[paths_[i]] = settings.parameters[i];
-            }
-        }
+        MachineModel model = model_;
+        const auto numbers = model.numbers();
+        for (std::size_t i = 0; i < places_.size(); ++i) *numbers[places_[i]] = settings.parameters[i];
         auto driven = std::make_shared<Driven>();
         driven->options = solver_;
         if (settings.tolerance) driven->options.relative_tolerance = *settings.tolerance;
-        driven->make(MachineModel::from_description(description, name_));
+        // As a description they are checked.
+        driven->make(MachineModel::from_description(model.description(), name_));
         return std::make_unique<MachineRun>(std::move(driven), settings);
     }
 
@@ -234,9 +157,9 @@ class MachineOfFmu final : public Model {
         }
     }
 
-    Json description_;
+    MachineModel model_;
     SolverOptions solver_;
-    std::vector<Json::json_pointer> paths_; // of the parameters
+    std::vector<std::size_t> places_; // of the parameters, in MachineModel::numbers()
 };
 
 } // namespace

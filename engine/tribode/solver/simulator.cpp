@@ -33,9 +33,10 @@ class Stopwatch {
 };
 
 // Times nearer than rounding are one instant.
+constexpr double rounding_of_time = 4 * std::numeric_limits<double>::epsilon(); // relative
+
 bool same_instant(double a, double b) {
-    constexpr double ulps = 4 * std::numeric_limits<double>::epsilon();
-    return std::abs(a - b) <= ulps * std::max(std::abs(a), std::abs(b));
+    return std::abs(a - b) <= rounding_of_time * std::max(std::abs(a), std::abs(b));
 }
 
 } // namespace
@@ -147,7 +148,11 @@ RunOutcome Simulator::advance(double t_end, bool with_clocks) {
         }
         if (next_output_ < output_grid_.size()) emit_outputs(state_.t);
         if (progress != Integrator::Progress::stepped) {
-            clocks_left_ = !with_clocks && state_.t == t_end;
+            clocks_left_ = !with_clocks && same_instant(state_.t, t_end);
+            if (clocks_left_ && state_.t != t_end) {
+                state_.t = t_end;
+                restart_needed_ = true;
+            }
             try_instant(progress == Integrator::Progress::crossing, !clocks_left_);
         }
     }
@@ -311,9 +316,11 @@ void Simulator::collect_due_clocks() {
     }
 }
 
+// A row that rounding alone puts behind an instant is of that instant, and so a left limit.
 void Simulator::emit_outputs(double up_to) {
-    if (next_output_ < output_grid_.size() && output_grid_[next_output_] <= up_to) begin_row();
-    while (next_output_ < output_grid_.size() && output_grid_[next_output_] <= up_to) {
+    const double limit = up_to + rounding_of_time * std::abs(up_to);
+    if (next_output_ < output_grid_.size() && output_grid_[next_output_] <= limit) begin_row();
+    while (next_output_ < output_grid_.size() && output_grid_[next_output_] <= limit) {
         const double t = output_grid_[next_output_++];
         if (!observer_) continue;
         output_state_ = state_;

@@ -67,6 +67,21 @@ TEST(SystemUnit, ASystemWithClocksAndEventsIsThatOfTheProgram) {
     }
 }
 
+// Fifty samples in each communication step, whose instants differ from the communication points by rounding.
+TEST(SystemUnit, AValueAtASampleIsTheLeftLimitHoweverItIsRounded) {
+    SystemBuilder builder("counter");
+    const Expression x = builder.state("x", 0), samples = builder.discrete("samples", 0);
+    builder.rate(x, 1 + 0 * x);
+    builder.sample("count", 1e-4, 0, {{samples, samples + 1}, {x, 0}});
+    const UnpackedUnit unit(fmu_of_system(builder.equations(), options(FmiVersion::fmi2)));
+    const Fmi2Unit one(unit);
+    one.initialize();
+    for (int i = 0; i < 100; ++i) {
+        ASSERT_EQ(one.get("samples"), 50.0 * i) << i;
+        ASSERT_EQ(one.step(i * 5e-3, 5e-3), fmi2OK) << last_message();
+    }
+}
+
 // An input acts from the communication point at which it is set, on sampled parts of this instant, too.
 TEST(SystemUnit, AnInputActsAtOnce) {
     const UnpackedUnit unit(fmu_of_system(pushed_mass(), options(FmiVersion::fmi3)));
