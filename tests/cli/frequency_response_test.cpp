@@ -132,6 +132,29 @@ TEST_F(FrequencyResponse, OfTheRecordsOfASweepIsThatOfTheSweep) {
     }
 }
 
+// From plan to identified machine. The truth is within 1 % (gains, frequencies) and 5 % (damping ratios) where the distortion
+// calls the friction model good; a Stribeck curve, which the model has not, is called bad.
+TEST_F(FrequencyResponse, MeasuresAHiddenMachineAndKnowsWhereTheFrictionModelIsBad) {
+    const auto script = (fs::path(TRIBODE_SOURCE_DIR) / "scripts/measure_machine.lua").string();
+    const auto measure = [&](const std::string& hidden) {
+        const auto ending =
+            run({"run", script, "--quiet", "-D", "hidden=" + hidden, "-D", "plots=false", "-o", "machine"},
+                {.folder = folder.path()});
+        EXPECT_EQ(ending.exit_code, 0) << ending.err;
+        return Json::parse(text_of(folder / "machine/summary.json"));
+    };
+    const Json rolling = measure("5");
+    EXPECT_TRUE(rolling.at("friction_model_is_good"));
+    EXPECT_EQ(rolling.at("modes"), rolling.at("true_modes"));
+    EXPECT_GE(rolling.at("parameters").size(), 4u);
+    for (const auto& parameter : rolling.at("parameters")) {
+        const auto name = parameter.at("name").get<std::string>();
+        const double ratio = parameter.at("value").get<double>() / parameter.at("truth").get<double>();
+        EXPECT_NEAR(ratio, 1, name.starts_with("zeta") ? 0.05 : 0.01) << name;
+    }
+    EXPECT_FALSE(measure("7").at("friction_model_is_good"));
+}
+
 TEST_F(FrequencyResponse, WritesItsFilesAndTheirColumns) {
     folder.write("log.csv", Log{}.text());
     const auto ending = fra({"--machine", "mass.json", "--data", "log.csv", "-o", "out"});

@@ -31,8 +31,26 @@ end
 refused("did you mean \"distance_m\"?", tb.feedforward, { model = model, distance = 1 })
 refused("must be one of", tb.feedforward, { model = model, method = "fast" })
 refused("must be 4 or more", tb.feedforward, { model = model, duration_s = 1e-3 })
-refused("has no PID controller", tb.positioning,
-  { machine = tb.machine "models/ball_screw_axis.lua", feedforward = feedforward })
+refused("has no controller", tb.positioning, { machine = { rigid_gain_per_kg = 0.1 }, feedforward = feedforward })
 machine.Ts = 1e-3
 refused("must be the machine's 0.001 s", tb.positioning, { machine = machine, feedforward = feedforward })
 refused("/etc/hostname", tb.read_json, { file = "/etc/hostname" })
+
+-- A cascade with dry friction: the feedforward of friction, of Stribeck's and of velocity each lower the error.
+local axis = tb.machine "models/ball_screw_axis.lua"
+local stage = { k0 = axis.rigid_gain_per_kg }
+local move = tb.feedforward {
+  model = stage, sample_time_s = axis.Ts, distance_m = 5e-3, duration_s = 0.2, horizon_s = 0.4,
+}
+local function error_of(moved, options)
+  local task = { machine = moved, feedforward = move, duration_s = 0.4, delay_s = 0, rated_thrust_N = 1e3 }
+  for name, value in pairs(options) do task[name] = value end
+  return tb.positioning(task).rmse_m
+end
+local both = error_of(axis, {})
+assert(both < 0.3 * error_of(axis, { friction_compensation = false }), "friction")
+assert(both < 0.3 * error_of(axis, { velocity_feedforward = 0 }), "velocity")
+local sticky = tb.with_fields(axis, { ["friction.stribeck"] = { static = 35, velocity = 0.005 } })
+local coulomb_only = { friction_model = axis.friction }
+assert(error_of(sticky, {}) < 0.8 * error_of(sticky, coulomb_only), "Stribeck")
+assert(tb.loop_margins { machine = axis }.phase_margin_deg > 20)

@@ -45,3 +45,19 @@ assert(tb.plant_parameters({ machine = own }).k1 == 0.1)
 own.modes[1].zeta = -0.1
 ok, text = pcall(tb.plant_parameters, { machine = own })
 assert(not ok and text:find("modes[1].zeta = -0.1", 1, true), text)
+
+-- The mass in place of its inverse.
+do
+  tb.write_json { file = "mass.json", value = { mass_kg = 12.5, Ts = 1e-3 } }
+  for _, machine in ipairs { tb.machine "out/mass.json", tb.machine { mass_kg = 12.5, Ts = 1e-3 } } do
+    assert(machine.rigid_gain_per_kg == 0.08 and machine.Ts == 1e-3 and not machine.mass_kg)
+  end
+  assert(tb.plant_parameters({ machine = { mass_kg = 12.5 } }).k0 == 0.08)
+  local function refused(message, machine)
+    local went, problem = pcall(tb.simulate, { machine = machine, u = { 0, 1 } })
+    assert(not went and tostring(problem):find(message, 1, true), problem)
+  end
+  refused("must be one of them", { mass_kg = 12.5, rigid_gain_per_kg = 0.08 })
+  refused("mass_kg = 0 kg, must be positive", { mass_kg = 0 })
+  refused("must be positive", { mass_kg = -3 })
+end

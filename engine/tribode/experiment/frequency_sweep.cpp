@@ -4,7 +4,6 @@
 #include "tribode/base/random.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/control/discrete_transfer_function.hpp"
-#include "tribode/control/sampled_friction.hpp"
 #include "tribode/experiment/improved_analysis.hpp"
 #include "tribode/experiment/sweep_checkpoint.hpp"
 
@@ -28,7 +27,7 @@ struct LoopSignals {
 
     LoopSignals(const ServoTrace& trace, const MachineModel& machine, const SweepOptions& options) {
         const FrictionModel model = options.friction_model.value_or(FrictionModel::of(machine));
-        SampledFriction friction_model(model.elements, model.viscous, machine.sample_time);
+        MeasuredFriction friction_model(model, machine);
         auto delay_model =
             DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time);
         for (std::size_t k = 0; k < trace.u.size(); ++k) {

@@ -21,6 +21,16 @@ std::complex<double> pid_response(const PidController& pid, double sample_time, 
     return pid.kp + pid.ki * sample_time / (1.0 - d) + pid.kd * (1 - a) / sample_time * (1.0 - d) / (1.0 - a * d);
 }
 
+std::complex<double> controller_response(const MachineModel& machine, double frequency_hz) {
+    const double ts = machine.sample_time;
+    if (const auto* pid = std::get_if<PidController>(&machine.controller)) return pid_response(*pid, ts, frequency_hz);
+    const auto* cascade = std::get_if<CascadeController>(&machine.controller);
+    if (!cascade) return 0;
+    const auto d = std::polar(1.0, -2 * pi * frequency_hz * ts); // z^-1
+    const auto late = std::polar(1.0, -2 * pi * frequency_hz * ts * static_cast<double>(cascade->delay_samples));
+    return late * cascade->kv * (cascade->kp + (1.0 + d) / 2.0 * (1.0 - d) / ts);
+}
+
 FrictionLoop friction_loop_of(const MachineModel& machine) {
     const auto* pid = std::get_if<PidController>(&machine.controller);
     if (!pid) throw InputError("the machine has no PID controller, must have one (controller.type = \"pid\")");

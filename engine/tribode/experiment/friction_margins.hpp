@@ -16,6 +16,9 @@ LoopDelays loop_delays_of(const MachineModel& machine);
 // C(z) at z = exp(j 2 pi f Ts), from y to thrust, the sign of the feedback left out [N/m].
 std::complex<double> pid_response(const PidController& pid, double sample_time, double frequency_hz);
 
+// The same of the machine's controller, PID or cascade (for r = 0, without the limit of its output).
+std::complex<double> controller_response(const MachineModel& machine, double frequency_hz);
+
 // The machine's PID loop with its rolling and viscous friction; dry friction is not in it. Throws InputError where the
 // machine has no PID controller.
 FrictionLoop friction_loop_of(const MachineModel& machine);

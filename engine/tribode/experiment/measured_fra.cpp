@@ -2,7 +2,7 @@
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/control/discrete_transfer_function.hpp"
-#include "tribode/control/sampled_friction.hpp"
+#include "tribode/experiment/friction_model.hpp"
 #include "tribode/experiment/improved_analysis.hpp"
 #include "tribode/machine/machine_controller.hpp"
 #include "tribode/record/time_grid.hpp"
@@ -30,25 +30,6 @@ double rms(const std::vector<double>& values) {
     double sum = 0;
     for (const double value : values) sum += value * value;
     return std::sqrt(sum / static_cast<double>(values.size()));
-}
-
-// Friction model of a machine over a measured position, sample by sample: its elements, viscous friction and dry friction. The
-// latter has no force of its own at rest: it is built up over two steps of the encoder, as by a very stiff element.
-std::vector<double> modeled_friction(const MachineModel& machine, const std::vector<double>& position) {
-    SampledFriction elements(machine.elements, machine.viscous, machine.sample_time);
-    const double reach = std::max(2 * machine.encoder_resolution, 1e-7);
-    std::vector<double> force;
-    double z = 0, previous = position.front();
-    for (const double y : position) {
-        double f = elements.step(y);
-        if (machine.dry.present()) {
-            z = std::clamp(z + y - previous, -reach, reach);
-            f += machine.dry.level((y - previous) / machine.sample_time) * z / reach;
-            previous = y;
-        }
-        force.push_back(f);
-    }
-    return force;
 }
 
 bool has_friction(const MachineModel& machine) {
@@ -185,7 +166,9 @@ FraRecord prepared(const MachineModel& machine, const Table& table, const Measur
     if (!cascade || cascade->limit == CascadeController::no_limit) refuse_clipped(record.thrust, 0, "u", where);
     choose_excitation(machine, table, record);
 
-    const std::vector<double> friction = modeled_friction(machine, record.position);
+    MeasuredFriction model(FrictionModel::of(machine), machine);
+    std::vector<double> friction;
+    for (const double y : record.position) friction.push_back(model.step(y));
     auto delay_model = DiscreteTransferFunction::pade_delay(delay, options.delay_order, machine.sample_time);
     record.inputs[0] = record.thrust;
     for (std::size_t k = 0; k < record.thrust.size(); ++k) {

@@ -15,13 +15,12 @@ namespace tribode {
 
 namespace {
 
-const PidController& pid_of(const MachineModel& machine) {
-    if (const auto* pid = std::get_if<PidController>(&machine.controller)) return *pid;
-    throw InputError("positioning: the machine has no PID controller, must have one (controller.type = \"pid\")");
+void check_controller(const MachineModel& machine) {
+    if (!machine.has_controller()) throw InputError("positioning: the machine has no controller, must have one");
 }
 
 void check(const MachineModel& machine, const MoveTask& task, const PositioningOptions& options) {
-    pid_of(machine);
+    check_controller(machine);
     if (std::abs(task.sample_time / machine.sample_time - 1) > 1e-9) {
         throw InputError(
             fmt::format("positioning: the feedforward has the sample time {} s, must be the machine's {} s",
@@ -37,20 +36,48 @@ void check(const MachineModel& machine, const MoveTask& task, const PositioningO
 
 // What the loop is given, sample by sample.
 struct Inputs {
-    std::vector<double> delayed_reference, feedforward, friction;
+    std::vector<double> delayed_reference, feedforward, friction, velocity;
 };
+
+// Dry friction against the velocity of the reference; within 10 um/s of rest, where it takes any value, in proportion.
+double dry_friction(const DryFriction& dry, double velocity) {
+    constexpr double rest = 1e-5; // [m/s]
+    return dry.level(velocity) * std::clamp(velocity / rest, -1.0, 1.0);
+}
 
 Inputs inputs_of(const MachineModel& machine, const Feedforward& feedforward, const PositioningOptions& options) {
     const auto count = static_cast<std::size_t>(std::round(options.duration / machine.sample_time)) + 1;
     auto delay = DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time);
     const FrictionModel friction = options.friction_model.value_or(FrictionModel::of(machine));
     SampledFriction model(friction.elements, friction.viscous, machine.sample_time);
+    // What the velocity loop of a cascade brakes the reference by, to be added again. It comes from the same controller, so
+    // that it has the same filter and delay.
+    std::optional<CascadeController> velocity_loop;
+    if (const auto* cascade = std::get_if<CascadeController>(&machine.controller)) {
+        velocity_loop = *cascade;
+        velocity_loop->kp = 0;
+        velocity_loop->kv *= options.velocity_feedforward;
+        velocity_loop->limit = CascadeController::no_limit;
+    }
+    CascadeController::State velocity_state;
+    double previous = 0; // the reference begins at zero
     Inputs inputs;
     for (std::size_t k = 0; k < count; ++k) {
         const double reference = feedforward.reference[std::min(k, feedforward.reference.size() - 1)];
         inputs.delayed_reference.push_back(delay.step(reference));
         inputs.feedforward.push_back(feedforward.thrust[std::min(k, feedforward.thrust.size() - 1)]);
-        inputs.friction.push_back(options.friction_compensation ? model.step(reference) : 0.0);
+        inputs.friction.push_back(0.0);
+        if (options.friction_compensation && options.friction_feedback == 0) {
+            inputs.friction.back() = model.step(reference);
+            if (friction.dry.present()) {
+                inputs.friction.back() += dry_friction(friction.dry, (reference - previous) / machine.sample_time);
+            }
+        }
+        previous = reference;
+        inputs.velocity.push_back(
+            velocity_loop
+                ? -velocity_loop->step(velocity_state, 0, inputs.delayed_reference.back(), machine.sample_time)
+                : 0.0);
     }
     return inputs;
 }
@@ -59,9 +86,10 @@ ServoTrace run(const MachineModel& machine, const Inputs& inputs, const Position
                const RunControl& control, PositioningResult& result) {
     const auto input = [&inputs](long k) {
         const auto i = static_cast<std::size_t>(k);
-        return LoopInput{inputs.delayed_reference[i], inputs.feedforward[i] + inputs.friction[i]};
+        return LoopInput{inputs.delayed_reference[i], inputs.feedforward[i] + inputs.friction[i] + inputs.velocity[i]};
     };
-    ServoRun run(machine, ClosedLoop{input}, {.solver = options.solver, .seed = options.seed}, control);
+    ServoRun run(machine, ClosedLoop{input, options.friction_feedback},
+                 {.solver = options.solver, .seed = options.seed, .channels = {.fed_back = true}}, control);
     result.outcome = run.advance_to(static_cast<long>(inputs.feedforward.size()) - 1);
     result.statistics = run.statistics();
     if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
@@ -98,10 +126,15 @@ Table PositioningResult::table() const {
     return table;
 }
 
-PositioningResult run_positioning(const MachineModel& machine, const Feedforward& feedforward,
+PositioningResult run_positioning(const MachineModel& given, const Feedforward& feedforward,
                                   const PositioningOptions& options, const RunControl& control) {
     const MoveTask& task = feedforward.task;
-    check(machine, task, options);
+    check(given, task, options);
+    // The limit of a cascade holds for its sum with the feedforward of the velocity, which is added outside of it here.
+    MachineModel machine = given;
+    double limit = CascadeController::no_limit;
+    auto* cascade = std::get_if<CascadeController>(&machine.controller);
+    if (cascade && options.velocity_feedforward > 0) std::swap(limit, cascade->limit);
     Inputs inputs = inputs_of(machine, feedforward, options);
     PositioningResult result;
     result.trace = run(machine, inputs, options, control, result);
@@ -117,10 +150,16 @@ PositioningResult run_positioning(const MachineModel& machine, const Feedforward
     result.settling_time = settled_from(seen.t, result.error, options.band);
     result.peak_thrust = max_abs(seen.u);
     result.peak_position = max_abs(seen.x);
+    if (result.peak_thrust > limit) {
+        throw InputError(
+            fmt::format("positioning: the thrust reaches {:.4g} N, above the controller's limit of {} N; the "
+                        "move must be longer",
+                        result.peak_thrust, to_text(limit)));
+    }
     result.within_rating = result.peak_thrust <= options.rated_thrust;
     result.within_stroke = result.peak_position <= options.stroke;
     result.feedforward = std::move(inputs.feedforward);
-    result.friction_compensation = std::move(inputs.friction);
+    result.friction_compensation = options.friction_feedback > 0 ? seen.fed_back : std::move(inputs.friction);
     for (int i = 1; 0.5 * i <= options.spectrum_max_hz; ++i) result.spectrum_hz.push_back(0.5 * i);
     const auto end = static_cast<std::ptrdiff_t>(task.settling_sample());
     result.spectrum =
@@ -129,11 +168,11 @@ PositioningResult run_positioning(const MachineModel& machine, const Feedforward
 }
 
 StabilityMargins positioning_margins(const MachineModel& machine) {
+    check_controller(machine);
     const ModalModel plant = modal_model_of(machine);
-    const PidController& pid = pid_of(machine);
     const LoopDelays delays = loop_delays_of(machine);
     const auto loop_gain = [&](double f) {
-        return pid_response(pid, delays.sample_time, f) * sampled_response(plant, delays, f);
+        return controller_response(machine, f) * sampled_response(plant, delays, f);
     };
     return stability_margins(loop_gain, 0.5, 0.5 / delays.sample_time);
 }

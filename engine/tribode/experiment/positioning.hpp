@@ -19,6 +19,8 @@ struct PositioningOptions {
     int delay_order = 4;    // of its Pade approximant
     bool friction_compensation = true;
     std::optional<FrictionModel> friction_model; // FM; none: the machine's own
+    double friction_feedback = 0;                // share fed back from y instead, as eqs. (11) and (16) can be read
+    double velocity_feedforward = 1;             // share of the reference's velocity that a cascade does not brake
     double band = 5e-6;                          // settled within +- this [m]
     double rated_thrust = 150;                   // [N]
     double stroke = 0.78;                        // [m]
@@ -34,6 +36,11 @@ struct PositioningOptions {
         fields.flag("friction_compensation", o.friction_compensation,
                     "compensation by the friction model, driven by r*");
         fields.table("friction_model", o.friction_model, "as for `tb.sweep`; default the machine's own");
+        fields.number("friction_feedback", o.friction_feedback, "", Allowed::non_negative,
+                      "share of the machine's elements and viscous friction that is fed back from the detected position; "
+                      "not zero: in place of the compensation by r*");
+        fields.number("velocity_feedforward", o.velocity_feedforward, "", Allowed::non_negative,
+                      "with a cascade: share of the reference's velocity that its velocity loop does not brake");
         fields.number("band_m", o.band, "m", Allowed::positive, "settled within ± this");
         fields.number("rated_thrust_N", o.rated_thrust, "N", Allowed::positive, "for `within_rating`");
         fields.number("stroke_m", o.stroke, "m", Allowed::positive, "for `within_stroke`");
@@ -68,15 +75,16 @@ struct PositioningResult {
 //
 //     u = C(z) (C_dly r* - y_dly) + u_ff + FM(r*)
 //
-// with the machine's own PID as C(z), and the friction model FM with the machine's elements and viscous friction, or those of the options, driven
-// by r* at the sample time. The run starts at rest at zero; the step of the reference is at t = 0. y is the detected
-// position y_dly. Throws InputError where the machine has no PID controller, the sample times differ or the run is
-// shorter than the task, EndedEarly when interrupted, Error where the run fails.
+// with the machine's own PID as C(z), and the friction model FM with the machine's friction, or that of the options, driven
+// by r* at the sample time. With a cascade, kv d(C_dly r*)/dt is added (velocity_feedforward), filtered and delayed as in the
+// controller. With friction_feedback p, p FM(y_dly) takes the place of FM(r*). The run starts at rest at zero; the step of the reference is at t = 0. y is the detected position y_dly. Throws
+// InputError where the machine has no controller, the sample times differ or the run is shorter than the task, EndedEarly when
+// interrupted, Error where the run fails.
 PositioningResult run_positioning(const MachineModel& machine, const Feedforward& feedforward,
                                   const PositioningOptions& options, const RunControl& control = {});
 
-// Margins of the PID loop around the linear dynamics, without friction, with the machine's true delays, hold and
-// lag, from 0.5 Hz to the Nyquist frequency. Throws InputError where the machine has no PID controller.
+// Margins of the loop around the linear dynamics, without friction, with the machine's true delays, hold and
+// lag, from 0.5 Hz to the Nyquist frequency. Throws InputError where the machine has no controller.
 StabilityMargins positioning_margins(const MachineModel& machine);
 
 } // namespace tribode

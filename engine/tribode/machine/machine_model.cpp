@@ -65,7 +65,29 @@ void append_canonical(std::string& text, const Json& value) {
 
 } // namespace
 
-MachineModel MachineModel::read(const Json& description, const std::string& where) {
+namespace {
+
+// The moving mass may stand in place of its inverse.
+Json with_rigid_gain(const Json& description, const std::string& where) {
+    if (!description.is_object() || !description.contains("mass_kg") || description["mass_kg"].is_null()) {
+        return description;
+    }
+    FieldReader fields(description, where);
+    const double mass = fields.number("mass_kg", "kg", Allowed::positive);
+    if (fields.has("rigid_gain_per_kg")) {
+        fields.fail("mass_kg",
+                    "and rigid_gain_per_kg are given, must be one of them: the second is the inverse of the first");
+    }
+    Json changed = description;
+    changed.erase("mass_kg");
+    changed["rigid_gain_per_kg"] = 1 / mass;
+    return changed;
+}
+
+} // namespace
+
+MachineModel MachineModel::read(const Json& given, const std::string& where) {
+    const Json description = with_rigid_gain(given, where);
     FieldReader fields(description, where);
     MachineModel m;
     OptionReader reader(fields, &m.left_out);
@@ -82,7 +104,9 @@ MachineModel MachineModel::from_description(const Json& description, const std::
 
 void MachineModel::check(const std::string& where) const {
     if (rigid_gain == 0 && modes.empty()) {
-        throw InputError(where + ": rigid_gain_per_kg is zero or missing and there is no mode: nothing could move");
+        throw InputError(
+            where +
+            ": rigid_gain_per_kg is zero or missing (or give mass_kg) and there is no mode: nothing could move");
     }
     for (const auto& [key, delay] : {std::pair{"input_delay_s", input_delay}, {"output_delay_s", output_delay}}) {
         if (delay > max_delayed_samples * sample_time) {

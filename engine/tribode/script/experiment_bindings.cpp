@@ -227,7 +227,7 @@ const std::vector<LuaFunction>& experiment_functions() {
          "the signals of one frequency after settling: the signals of `tb.simulate`, and `delayed_thrust` (C_dly u), "
          "`friction_estimate`, `effective_thrust` [N]. Options as for `tb.sweep`"},
         {"positioning", positioning, "`tb.positioning{ machine =, feedforward =, … }`",
-         "runs a feedforward on a machine with a PID controller, from rest ([options and result](#tbpositioning))",
+         "runs a feedforward on a machine with a controller, from rest ([options and result](#tbpositioning))",
          [] {
              return option_rows<PositioningOptions>(
                  {machine_row(), {"feedforward", "", "table", "required", "a table as `tb.feedforward` returns it"}});

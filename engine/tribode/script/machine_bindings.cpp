@@ -14,6 +14,9 @@ Json load_machine(const ScriptContext& script, const Json& arguments) {
     if (arguments.is_array() && arguments.size() == 1 && arguments[0].is_string()) {
         return script.run.machine(arguments[0].get<std::string>(), nullptr);
     }
+    if (arguments.is_object() && !arguments.empty() && !arguments.contains("file")) {
+        return script.run.checked_machine(arguments, "tb.machine");
+    }
     FieldReader fields(arguments, "tb.machine");
     const std::string file = fields.text("file");
     const Json& argument = fields.value("argument");
@@ -64,9 +67,10 @@ Json change_machine(const Json& arguments) {
 
 const std::vector<LuaFunction>& machine_functions() {
     static const std::vector<LuaFunction> functions = {
-        {"machine", load_machine, "`tb.machine \"FILE\"`, `tb.machine{ file =, argument = }`",
-         "reads and checks a machine description (`.lua` or `.json`, [fields](machine-description.md)); `argument` is "
-         "passed to a Lua file as `...`. A relative name is searched in the working folder, then in the folder of the "
+        {"machine", load_machine, "`tb.machine \"FILE\"`, `tb.machine{ file =, argument = }`, `tb.machine{ mass_kg =, … }`",
+         "reads and checks a machine description (`.lua` or `.json`, [fields](machine-description.md)), or checks one "
+         "given as a table; implausible values cause a warning; `mass_kg` becomes `rigid_gain_per_kg`. `argument` is passed "
+         "to a Lua file as `...`. A relative name is searched in the working folder, then in the folder of the "
          "run, then next to the ready `models/` and `scripts/`"},
         {"plant_parameters", plant_parameters, "`tb.plant_parameters{ machine = }`",
          "the linear dynamics, eq. (1): `{ k0, k1, f1_hz, zeta1, k2, … }`"},

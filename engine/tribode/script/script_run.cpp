@@ -257,9 +257,17 @@ Json ScriptRun::machine(const std::string& file, const Json& argument) {
     check_data(path);
     Json description = read_description(path, lua_.limits(), argument, files_read_, control_);
     note_read(path);
-    const MachineModel model = MachineModel::from_description(description, file);
-    for (const auto& warning : model.warnings(file)) remark("warning: " + warning);
-    machines_[file] = model.hash();
+    return checked_machine(std::move(description), file);
+}
+
+Json ScriptRun::checked_machine(Json description, const std::string& name) {
+    const MachineModel model = MachineModel::from_description(description, name);
+    for (const auto& warning : model.warnings(name)) remark("warning: " + warning);
+    machines_[name] = model.hash();
+    if (description.contains("mass_kg")) {
+        description.erase("mass_kg");
+        description["rigid_gain_per_kg"] = model.rigid_gain;
+    }
     return description;
 }
 

@@ -91,6 +91,8 @@ class ScriptRun {
 
     // Checked reading of a machine description.
     Json machine(const std::string& file, const Json& argument);
+    // The same of a description, under this name: checked, with warnings, mass_kg replaced by rigid_gain_per_kg.
+    Json checked_machine(Json description, const std::string& name);
 
     // tb.run: another script in a folder of this run, with no more rights than this one. Options are texts as with -D.
     // Where this run goes on after an interruption, a nested run that was complete is not repeated as long as script,
