@@ -340,8 +340,8 @@ local distortion = {}
 for _, method in ipairs { "fra1", "proposed" } do
   distortion[method] = median(fra.responses[method].odd_distortion_db)
 end
--- What a right model leaves: the noise, or the elements' own coarseness.
-local right = distortion.proposed < -38 or distortion.proposed < distortion.fra1 - 14
+-- A right friction model leaves -45 dB and less, one that is 20 % wrong -39 dB.
+local right = distortion.proposed < -42
 print(string.format("Odd distortion, median: FRA-1 %.1f dB, with the friction model %.1f dB: the friction model is %s",
   distortion.fra1, distortion.proposed, right and "good" or "NOT good, its parameters and damping ratios are doubtful"))
 print(string.format("Modes: %d, misfit %.2g %%", modes, 100 * best.misfit))
