@@ -28,7 +28,7 @@ class SundialsVectors {
     SundialsVectors(const SundialsVectors&) = delete;
     SundialsVectors& operator=(const SundialsVectors&) = delete;
 
-    // By kind of state: metres for positions, 100 times that for velocities (the first six states in turn), 1e6 N/m for
+    // By kind of state: meters for positions, 100 times that for velocities (the first six states in turn), 1e6 N/m for
     // the thrust, a tenth for the deflection of elements.
     void set_tolerance(double position) {
         for (long i = 0; i < NV_LENGTH_S(tolerance); ++i) {

@@ -1,4 +1,4 @@
-// What it costs to carry the reference machine's seven states over one sample time in which no guard falls: by the
+// What it costs to carry the reference machine's seven states over one sample time in which no guard crosses zero: by the
 // series of the exact solver, by its prepared step with the guards' bounds, and by matrix exponentials made anew at
 // each step, as one needs them where the step's length is not known beforehand. docs/decisions/0006.
 
@@ -64,7 +64,7 @@ void exact_steps(benchmark::State& state, double stretch) {
         integrator.restart(now);
         fraction = std::fmod(fraction + 0.6180339887498949, 1.0);
         if (integrator.step(table.sample_time() * (1 + stretch * fraction)) != Integrator::Progress::stopped) {
-            state.SkipWithError("a guard fell");
+            state.SkipWithError("a guard crossed zero");
             return;
         }
         benchmark::DoNotOptimize(now.x.data());

@@ -1,4 +1,7 @@
 #include "tribode/experiment/servo_run.hpp"
+#include "tribode/base/error.hpp"
+
+#include <fmt/format.h>
 
 namespace tribode {
 
@@ -11,18 +14,35 @@ SolverOptions solver_of(const ServoRunOptions& options, Method method) {
     return solver;
 }
 
+std::unique_ptr<const ServoSystem> system_of(const MachineModel& machine, Drive drive, const ServoRunOptions& options) {
+    if (options.sensitivities.empty()) {
+        return std::make_unique<ServoSystem>(machine, std::move(drive), options.seed, options.start);
+    }
+    auto system = std::make_unique<SensitiveServoSystem>(machine, std::move(drive), options.seed, options.start,
+                                                         options.sensitivities);
+    const Method method = resolved(options.solver.method, *system, options.purpose);
+    if (method == Method::exact) return system;
+    throw InputError(
+        fmt::format("sensitivities: they need the solver \"exact\" (or \"auto\"), not \"{}\"", name_of(method)));
+}
+
 } // namespace
 
 ServoRun::ServoRun(const MachineModel& machine, Drive drive, const ServoRunOptions& options, const RunControl& control)
-    : system_(machine, std::move(drive), options.seed, options.start),
-      method_(resolved(options.solver.method, system_, options.purpose)),
-      simulator_(system_, solver_of(options, method_), control),
-      recorder_(system_, options.channels) {
+    : system_(system_of(machine, std::move(drive), options)),
+      method_(resolved(options.solver.method, *system_, options.purpose)),
+      simulator_(*system_, solver_of(options, method_), control),
+      recorder_(*system_, options.channels) {
     simulator_.observe(&recorder_);
 }
 
 RunOutcome ServoRun::advance_to(long k) {
-    return simulator_.advance_to(static_cast<double>(k) * system_.sample_time());
+    return simulator_.advance_to(static_cast<double>(k) * system_->sample_time());
+}
+
+std::vector<ServoSensitivity> ServoRun::sensitivities() const {
+    const auto* sensitive = dynamic_cast<const SensitiveServoSystem*>(system_.get());
+    return sensitive ? sensitive->sensitivities() : std::vector<ServoSensitivity>{};
 }
 
 } // namespace tribode

@@ -1,10 +1,13 @@
 #pragma once
 #include "tribode/base/run_control.hpp"
 #include "tribode/experiment/servo_recorder.hpp"
+#include "tribode/experiment/servo_sensitivity.hpp"
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/solver/simulator.hpp"
 
 #include <cstdint>
+#include <memory>
+#include <vector>
 
 namespace tribode {
 
@@ -13,13 +16,15 @@ struct ServoRunOptions {
     std::uint64_t seed = 0; // of the noise
     ServoSystem::Start start{0.0, 0.0};
     ServoChannels channels;
-    Purpose purpose = Purpose::result; // what `automatic` is chosen for
+    Purpose purpose = Purpose::result;              // what `automatic` is chosen for
+    std::vector<ServoDirection> sensitivities = {}; // what the run is differentiated by; only with the exact solver
 };
 
 // One run of a machine: its system, simulator and recorder. Whatever simulates a machine does it with this.
 class ServoRun {
   public:
-    // The drive's functions are called while the run lasts. Throws InputError where the method cannot run the machine.
+    // The drive's functions are called while the run lasts. Throws InputError where the method cannot run the machine, or not
+    // differentiate it.
     ServoRun(const MachineModel& machine, Drive drive, const ServoRunOptions& options, const RunControl& control = {});
 
     ServoRun(const ServoRun&) = delete; // simulator and recorder refer to the system
@@ -31,10 +36,11 @@ class ServoRun {
     const ServoTrace& trace() const { return recorder_.trace(); } // of the samples reached
     const EventLog& events() const { return simulator_.events(); }
     RunStatistics statistics() const { return simulator_.statistics(); }
-    Method method() const { return method_; } // the one used
+    Method method() const { return method_; }            // the one used
+    std::vector<ServoSensitivity> sensitivities() const; // at the samples reached, as asked for
 
   private:
-    const ServoSystem system_;
+    const std::unique_ptr<const ServoSystem> system_;
     const Method method_;
     Simulator simulator_;
     ServoRecorder recorder_;

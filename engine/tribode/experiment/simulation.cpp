@@ -117,9 +117,8 @@ DriveRecord DriveRecord::from_table(const Table& table, const MachineModel& mach
     return record;
 }
 
-DriveRecord DriveRecord::from_file(const std::filesystem::path& file, const RecordOptions& options,
-                                   const MachineModel& machine) {
-    return from_table(read_record(file, options, columns()).table, machine, file.string());
+DriveRecord DriveRecord::of(const GivenRecord& record, const RecordOptions& options, const MachineModel& machine) {
+    return from_table(record.read(options, columns(), machine.sample_time), machine, record.name());
 }
 
 Method resolved(Method method, const MachineModel& machine) {
@@ -138,8 +137,15 @@ ServoRun driven_run(const MachineModel& machine, const DriveRecord& record, Serv
 
 Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SimulationOptions& options,
                     const RunControl& control) {
-    ServoRun run = driven_run(machine, record, {.solver = options.solver, .seed = options.seed},
-                              options.friction_feedback, control);
+    ServoRunOptions run_options{.solver = options.solver, .seed = options.seed};
+    for (const auto& name : options.sensitivities) {
+        run_options.sensitivities.push_back(servo_direction(machine, name));
+        if (machine.initial == InitialKind::fitted && run_options.sensitivities.back().numbers.output_delay != 0) {
+            throw InputError(
+                fmt::format("sensitivities: a run has no derivative by {}: the start is fitted with it", name));
+        }
+    }
+    ServoRun run = driven_run(machine, record, run_options, options.friction_feedback, control);
     Simulation result;
     // Progress in a hundred parts: each ends at a sample instant, so the parts do not show in the results.
     const auto last = static_cast<long>(record.t.size()) - 1, part = std::max(last / 100, 1L);
@@ -154,6 +160,7 @@ Simulation simulate(const MachineModel& machine, const DriveRecord& record, cons
     result.trace = run.trace();
     std::copy_n(record.t.begin(), result.trace.t.size(), result.trace.t.begin());
     result.events = run.events();
+    result.sensitivities = run.sensitivities();
     result.statistics = run.statistics();
     return result;
 }

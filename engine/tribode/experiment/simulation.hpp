@@ -2,11 +2,10 @@
 #include "tribode/base/run_control.hpp"
 #include "tribode/experiment/servo_run.hpp"
 #include "tribode/machine/machine_model.hpp"
-#include "tribode/record/record_file.hpp"
+#include "tribode/record/given_record.hpp"
 #include "tribode/record/table.hpp"
 
 #include <cstdint>
-#include <filesystem>
 #include <string>
 
 namespace tribode {
@@ -31,15 +30,15 @@ struct DriveRecord {
     // is not uniform with the machine's sample time, and on what the machine cannot do.
     static DriveRecord from_table(const Table& table, const MachineModel& machine, const std::string& where);
 
-    // The same of a file (read_record).
-    static DriveRecord from_file(const std::filesystem::path& file, const RecordOptions& options,
-                                 const MachineModel& machine);
+    // The same of a record that is given as a file or as columns, which may lack t.
+    static DriveRecord of(const GivenRecord& record, const RecordOptions& options, const MachineModel& machine);
 };
 
 // What is asked of a simulation, besides the machine and the record: by the command line and by scripts.
 struct SimulationOptions {
     SolverOptions solver;
-    std::uint64_t seed = 0;       // of the noise
+    std::uint64_t seed = 0;                 // of the noise
+    std::vector<std::string> sensitivities; // what the run is differentiated by (servo_direction)
     double friction_feedback = 0; // share of the modeled friction that is added to u (ClosedLoop); in closed loop only
 
     static void describe(auto& o, auto& fields) {
@@ -57,6 +56,7 @@ struct Simulation {
     EventLog events;                   // times from the record's first instant [s]
     RunOutcome outcome;
     RunStatistics statistics;
+    std::vector<ServoSensitivity> sensitivities; // of the options, in their order
 };
 
 // The method that `automatic` stands for with this machine.

@@ -3,7 +3,8 @@
 
 namespace tribode {
 
-// Looks at a run without changing it.
+// Looks at a run without changing it. Called by the thread of the run; what it throws ends the run and reaches the caller of
+// Simulator::advance_to.
 class Observer {
   public:
     virtual ~Observer() = default;

@@ -7,6 +7,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace tribode {
@@ -28,6 +29,11 @@ class AffineKey {
     void clear() {
         size_ = 0;
         more_.clear();
+    }
+    void swap(AffineKey& other) noexcept {
+        std::swap(size_, other.size_);
+        first_.swap(other.first_);
+        more_.swap(other.more_);
     }
     void push_back(std::uint64_t part) {
         if (size_ < few) {

@@ -139,7 +139,9 @@ std::string MachineModel::hash() const {
 MachineModel MachineModel::with_fields(const Json& replaced, const Json& scaled, const std::string& where) const {
     MachineModel changed = *this;
     for (const auto& [path, value] : replaced.items()) changed.replace(path, value, where);
-    for (const auto& [path, factor] : scaled.items()) {
+    for (const auto& field : scaled.items()) {
+        const std::string& path = field.key();
+        const Json& factor = field.value();
         const std::string name = fmt::format("{}: {}", where, path);
         if (!factor.is_number()) throw InputError(name + ": the factor must be a number");
         std::vector<std::pair<std::string, double>> numbers;

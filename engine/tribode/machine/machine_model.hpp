@@ -135,10 +135,10 @@ struct MachineModel {
                         About("first-order lag of the thrust").usually(1, 1e5).uncertain("current_loop_hz"));
         fields.number(
             "encoder_resolution_m", m.encoder_resolution, "m", Allowed::non_negative,
-            About("rounding to the nearest multiple, halves upward; 0: exact").usually(1e-14, 1e-3, "it is in metres"));
+            About("rounding to the nearest multiple, halves upward; 0: exact").usually(1e-14, 1e-3, "it is in meters"));
         fields.number(
             "noise_rms_m", m.noise_rms, "m", Allowed::non_negative,
-            About("white noise of the sensor, added before rounding").usually(1e-15, 1e-3, "it is in metres"));
+            About("white noise of the sensor, added before rounding").usually(1e-15, 1e-3, "it is in meters"));
         fields.number("process_noise_rms_N", m.process_noise_rms, "N", Allowed::non_negative,
                       About("unmodeled force: white, constant over a sample time").usually(1e-6, 1e4));
         fields.variant("controller", m.controller, "type", {"pid", "cascade"});

@@ -91,10 +91,16 @@ double ServoSystem::detect(double position, long k) const {
         for (const auto& part : encoder_errors_) error += part(position);
         position += error;
     }
-    if (noise_rms_ > 0) {
-        position += noise_rms_ * standard_normal(seed_, sensor_noise, static_cast<std::uint64_t>(k));
-    }
+    if (noise_rms_ > 0) position += noise_rms_ * sensor_noise_at(k);
     return quantize(position, encoder_resolution_);
+}
+
+double ServoSystem::sensor_noise_at(long k) const {
+    return standard_normal(seed_, sensor_noise, static_cast<std::uint64_t>(k));
+}
+
+double ServoSystem::process_noise_at(long k) const {
+    return standard_normal(seed_, process_noise, static_cast<std::uint64_t>(k));
 }
 
 void ServoSystem::derivative(double t, std::span<const double> x, const DiscreteState& d,
@@ -125,7 +131,7 @@ EventEffect ServoSystem::on_sample(ClockId clock, long k, SystemState& state) co
     case encoder: {
         const long sample = k + encoder_lead_;
         s.encoder_ring[static_cast<std::size_t>(sample) % s.encoder_ring.size()] =
-            detect(plant_.position(state.x), sample);
+            detect(ServoPlant::position(state.x), sample);
         return EventEffect::none;
     }
     case controller: return control(k, s);
@@ -154,7 +160,7 @@ EventEffect ServoSystem::control(long k, State& s) const {
     }
     if (amplifier_.shapes()) held = amplified(held);
     if (process_noise_rms_ == 0) return EventEffect::none;
-    s.plant.disturbance = process_noise_rms_ * standard_normal(seed_, process_noise, static_cast<std::uint64_t>(k));
+    s.plant.disturbance = process_noise_rms_ * process_noise_at(k);
     return EventEffect::restart;
 }
 

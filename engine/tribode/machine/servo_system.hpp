@@ -22,7 +22,7 @@ struct LoopInput {
 
 // Closed loop: the machine's controller makes u from r and y. `input` is called once a sample, in order.
 //
-// friction_feedback is the share of the modelled friction that the drive adds, Fig. 6 of the paper:
+// friction_feedback is the share of the modeled friction that the drive adds, Fig. 6 of the paper:
 //
 //     u[k] = C(z) (r[k] - y[k]) + excitation + friction_feedback fh[k]
 //
@@ -45,7 +45,7 @@ using Drive = std::variant<ClosedLoop, OpenLoop>;
 // Delays are clock offsets, exact for any fraction of a sample, with no history buffer: y[k] is read at the earlier
 // instant k Ts - output_delay, u[k] is handed on at the later instant k Ts + input_delay. Whole samples of delay
 // become places in a ring. Where the three meet at one instant the order is encoder, controller, hold.
-class ServoSystem final : public HybridSystem, public PiecewiseAffine {
+class ServoSystem : public HybridSystem, public PiecewiseAffine {
   public:
     enum Clock : ClockId { encoder, controller, hold };
 
@@ -110,10 +110,13 @@ class ServoSystem final : public HybridSystem, public PiecewiseAffine {
     std::string guard_name(GuardId guard, const SystemState& state) const override;
 
   private:
+    friend class SensitiveServoSystem; // the same samples, differentiated
     ServoSystem(const MachineModel& model, ServoAxis axis, Drive drive, std::uint64_t seed, Start start);
 
     static const ServoPlant::State& plant_state(const DiscreteState& d) { return static_cast<const State&>(d).plant; }
     double detect(double position, long k) const;
+    double sensor_noise_at(long k) const;  // as a multiple of its rms
+    double process_noise_at(long k) const; // the same
     std::array<double, 4> amplified(const std::array<double, 4>& u) const;
     EventEffect control(long k, State& s) const;
     bool apply_hold(long k, double t, State& s) const;

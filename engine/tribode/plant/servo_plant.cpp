@@ -16,8 +16,6 @@ constexpr double two_pi = 2 * std::numbers::pi;
 constexpr double velocity_scale = 100;
 constexpr double force_scale = 1e6;
 constexpr double position_limit = 1e9; // [m]: an axis that got there has an unstable loop
-// Of half a gap: far above the rounding of positions, far below what one sees of a contact.
-constexpr double contact_margin = 1e-9;
 } // namespace
 
 ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total_gain_(p_.rigid_gain) {

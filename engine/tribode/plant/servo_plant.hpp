@@ -5,6 +5,7 @@
 #include "tribode/plant/backlash.hpp"
 #include "tribode/plant/held_input.hpp"
 #include "tribode/plant/point_force.hpp"
+#include "tribode/plant/vibration_mode.hpp"
 
 #include <array>
 #include <memory>
@@ -12,22 +13,6 @@
 #include <vector>
 
 namespace tribode {
-
-// A vibration mode of eq. (1): q'' + 2 zeta w q' + w^2 q = gain u_e.
-struct VibrationMode {
-    double gain;    // k_j [m/(N s^2)]
-    double freq_hz; // w_j / 2 pi [Hz], > 0
-    double zeta;    // z_j, >= 0
-
-    static void describe(auto& mode, auto& fields) {
-        fields.required("gain", mode.gain, "m/(N s^2)", Allowed::positive,
-                        About("k_j, its share of the gain").usually(1e-9, 10).uncertain("modes.gain"));
-        fields.required("freq_hz", mode.freq_hz, "Hz", Allowed::positive,
-                        About("natural frequency").usually(0.1, 1e5).uncertain("modes.freq_hz"));
-        fields.required("zeta", mode.zeta, "", Allowed::non_negative,
-                        About("damping ratio").usually(1e-6, 1).uncertain("modes.zeta"));
-    }
-};
 
 // A sine force on the driven point: amplitude sin(2 pi freq_hz t + phase).
 struct SineForce {
@@ -96,6 +81,9 @@ class ServoPlant {
     // Subjects of the event log: 0 the Coulomb level, 1.. the elements; kinds: SlipState.
     static constexpr int coulomb_subject = 0;
 
+    // Of half a gap: far above the rounding of positions, far below what one sees of a contact.
+    static constexpr double contact_margin = 1e-9;
+
     explicit ServoPlant(Parameters parameters); // gains must not all be zero
 
     const Parameters& parameters() const { return p_; }
@@ -143,6 +131,7 @@ class ServoPlant {
     static double velocity(std::span<const double> x) { return x[1]; }
 
   private:
+    friend class ServoPlantTangent; // the same equations, differentiated
     enum Guard : GuardId { forward_limit, backward_limit, reversal, release_forward, release_backward };
 
     // Which guards matter in the present slip states.

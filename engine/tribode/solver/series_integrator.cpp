@@ -13,25 +13,7 @@ SeriesIntegrator::SeriesIntegrator(const HybridSystem& system, std::size_t max_r
       guard_count_(system.guard_count()),
       terms_((max_terms + 1) * height_),
       guard_terms_((max_terms + 1) * guard_count_),
-      max_regular_(max_regular) {}
-
-// Whether steps of this length recur: those from sample to sample do, those between events do not.
-bool SeriesIntegrator::is_regular(double h) {
-    constexpr std::size_t most_recent = 8;
-    const auto same = [&](double length) { return same_length(length, h); };
-    if (std::any_of(regular_.begin(), regular_.end(), same)) return true;
-    if (regular_.size() == max_regular_) return false;
-    if (std::any_of(recent_.begin(), recent_.end(), same)) {
-        regular_.push_back(h);
-        return true;
-    }
-    if (recent_.size() < most_recent) {
-        recent_.push_back(h);
-    } else {
-        recent_[next_recent_++ % most_recent] = h;
-    }
-    return false;
-}
+      recurring_(max_regular) {}
 
 Integrator::Progress SeriesIntegrator::cross(double s, double h, double whole, double t_stop) {
     const double span = s * h - lag_;

@@ -2,6 +2,7 @@
 #include "tribode/hybrid/piecewise_affine.hpp"
 #include "tribode/solver/first_crossing.hpp"
 #include "tribode/solver/integrator.hpp"
+#include "tribode/solver/recurring_lengths.hpp"
 #include "tribode/solver/series_kernels.hpp"
 
 #include <array>
@@ -74,25 +75,21 @@ class SeriesIntegrator : public Integrator {
         next_key_.clear();
         affine_.append_affine_key(d, next_key_);
         const bool is_same = next_key_ == key_;
-        if (!is_same) key_ = next_key_;
+        if (!is_same) key_.swap(next_key_);
         return !is_same;
     }
 
-    // Sample instants are rounded, so equal lengths differ by that much.
-    bool same_length(double a, double b) const {
-        return std::abs(a - b) <= 0x1p-51 * (std::abs(state_->t) + std::abs(a));
-    }
     template <class Prepared>
     const Prepared* prepared_for(const Pattern<Prepared>& pattern, double h) const {
         for (const auto& prepared : pattern.prepared) {
-            if (same_length(prepared.h, h)) return &prepared;
+            if (same_length(prepared.h, h, state_->t)) return &prepared;
         }
         return nullptr;
     }
     // A pattern that has met a regular length for the second time will meet it again: that pays for preparing.
     template <class Prepared>
     bool is_worth_preparing(Pattern<Prepared>& pattern, double h) {
-        return is_regular(h) && ++pattern.series > 1;
+        return recurring_.met(h, state_->t) && ++pattern.series > 1;
     }
 
     // Where a step begins. Returns its whole length.
@@ -197,12 +194,8 @@ class SeriesIntegrator : public Integrator {
     RunStatistics counts_;
 
   private:
-    bool is_regular(double h);
-
-    const std::size_t max_regular_;
     AffineKey next_key_;
-    std::vector<double> regular_, recent_; // step lengths that recur, and those met last [s]
-    std::size_t next_recent_ = 0;
+    RecurringLengths recurring_;
 };
 
 } // namespace tribode

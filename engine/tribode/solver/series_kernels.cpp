@@ -4,6 +4,8 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
+#include <vector>
 
 namespace tribode {
 
@@ -35,6 +37,12 @@ template <std::size_t FixedHeight, std::size_t FixedColumns>
         }
         block(product + row) = ((a + b) + (c + d)) * factor;
     }
+}
+
+[[gnu::always_inline]] inline bool any_of(const Bits& bits) {
+    long long any = 0;
+    for (std::size_t i = 0; i < block_size; ++i) any |= bits[i];
+    return any != 0;
 }
 
 // 1/((n+1)(n+2))
@@ -154,6 +162,99 @@ template <std::size_t Fixed>
     }
 }
 
+// See expand_sensitivities(). Columns do not wait for one another. Where nothing is left of two terms in a row but a state that
+// decays by itself, at `rate`, and what a parameter makes of it, the next ones follow from these two: the eigenvalue is a double
+// one of the columns together, so t_{n+2} = 2 rate h/(n+2) t_{n+1} - (rate h)^2/((n+1)(n+2)) t_n.
+template <std::size_t Fixed>
+[[gnu::always_inline]] inline bool
+expand_together(const double* a, std::size_t any_states, double rate, const PartialColumns& partial,
+                std::size_t columns, std::size_t any_height, double h, int max_terms, double* room, double* sums) {
+    constexpr double negligible = 0x1p-50; // relative
+    const std::size_t height = Fixed ? Fixed : any_height;
+    const std::size_t states = Fixed ? Fixed : any_states; // the rest are columns of zeros
+    const std::size_t size = columns * height;
+    double *before = room + size, *term = room, *next = room + 2 * size, *largest = room + 3 * size;
+    for (std::size_t i = 0; i < size; i += block_size) {
+        const Block first = block(term + i);
+        block(before + i) = Block{};
+        block(sums + i) = first;
+        block(largest + i) = (Block)((Bits)first & not_sign);
+    }
+    int small_terms = 0, decaying_terms = 0;
+    for (int n = 1; n < max_terms; ++n) {
+        const double factor = h / (n + 1), once = 2 * rate * factor, twice = rate * rate * factor * h / n;
+        const bool look = rate != 0 && n > 4;
+        Bits counts{}, differs{};
+        if (decaying_terms == 2) {
+            for (std::size_t i = 0; i < size; i += block_size) {
+                const Block value = block(term + i) * once - block(before + i) * twice;
+                block(next + i) = value;
+                block(sums + i) += value;
+                counts |= (Block)((Bits)value & not_sign) > negligible * block(largest + i);
+            }
+        } else {
+            for (std::size_t column = 0; column < columns; ++column) {
+                const double* own = term + column * height;
+                for (std::size_t row = 0; row < height; row += block_size) {
+                    Block even{}, odd{};
+                    std::size_t j = 0;
+                    for (; j + 1 < states; j += 2) {
+                        even += block(a + j * height + row) * own[j];
+                        odd += block(a + (j + 1) * height + row) * own[j + 1];
+                    }
+                    if (j < states) even += block(a + j * height + row) * own[j];
+                    for (std::size_t i = partial.first[column]; i < partial.first[column + 1]; ++i) {
+                        odd += block(partial.parts + i * height + row) * term[partial.places[i]];
+                    }
+                    const std::size_t at = column * height + row;
+                    const Block value = (even + odd) * factor;
+                    const Block amount = (Block)((Bits)value & not_sign);
+                    const Block most_before = block(largest + at);
+                    const Block most = amount > most_before ? amount : most_before;
+                    block(largest + at) = most;
+                    block(next + at) = value;
+                    block(sums + at) += value;
+                    counts |= amount > negligible * most;
+                    if (!look) continue;
+                    const Block other = value - (block(term + at) * once - block(before + at) * twice);
+                    differs |= (Block)((Bits)other & not_sign) > negligible * most;
+                }
+            }
+            decaying_terms = look && !any_of(differs) ? decaying_terms + 1 : 0;
+        }
+        double* const free = before;
+        before = term;
+        term = next;
+        next = free;
+        small_terms = any_of(counts) ? 0 : small_terms + 1;
+        if (small_terms >= 2 && n > 4) return true;
+    }
+    return false;
+}
+
+template <std::size_t Fixed>
+[[gnu::always_inline]] inline void propagate_together(const double* move, const double* psi, const double* psi_p,
+                                                      const double* f, const double* q, std::size_t any_states,
+                                                      std::size_t any_height, std::size_t parameters, double* s) {
+    const std::size_t height = Fixed ? Fixed : any_height;
+    const std::size_t states = Fixed ? Fixed : any_states;
+    std::array<double, Fixed> few;
+    std::vector<double> many(Fixed ? 0 : height);
+    double* moved = Fixed ? few.data() : many.data();
+    for (std::size_t p = 0; p < parameters; ++p, s += height, q += height, psi_p += height * height) {
+        for (std::size_t row = 0; row < height; row += block_size) {
+            Block x{}, y{}, z{};
+            for (std::size_t j = 0; j < states; ++j) {
+                x += block(move + j * height + row) * s[j];
+                y += block(psi + j * height + row) * q[j];
+                z += block(psi_p + j * height + row) * f[j];
+            }
+            block(moved + row) = x + y + z;
+        }
+        for (std::size_t row = 0; row < height; row += block_size) block(s + row) += block(moved + row);
+    }
+}
+
 // sum = start + matrix x
 template <std::size_t Fixed>
 [[gnu::always_inline]] inline void add_product(const double* start, const double* matrix, std::size_t columns,
@@ -217,6 +318,20 @@ TRIBODE_CLONES void add_columns(const double* start, const double* matrix, std::
                                 const double* x, double* sum) {
     if (height == 8) return add_product<8>(start, matrix, columns, 8, x, sum);
     add_product<0>(start, matrix, columns, height, x, sum);
+}
+
+TRIBODE_CLONES bool expand_sensitivities(const double* a, std::size_t states, double rate,
+                                         const PartialColumns& partial, std::size_t columns, std::size_t height,
+                                         double h, int max_terms, double* room, double* sums) {
+    if (height == 8) return expand_together<8>(a, 8, rate, partial, columns, 8, h, max_terms, room, sums);
+    return expand_together<0>(a, states, rate, partial, columns, height, h, max_terms, room, sums);
+}
+
+TRIBODE_CLONES void propagate_sensitivities(const double* move, const double* psi, const double* psi_p, const double* f,
+                                            const double* q, std::size_t states, std::size_t height,
+                                            std::size_t parameters, double* s) {
+    if (height == 8) return propagate_together<8>(move, psi, psi_p, f, q, 8, 8, parameters, s);
+    propagate_together<0>(move, psi, psi_p, f, q, states, height, parameters, s);
 }
 
 } // namespace tribode

@@ -29,4 +29,25 @@ void sum_columns(const double* terms, int order, std::size_t height, double* end
 // sum c_n s^n, even and odd powers apart
 void evaluate_columns(const double* terms, int order, std::size_t height, double s, double* x);
 
+// Of the sensitivities s_p = dx/dp that obey s' = A s + A_p x + ..., the sums of their terms after the first over a step h,
+//
+//     c_{n+1} = h/(n+1) A c_n,   d_{n+1} = h/(n+1) (A d_n + A_p c_n)
+//
+// until two terms in a row do not count any more. The columns of c and of all d follow one another, `columns` in all, that of c
+// first: room begins with those of c_1 and d_1 and has four times their size, sums receives the sums. Of A_p only the columns
+// that are not zero: those of column i are entries first[i] .. first[i + 1] of places, and of parts (height each). rate: that of
+// a state that decays by itself, 0 where there is none. False where max_terms do not do.
+struct PartialColumns {
+    const double* parts;
+    const std::size_t* places;
+    const std::size_t* first;
+};
+bool expand_sensitivities(const double* a, std::size_t states, double rate, const PartialColumns& partial,
+                          std::size_t columns, std::size_t height, double h, int max_terms, double* room, double* sums);
+
+// s_p += move s_p + psi q_p + psi_p f for `parameters` columns s_p and q_p, and matrices psi_p one after the other.
+void propagate_sensitivities(const double* move, const double* psi, const double* psi_p, const double* f,
+                             const double* q, std::size_t states, std::size_t height, std::size_t parameters,
+                             double* s);
+
 } // namespace tribode

@@ -1,0 +1,145 @@
+#include "tribode/machine/servo_numbers.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/field_path.hpp"
+#include "tribode/base/text.hpp"
+
+#include <cmath>
+#include <fmt/format.h>
+
+namespace tribode {
+
+namespace {
+
+std::vector<double> values_of(const ServoNumbers& numbers) {
+    std::vector<double> all;
+    ServoNumbers::each(numbers, [&](double number) { all.push_back(number); });
+    return all;
+}
+
+// What must not change with a parameter: which parts there are.
+std::vector<double> parts_of(const ServoNumbers& n) {
+    const auto& plant = n.plant.plant;
+    const auto* pid = std::get_if<PidController>(&n.controller);
+    const bool is_dry = plant.dry.present() || plant.forward.level != 0 || plant.backward.level != 0 ||
+                        plant.forward.viscous != plant.backward.viscous;
+    return {plant.current_loop_hz > 0 ? 1.0 : 0.0, is_dry ? 1.0 : 0.0, pid && pid->derivative_filter_hz > 0 ? 1.0 : 0.0,
+            static_cast<double>(values_of(n).size())};
+}
+
+// The derivative at 0 of values(c), which are smooth there: differences at h, h/2, h/4, ... extrapolated to h = 0
+// [Richardson 1911]. one_sided: c must not be negative.
+std::vector<double> derivative(const std::function<std::vector<double>(double)>& values, double h, bool one_sided) {
+    constexpr std::size_t levels = 5;
+    const auto here = values(0);
+    std::vector<std::vector<double>> table;
+    for (std::size_t level = 0; level < levels; ++level, h /= 2) {
+        const auto above = values(h), below = one_sided ? here : values(-h);
+        auto& row = table.emplace_back(here.size());
+        for (std::size_t i = 0; i < row.size(); ++i) {
+            row[i] = above[i] == below[i] ? 0 : (above[i] - below[i]) / (one_sided ? h : 2 * h);
+        }
+    }
+    for (std::size_t order = 1; order < levels; ++order) {
+        const double power = std::pow(2.0, static_cast<double>(one_sided ? order : 2 * order));
+        for (std::size_t level = levels - 1; level >= order; --level) {
+            for (std::size_t i = 0; i < here.size(); ++i) {
+                const double change = table[level][i] - table[level - 1][i];
+                table[level][i] += change / (power - 1);
+            }
+        }
+    }
+    return table.back();
+}
+
+[[noreturn]] void refuse(const std::string& name, const std::string& reason) {
+    throw InputError(fmt::format("sensitivities: a run has no derivative by {}: {}", name, reason));
+}
+
+ServoDirection direction(const std::string& name, const std::function<MachineModel(double)>& model, double size,
+                         bool one_sided) {
+    ServoDirection direction{.name = name, .numbers = ServoNumbers::of(model(0))};
+    const auto parts = parts_of(direction.numbers);
+    const auto by = derivative(
+        [&](double c) {
+            const auto numbers = ServoNumbers::of(model(c));
+            if (parts_of(numbers) != parts) {
+                refuse(name, "its value is none at present, and any other value adds a part to the machine");
+            }
+            return values_of(numbers);
+        },
+        size, one_sided);
+    std::size_t next = 0;
+    ServoNumbers::each(direction.numbers, [&](double& number) { number = by[next++]; });
+    if (direction.numbers.sample_time != 0) refuse(name, "it sets the sample instants");
+    if (direction.numbers.encoder_resolution != 0) refuse(name, "the encoder's rounding jumps with it");
+    return direction;
+}
+
+} // namespace
+
+ServoNumbers ServoNumbers::of(const MachineModel& model) {
+    ServoAxis axis = model.axis();
+    ServoNumbers n{.sample_time = model.sample_time,
+                   .encoder_resolution = axis.encoder_resolution,
+                   .output_delay = model.output_delay,
+                   .input_delay = axis.input_delay,
+                   .noise_rms = model.noise_rms,
+                   .process_noise_rms = model.process_noise_rms,
+                   .amplifier = axis.amplifier,
+                   .encoder_errors = std::move(axis.encoder_errors),
+                   .controller = model.controller,
+                   .plant = {{}, axis.plant.rolling.elements()}};
+    n.plant.plant = std::move(axis.plant);
+    return n;
+}
+
+ServoDirection servo_direction(const std::string& name, const std::function<MachineModel(double)>& model, double size) {
+    return direction(name, model, size, false);
+}
+
+ServoDirection servo_direction(const MachineModel& model, const std::string& name) {
+    ServoDirection own{.name = name, .numbers = ServoNumbers::of(model)};
+    ServoNumbers::each(own.numbers, [](double& number) { number = 0; });
+    std::vector<std::pair<std::string, double*>> special = {{"start.position_m", &own.numbers.start.position},
+                                                            {"start.velocity_m_per_s", &own.numbers.start.velocity},
+                                                            {"u", &own.thrust},
+                                                            {"r", &own.reference},
+                                                            {"exc", &own.excitation}};
+    std::vector<std::string> known;
+    for (const auto& [path, number] : special) {
+        if (path == name) {
+            *number = 1;
+            return own;
+        }
+        known.push_back(path);
+    }
+    std::size_t place = 0, found = 0;
+    double value = 0;
+    bool is_there = false, may_be_negative = true;
+    each_number(model, [&](const double& number, const auto& path, std::string_view, Allowed allowed, const About&) {
+        known.push_back(path());
+        if (known.back() == name) {
+            is_there = true;
+            found = place;
+            value = number;
+            may_be_negative = allowed == Allowed::finite;
+        }
+        ++place;
+    });
+    if (!is_there) {
+        throw InputError(
+            fmt::format("sensitivities: \"{}\" is no number of the machine{}", name, suggestion(name, known)));
+    }
+    // Steps of a 64th of the number: the extrapolation leaves rounding.
+    const double size = value != 0 ? std::abs(value) / 64 : 1e-3;
+    return direction(
+        name,
+        [&](double c) {
+            MachineModel other = model;
+            *other.numbers()[found] = value + c;
+            return other;
+        },
+        size, value == 0 && !may_be_negative);
+}
+
+} // namespace tribode
