@@ -1,4 +1,4 @@
--- FRA-2 in its add-on form (Fig. 6): the modelled friction is really fed back into the thrust. What it does to the
+-- FRA-2 in its add-on form (Fig. 6): the modeled friction is really fed back into the thrust. What it does to the
 -- frequency response, what it costs in stability, and where the axis begins to oscillate.
 --
 --   tribode run scripts/friction_compensation.lua -D feedback=0,0.9,1,1.1 -D amplitude=30
@@ -10,7 +10,7 @@ local tb = require "tribode"
 
 local option = tb.options {
   machine = { default = "models/linear_motor_table.lua", help = "machine description with a PID controller" },
-  feedback = { default = { 0, 0.5, 0.8, 1, 1.2 }, help = "shares of the modelled friction that are fed back" },
+  feedback = { default = { 0, 0.5, 0.8, 1, 1.2 }, help = "shares of the modeled friction that are fed back" },
   amplitude = { default = 15, unit = "N", help = "of the excitation, for responses and the loop gain in motion" },
   small_amplitude = { default = 0.5, unit = "N", help = "of the excitation, for the loop gain nearly stuck" },
   frequencies = { default = tb.quick and 16 or 160, help = "how many in each sweep" },
@@ -346,7 +346,7 @@ tb.plot {
   height = 700,
   panels = {
     {
-      x_label = "Share of the modelled friction fed back [-]", y_label = "Amplitude [um]", y_log = true,
+      x_label = "Share of the modeled friction fed back [-]", y_label = "Amplitude [um]", y_log = true,
       x_range = { 0.85, 1.55 }, y_range = { 0.1, 1000 }, series = cycle_series,
     },
   },
@@ -389,7 +389,7 @@ end
 tb.write_csv { file = "time.csv", columns = time_columns }
 tb.plot {
   file = "time",
-  title = string.format("After a push of %g N and 20 ms, shares of the modelled friction fed back", option.amplitude),
+  title = string.format("After a push of %g N and 20 ms, shares of the modeled friction fed back", option.amplitude),
   panels = {
     { y_label = "Position [um]", x_range = { 0, 1500 }, series = time_series },
     { x_label = "Time [ms]", y_label = "Thrust [N]", x_range = { 0, 1500 }, series = thrust_series, legend = "none" },

@@ -1,5 +1,5 @@
 -- Rolling friction identified as a machine of one's own would show it (section IV-A, Fig. 2, Table II): a slow sine in
--- closed loop for the elements, another record with nested loops for the proof, and runs of constant velocity in both
+-- closed loop for the elements, another record with nested loops for validation, and runs of constant velocity in both
 -- directions for D_v. Position and thrust come through encoder, delays, controller and vibration modes.
 --
 --   tribode run scripts/friction_identification.lua -D elements=8,20 -D amplitude_mm=5
@@ -246,14 +246,14 @@ local function thinned(list, from, factor)
   return out
 end
 local _, model = rms_against(slow, best)
-local x, measured, modelled = thinned(slow.position, first, 1e3), thinned(slow.force, first), thinned(model, first)
+local x, measured, modeled = thinned(slow.position, first, 1e3), thinned(slow.force, first), thinned(model, first)
 local top = amplitude * 1e3
 local function loop_panel(label, range)
   return {
     x_label = label, y_label = "Friction [N]", x_range = range,
     series = {
       { name = "measured", x = x, y = measured },
-      { name = string.format("identified, N = %d", last), x = x, y = modelled, style = "dashed", color = "#000000" },
+      { name = string.format("identified, N = %d", last), x = x, y = modeled, style = "dashed", color = "#000000" },
     },
   }
 end
@@ -267,7 +267,7 @@ tb.write_csv {
   columns = {
     { name = "position_mm", unit = "mm", values = x },
     { name = "measured_N", unit = "N", values = measured },
-    { name = "identified_N", unit = "N", values = modelled },
+    { name = "identified_N", unit = "N", values = modeled },
   },
 }
 

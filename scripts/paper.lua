@@ -123,7 +123,7 @@ section "Friction: Fig. 2 and Table II" {
   compare("Table II: force after a reversal", "0 N", text("%.3f N", branch_error), branch_error < 0.02 * level,
     text("the sums of the identified elements and of Table II differ by at most %.3f N after a reversal. Single " ..
       "elements " ..
-      "need not agree, for neighbours share a force in more than one way.", branch_error)),
+      "need not agree, for neighbors share a force in more than one way.", branch_error)),
   {
     table = {
       caption = "Force after a reversal",
@@ -234,7 +234,7 @@ local function rms_of(values, other)
   return math.sqrt(sum / #values)
 end
 local thrust, effective = signals[2].series[1].y, signals[2].series[3].y
-local modelled, true_friction = signals[3].series[1].y, signals[3].series[2].y
+local modeled, true_friction = signals[3].series[1].y, signals[3].series[2].y
 local friction_share = 100 * rms_of(true_friction) / rms_of(thrust)
 
 local errors = {} -- rms distance from the true plant, from the plot of errors
@@ -246,7 +246,7 @@ section "Signals and the three analyses: Figs. 11 and 12" {
       "it. The " ..
     "friction model, driven by the detected position, misses the true friction by %.1f %% (rms), for it knows the " ..
     "position late and at the samples only.", friction_share, 100 * rms_of(effective) / rms_of(thrust),
-    100 * rms_of(modelled, true_friction) / rms_of(true_friction)),
+    100 * rms_of(modeled, true_friction) / rms_of(true_friction)),
   figure("fra_comparison/signals", "Fig. 11."),
   compare("Fig. 12: order of the analyses", "Proposed best",
     text("%.1f, %.1f, %.1f %%", errors[1], errors[2], errors[3]), errors[3] < errors[1] and errors[3] < errors[2],
@@ -284,7 +284,7 @@ local calculated = add_on.identified["FRA-2"]
 section "Friction fed back: Fig. 6" {
   compare("Fig. 6: feeding friction back", "can cost stability",
     text("margin %.2f to %.3f", least_before, least_after), least_after < 0.5 * least_before,
-    text("with all of the modelled friction fed back the least distance of the loop gain from -1 falls from %.2f to " ..
+    text("with all of the modeled friction fed back the least distance of the loop gain from -1 falls from %.2f to " ..
       "%.3f; from %.1f %% on the loop oscillates.", least_before, least_after, 100 * critical)),
   fed_back and calculated and compare("Eqs. (5), (7): both forms of FRA-2", "the same",
     text("k0 %+.1f %%", percent(fed_back.k0, calculated.k0)), math.abs(percent(fed_back.k0, calculated.k0)) < 1,
@@ -294,7 +294,7 @@ section "Friction fed back: Fig. 6" {
   figure("friction_compensation/bode", "FRA-2 with friction fed back in part and as a whole."),
   {
     table = {
-      caption = "Margins without and with all of the modelled friction fed back, by the amplitude of the motion",
+      caption = "Margins without and with all of the modeled friction fed back, by the amplitude of the motion",
       columns = {
         { name = "motion" }, { name = "fed back", unit = "%", decimals = 0 },
         { name = "gain margin", unit = "dB", decimals = 1 }, { name = "phase margin", unit = "deg", decimals = 1 },

@@ -6,7 +6,7 @@
 --   tribode run scripts/silverbox.lua -D data=/data/silverbox -o results/silverbox
 --
 -- The data are not part of Tribode: the folder must hold silverbox.csv with the columns t_s, u_V, y_V. Here volts
--- stand for newtons and metres. Results: silverbox.json, report.html, the plots arrow, restoring, and below diagnosis
+-- stand for newtons and meters. Results: silverbox.json, report.html, the plots arrow, restoring, and below diagnosis
 -- what the diagnosis writes.
 
 local tb = require "tribode"

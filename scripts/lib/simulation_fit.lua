@@ -1,4 +1,4 @@
--- Numbers of a model from what its simulation leaves over: steps of Gauss and Newton, with differences for the
+-- Parameters of a model from the residual of its simulation: steps of Gauss and Newton, with differences for the
 -- derivatives. A script says: local fit = require "lib.simulation_fit".
 --
 --   fit(values, names, left)   values: table of numbers; names: list of those that move; left(values): list of what
@@ -46,9 +46,9 @@ return function(start, names, left)
       for i, name in ipairs(names) do values[name] = before[i] end
       break
     end
-    local fall = 1 - rms(better) / rms(now)
+    local decrease = 1 - rms(better) / rms(now)
     now = better
-    if fall < 1e-5 then break end
+    if decrease < 1e-5 then break end
   end
   return { values = values, errors = errors, rms = rms(now) }
 end

@@ -14,7 +14,12 @@ std::string script(const std::string& name) {
 TEST(RealData, WithoutTheFolderAScriptSaysWhereTheDataComeFrom) {
     const TemporaryFolder folder;
     for (const auto& [name, file, source] :
-         {std::tuple{"emps.lua", "emps_train.csv", "A. Janot"}, {"silverbox.lua", "silverbox.csv", "T. Wigren"}}) {
+         {std::tuple{"emps.lua", "emps_train.csv", "A. Janot"},
+          {"silverbox.lua", "silverbox.csv", "T. Wigren"},
+          {"cascaded_tanks.lua", "est.csv", "nonlinearbenchmark.org"},
+          {"pendulum.lua", "swing_A.csv", "dynamicslab/MultiArm-Pendulum"},
+          {"cogging.lua", "map_a_16.csv", "gchenfc/ODrive"},
+          {"seal.lua", "oring_a_1bar.csv", "EvaZillen/3D-printed-pneumatic-actuator"}}) {
         expect_sentence(run({"run", script(name), "-o", "out"}, {.folder = folder.path()}), 2,
                         {"-D data= is missing", file, source});
         folder.write("empty/note.txt", "");

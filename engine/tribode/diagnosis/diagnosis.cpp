@@ -6,6 +6,7 @@
 #include "tribode/diagnosis/response.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -17,10 +18,12 @@ namespace {
 // Of the difference of two scores, in units of which e^-1/2 counts: simulators and filters are not exact, and the
 // noise's shape is estimated.
 constexpr double temperature = 3;
+// Gap over the floor up to which what is missing has been found, and not a part of it.
+constexpr double little_left = 3;
 // What a right name has where noise explains the remaining error, and no rival comes near.
 constexpr double certain = 0.98;
 
-double rms(const std::vector<double>& a, const std::vector<double>& b, std::size_t first) {
+double rms_difference(const std::vector<double>& a, const std::vector<double>& b, std::size_t first) {
     double sum = 0;
     for (std::size_t k = first; k < a.size(); ++k) sum += (a[k] - b[k]) * (a[k] - b[k]);
     return std::sqrt(sum / static_cast<double>(a.size() - first));
@@ -41,8 +44,8 @@ Compared compared(const Evidence& record, const MachineModel& before, const Mach
     c.u_before = was.thrust;
     c.y_after = is.position;
     c.u_after = is.thrust;
-    c.gap = {rms(record.measurement.position(), c.y_before, c.first),
-             rms(record.measurement.position(), c.y_after, c.first), record.floor.rms};
+    c.gap = {rms_difference(record.measurement.position(), c.y_before, c.first),
+             rms_difference(record.measurement.position(), c.y_after, c.first), record.floor.rms};
     c.described_floor = c.gap.floor;
     return c;
 }
@@ -363,8 +366,13 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     }
     for (auto& m : fitted) fit_records.push_back({std::move(m)});
     Diagnosis d{.verdict = {}, .before = machine, .after = machine};
-    d.search =
-        search_effects(coarse, std::move(fit_records), std::move(validation_records), options.max_effects, control);
+    // The rest of the budget is for the verdict and the comparison.
+    constexpr double search_share = 0.8, longest = 1e9;
+    const std::chrono::duration<double> patience(search_share * std::min(options.budget.value_or(longest), longest));
+    const auto deadline =
+        std::chrono::steady_clock::now() + std::chrono::duration_cast<std::chrono::steady_clock::duration>(patience);
+    d.search = search_effects(coarse, std::move(fit_records), std::move(validation_records), options.max_effects,
+                              deadline, control);
     Verdict verdict(coarse, d, control);
     try {
         verdict.decide();
@@ -377,6 +385,10 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     if (encoder) add_encoder(d, *encoder, described, control);
     d.fitted_gap = total(d.fitted);
     d.validation_gap = total(d.validation);
+    // A resolution is no gap of positions.
+    const Gap& gap = *d.validation_gap;
+    d.explained = gap.before > 0 ? 1 - std::pow(gap.after / gap.before, 2) : 0;
+    if (d.verdict == "effect_found" && gap.after > little_left * gap.floor) d.verdict = "partial";
     d.where = where_they_disagree(d);
     RunControl whole = control; // with the verdict made, the rest takes moments
     whole.stop = nullptr;

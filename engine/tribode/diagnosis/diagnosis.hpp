@@ -10,9 +10,12 @@ namespace tribode {
 
 struct DiagnosisOptions {
     std::size_t max_effects = 3;
+    std::optional<double> budget; // after so long what is known is the answer [s]; none: searches to the end
 
     static void describe(auto& o, auto& fields) {
         fields.integer("max_effects", o.max_effects, 1, 6, "how many effects may be missing together");
+        fields.number("budget_s", o.budget, "s", Allowed::positive,
+                      "after so long what is known is the answer; default: no limit");
     }
 };
 
@@ -44,7 +47,7 @@ struct Compared {
 };
 
 struct Diagnosis {
-    std::string verdict; // effect_found, nothing_missing, unknown_effect or undecided
+    std::string verdict; // effect_found, partial, nothing_missing, unknown_effect or undecided
     std::vector<NamedEffect> effects;
     std::string where; // one paragraph
     std::optional<Gap> fitted_gap, validation_gap;
@@ -57,6 +60,7 @@ struct Diagnosis {
     std::optional<std::string> next_experiment;
     MachineModel before, after; // the machine as described, fields within their tolerance; with the effects
     SearchResult search;
+    double explained = 0;         // share of the squared gap on the validation record
     double false_alarm_limit = 0; // chi square per sample above which something is missing
 };
 

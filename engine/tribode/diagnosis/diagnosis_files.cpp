@@ -52,6 +52,8 @@ std::string sentence(const Diagnosis& d) {
         return fmt::format("What is missing is {} or {}, which these records cannot tell apart; {}.",
                            fmt::join(names, " and "), fmt::join(rivals, " or "), shrink);
     }
+    if (d.verdict == "partial")
+        return fmt::format("A part of what is missing is {}; {}.", fmt::join(names, " and "), shrink);
     if (names.size() == 1 && effect_kind(names.front()).is_rounding) {
         // Positions are simulated without rounding: it is the floor that differs.
         return fmt::format("What is missing is {}: with it noise and rounding leave {:.3g} um rms on the "
@@ -432,6 +434,34 @@ void append_lua(std::string& text, const Json& value, std::size_t depth) {
 
 } // namespace
 
+// Every hypothesis of the last ranking, and why it lost.
+static Json hypotheses_json(const Diagnosis& d) {
+    Json list = Json::array();
+    const Scored* taken = d.effects.empty() || d.search.ranking.empty() ? nullptr : &d.search.ranking.front();
+    const auto add = [&](const Scored& one) {
+        const double left = std::sqrt(one.together_validation), fitted = std::sqrt(one.together_fitted);
+        Json lost = nullptr;
+        if (taken && &one != taken) {
+            lost =
+                fmt::format("its errors are {:.3g} times those of noise on the fitted records and {:.3g} times on the "
+                            "validation record, those of the one taken {:.3g} and {:.3g} times",
+                            fitted, left, std::sqrt(taken->together_fitted), std::sqrt(taken->together_validation));
+        } else if (!taken && d.verdict != "nothing_missing") {
+            lost =
+                fmt::format("its errors are {:.3g} times those of noise on the fitted records and {:.3g} times on the "
+                            "validation record",
+                            fitted, left);
+        }
+        list.push_back({{"names", one.names()},
+                        {"score", one.score},
+                        {"gap", {{"fitted", fitted}, {"predicted", left}}},
+                        {"lost", lost}});
+    };
+    add(d.search.baseline);
+    for (const auto& one : d.search.ranking) add(one);
+    return list;
+}
+
 Json diagnosis_json(const Diagnosis& d, const std::vector<std::string>& data, const std::string& machine_hash,
                     double seconds) {
     Json effects = Json::array();
@@ -454,8 +484,11 @@ Json diagnosis_json(const Diagnosis& d, const std::vector<std::string>& data, co
             {"where", d.where},
             {"gap", {{"ident", gap_json(d.fitted_gap)}, {"validate", gap_json(d.validation_gap)}}},
             {"gap_unit", "m"},
+            {"explained", d.explained},
             {"nearest", nearest},
             {"next_experiment", next},
+            {"hypotheses", hypotheses_json(d)},
+            {"out_of_time", d.search.out_of_time},
             {"data", data},
             {"machine", machine_hash},
             {"version", version()},
@@ -511,6 +544,7 @@ std::string diagnosis_text(const Json& summary) {
         text += fmt::format("  gap on {}: {:.3g} m before, {:.3g} m after, {:.3g} m floor\n", record,
                             gap["before"].get<double>(), gap["after"].get<double>(), gap["floor"].get<double>());
     }
+    if (summary["out_of_time"].get<bool>()) text += "  the budget of time ended the search\n";
     return text;
 }
 

@@ -12,13 +12,13 @@ namespace tribode {
 
 namespace {
 
-struct Error {
+struct GapOverTime {
     std::vector<double> gap;      // y_measured - y_before [m]
     std::vector<double> velocity; // of the simulated machine: free of rounding [m/s]
 };
 
-Error error_of(const Compared& c, double sample_time) {
-    Error e;
+GapOverTime gap_of(const Compared& c, double sample_time) {
+    GapOverTime e;
     const auto& y = c.measurement.position();
     e.gap.resize(y.size());
     e.velocity.resize(y.size());
@@ -36,7 +36,7 @@ double sample_time_of(const Compared& c) {
 }
 
 template <class Contains>
-GapShare share(const std::string& axis, const std::string& part, const Error& e, std::size_t first,
+GapShare share(const std::string& axis, const std::string& part, const GapOverTime& e, std::size_t first,
                const Contains& contains) {
     double inside = 0, all = 0;
     std::size_t count = 0;
@@ -62,7 +62,7 @@ double quantile(std::vector<double> values, double q) {
 
 std::vector<GapShare> gap_shares(const Compared& c) {
     const double Ts = sample_time_of(c);
-    const Error e = error_of(c, Ts);
+    const GapOverTime e = gap_of(c, Ts);
     const auto& y = c.measurement.position();
     std::vector<double> speeds;
     for (const double v : e.velocity) speeds.push_back(std::abs(v));
@@ -289,7 +289,7 @@ std::vector<std::string> untested(const Diagnosis& d) {
             high = std::max(high, *most);
             for (const double u : c.measurement.thrust) thrust = std::max(thrust, std::abs(u));
             longest = std::max(longest, static_cast<double>(y.size()) * Ts);
-            const Error e = error_of(c, Ts);
+            const GapOverTime e = gap_of(c, Ts);
             double peak = 0;
             for (const double v : e.velocity) peak = std::max(peak, std::abs(v));
             fastest = std::max(fastest, peak);

@@ -1,4 +1,5 @@
 #include "tribode/diagnosis/measurement.hpp"
+#include "tribode/analysis/signal_fit.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/machine/machine_controller.hpp"
@@ -20,18 +21,6 @@ constexpr double file_rounding = 2e-8;
 double range_of(const std::vector<double>& values) {
     const auto [low, high] = std::minmax_element(values.begin(), values.end());
     return *high - *low;
-}
-
-double rms(const std::vector<double>& values) {
-    double sum = 0;
-    for (const double value : values) sum += value * value;
-    return std::sqrt(sum / static_cast<double>(values.size()));
-}
-
-double largest(const std::vector<double>& values) {
-    double most = 0;
-    for (const double value : values) most = std::max(most, std::abs(value));
-    return most;
 }
 
 // A stretch of equal values: [first, last], of `least` samples and more.

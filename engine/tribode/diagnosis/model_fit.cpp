@@ -188,6 +188,7 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
     int secants = max_secants; // steps since the Jacobian was differenced
     bool exact = false;        // it belongs to the present numbers
     for (int iteration = 0; iteration < options.iterations && n > 0; ++iteration) {
+        if (std::chrono::steady_clock::now() > options.deadline) break;
         if (!exact && secants >= max_secants) {
             differentiate();
             exact = true;

@@ -6,6 +6,7 @@
 #include "tribode/machine/machine_model.hpp"
 
 #include <atomic>
+#include <chrono>
 #include <limits>
 #include <memory>
 #include <string>
@@ -68,6 +69,7 @@ class ModelFit {
         double tolerance = 1e-5;      // relative fall of chi square at which it has converged
         unsigned workers = 1;         // for the differences
         const std::atomic<bool>* stop = nullptr;
+        std::chrono::steady_clock::time_point deadline = std::chrono::steady_clock::time_point::max(); // it ends there
     };
     // Of a settled hypothesis chi square alone is found. Throws EndedEarly on a stop request.
     void fit(Hypothesis& h, const Options& options) const;

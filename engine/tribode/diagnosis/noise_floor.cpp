@@ -21,7 +21,7 @@ double mean_square(const std::vector<double>& x) {
 
 // Noise of the positions from their third differences, which a smooth motion hardly has. White noise of variance s^2
 // gives 20 s^2.
-double fine_part(const std::vector<double>& y) {
+double rms_of_fine_part(const std::vector<double>& y) {
     double sum = 0;
     for (std::size_t k = 0; k + 3 < y.size(); ++k) {
         const double d = y[k + 3] - 3 * y[k + 2] + 3 * y[k + 1] - y[k];
@@ -65,7 +65,8 @@ std::vector<double> NoiseFloor::whitened(const std::vector<double>& errors) cons
 std::optional<NoiseFloor> noise_floor(const MachineModel& machine, const Measurement& measurement,
                                       const RunControl& control) {
     MachineModel noisy = machine;
-    if (noisy.noise_rms == 0 && noisy.encoder_resolution == 0) noisy.noise_rms = fine_part(measurement.position());
+    if (noisy.noise_rms == 0 && noisy.encoder_resolution == 0)
+        noisy.noise_rms = rms_of_fine_part(measurement.position());
     const auto clean = simulated_position(noisy, measurement);
     if (!clean) return std::nullopt;
     std::vector<std::vector<double>> errors(seeds);

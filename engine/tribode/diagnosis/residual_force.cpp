@@ -13,7 +13,8 @@ namespace tribode {
 namespace {
 
 using Complex = std::complex<double>;
-constexpr double two_pi = 2 * std::numbers::pi;
+using std::numbers::pi;
+
 // Filter and end effects die out over this time; it is left out at both ends [s].
 constexpr double margin = 0.05;
 
@@ -63,10 +64,10 @@ struct Spectrum {
 };
 
 Complex plant(const MachineModel& machine, double f) {
-    const Complex s(0, two_pi * f);
+    const Complex s(0, 2 * pi * f);
     Complex sum = machine.rigid_gain / (s * s);
     for (const auto& mode : machine.modes) {
-        const double w = two_pi * mode.freq_hz;
+        const double w = 2 * pi * mode.freq_hz;
         sum += mode.gain / (s * s + 2 * mode.zeta * w * s + w * w);
     }
     return sum;
@@ -80,7 +81,7 @@ Motion motion_of(const MachineModel& machine, const std::vector<double>& y, cons
                  double bandwidth, std::size_t length) {
     const double Ts = machine.sample_time;
     const auto low_pass = [bandwidth](double f) { return 1 / (1 + std::pow(f / bandwidth, 8)); };
-    const auto ahead = [&](double f) { return std::polar(1.0, two_pi * f * machine.output_delay); };
+    const auto ahead = [&](double f) { return std::polar(1.0, 2 * pi * f * machine.output_delay); };
     double stiffness = 0;
     if (machine.rigid_gain == 0) stiffness = (1.0 / plant(machine, 1e-9)).real();
     const Spectrum positions(y, length, Ts);
@@ -88,20 +89,20 @@ Motion motion_of(const MachineModel& machine, const std::vector<double>& y, cons
     m.position = positions.filtered(
         length, [&](double f) { return ahead(f) * low_pass(f); }, 1, machine.output_delay / Ts);
     m.velocity = positions.filtered(
-        length, [&](double f) { return Complex(0, two_pi * f) * ahead(f) * low_pass(f); }, 0, 1 / Ts);
+        length, [&](double f) { return Complex(0, 2 * pi * f) * ahead(f) * low_pass(f); }, 0, 1 / Ts);
     m.inertial = positions.filtered(
         length, [&](double f) { return ahead(f) * (low_pass(f) / plant(machine, f)); }, stiffness);
     const auto drive = [&](double f) {
-        const Complex s(0, two_pi * f);
+        const Complex s(0, 2 * pi * f);
         Complex h = std::exp(-s * machine.input_delay) * (1.0 - std::exp(-s * Ts)) / (s * Ts);
         if (machine.input == InputKind::band_limited) h = std::exp(-s * machine.input_delay);
-        if (machine.current_loop_hz > 0) h /= 1.0 + s / (two_pi * machine.current_loop_hz);
+        if (machine.current_loop_hz > 0) h /= 1.0 + s / (2 * pi * machine.current_loop_hz);
         return h * low_pass(f);
     };
     const Spectrum thrusts(u, length, Ts);
     m.thrust = thrusts.filtered(length, drive, 1);
     m.thrust_rate = thrusts.filtered(
-        length, [&](double f) { return drive(f) * Complex(0, two_pi * f); }, 0, 1 / Ts);
+        length, [&](double f) { return drive(f) * Complex(0, 2 * pi * f); }, 0, 1 / Ts);
     // Friction along the way. Where the velocity is no more than its noise, dry friction is taken in proportion.
     m.friction = rolling_force(machine.elements, m.position);
     double fastest = 0;

@@ -55,9 +55,10 @@ Evidence beginning(const Evidence& whole, std::size_t samples) {
 class Search {
   public:
     Search(const MachineModel& machine, std::vector<Evidence> fitted, std::vector<Evidence> validation,
-           std::size_t max_effects, const RunControl& control)
+           std::size_t max_effects, std::chrono::steady_clock::time_point deadline, const RunControl& control)
         : machine_(machine),
           max_effects_(max_effects),
+          deadline_(deadline),
           control_(control) {
         result_.fitted = std::move(fitted);
         result_.validation = std::move(validation);
@@ -72,6 +73,7 @@ class Search {
         } catch (const EndedEarly&) {
             throw EndedEarly(fmt::format("interrupted, nothing is written; so far {}", result_.found_so_far()));
         }
+        result_.out_of_time = late();
         return std::move(result_);
     }
 
@@ -101,7 +103,7 @@ class Search {
             if (!result_.baseline.together.within_tolerance()) std::swap(beam[0], beam[1]);
         }
         choose_lead(beam.front().together);
-        for (std::size_t level = 1; level <= max_effects_; ++level) {
+        for (std::size_t level = 1; level <= max_effects_ && !late(); ++level) {
             std::vector<Scored> pool;
             std::optional<std::set<std::string>> enough; // effects of a hypothesis to which noise alone is left
             for (const auto& base : beam) {
@@ -119,7 +121,7 @@ class Search {
             }
             rank(pool);
             if (pool.empty()) break;
-            if (level > 1 && adequate(pool.front())) {
+            if (level > 1 && adequate(pool.front()) && !late()) {
                 for (auto& next : simplified(pool.front(), level)) pool.push_back(std::move(next));
             }
             // The loop's noise is that of the machine as it is now known.
@@ -212,6 +214,8 @@ class Search {
         if (control_.stop_requested()) throw EndedEarly("a search was interrupted");
     }
 
+    bool late() const { return std::chrono::steady_clock::now() > deadline_; }
+
     bool adequate(const Scored& one) const { return result_.explained_by_noise(one); }
 
     void refine(Hypothesis& h, const std::vector<Evidence>& records, int iterations, unsigned workers,
@@ -221,6 +225,7 @@ class Search {
         options.workers = workers;
         options.move_fields = move_fields;
         options.stop = control_.stop;
+        options.deadline = deadline_;
         ModelFit(machine_, records).fit(h, options);
     }
 
@@ -360,7 +365,7 @@ class Search {
             pool[i] = scored(std::move(pool[i].together));
         });
         rank(pool);
-        for (std::size_t i = 0; i < std::min<std::size_t>(pool.size(), 2); ++i) {
+        for (std::size_t i = 0; i < std::min<std::size_t>(pool.size(), 2) && !late(); ++i) {
             straighten(pool[i]);
             prune(pool[i]);
         }
@@ -409,6 +414,7 @@ class Search {
         std::vector<std::vector<Hypothesis>> begun(list.size());
         const std::string what = "effect " + std::to_string(level);
         for_each_index(list.size(), control_, what + ": screening", [&](std::size_t i) {
+            if (late()) return;
             begun[i] = list[i]->rugged    ? grown_starts(base.together, list[i])
                        : list[i]->ringing ? ringing_starts(base.together, list[i])
                                           : starts_of(base.together, list[i], lead);
@@ -431,7 +437,7 @@ class Search {
             for_each_index(running.size(), control_, what + ": fitting", [&, iterations = iterations](std::size_t i) {
                 // With the uncertain fields, which the baseline may have moved so far that the effect alone gains
                 // little.
-                if (!running[i].converged) refine(running[i], lead_records_, iterations, 1);
+                if (!running[i].converged && !late()) refine(running[i], lead_records_, iterations, 1);
             });
             go_on();
             keep_best(running, keep, factor);
@@ -447,6 +453,7 @@ class Search {
                 if (!stalled[i]) refine(running[i], all_, 4, 1);
             });
             go_on();
+            if (late()) break;
             for (const auto& h : running) best = std::min(best, h.chi_square);
             bool moving = false;
             for (std::size_t i = 0; i < running.size(); ++i) {
@@ -459,7 +466,7 @@ class Search {
             if (!moving) break;
         }
         keep_best(running, 6, 1e300);
-        if (!running.empty()) enrich(running.front());
+        if (!running.empty() && !late()) enrich(running.front());
         std::vector<Scored> done;
         for (auto& h : running) done.push_back(scored(std::move(h)));
         return done;
@@ -533,6 +540,7 @@ class Search {
             const ModelFit fit(machine_, part);
             for (auto& h : points) {
                 go_on();
+                if (late()) return {};
                 h.chi_square = fit.chi_square(h);
             }
             keep_best(points, count, 1e300);
@@ -580,6 +588,7 @@ class Search {
         const std::size_t first = first_shown(base, record);
         std::vector<Hypothesis> points;
         for (std::size_t samples = ringing_from; first + samples < record.measurement.size(); samples *= 2) {
+            if (late()) break;
             const std::vector<Evidence> part{beginning(record, first + samples)};
             if (points.empty()) points = starts_of(base, candidate, ModelFit(machine_, part));
             for (auto& h : points) refine(h, part, 6, 1);
@@ -615,6 +624,7 @@ class Search {
         for (const auto& list : {candidate->starts, candidate->probes}) {
             for (const auto& values : list) {
                 go_on();
+                if (late()) return points;
                 Hypothesis h = with(base, candidate, values);
                 if (!gap.empty()) {
                     const auto there = fit.errors(h);
@@ -642,6 +652,7 @@ class Search {
 
     const MachineModel& machine_;
     std::size_t max_effects_;
+    std::chrono::steady_clock::time_point deadline_;
     const RunControl& control_;
     std::vector<Evidence> all_; // fitted and validation records
     std::size_t lead_ = 0, lead_length_ = 0;
@@ -687,8 +698,9 @@ std::vector<std::string> Scored::names() const {
 }
 
 SearchResult search_effects(const MachineModel& machine, std::vector<Evidence> fitted, std::vector<Evidence> validation,
-                            std::size_t max_effects, const RunControl& control) {
-    return Search(machine, std::move(fitted), std::move(validation), max_effects, control).run();
+                            std::size_t max_effects, std::chrono::steady_clock::time_point deadline,
+                            const RunControl& control) {
+    return Search(machine, std::move(fitted), std::move(validation), max_effects, deadline, control).run();
 }
 
 } // namespace tribode

@@ -2,6 +2,7 @@
 #include "tribode/base/run_control.hpp"
 #include "tribode/diagnosis/model_fit.hpp"
 
+#include <chrono>
 #include <memory>
 #include <string>
 #include <vector>
@@ -27,6 +28,8 @@ struct SearchResult {
     std::vector<Scored> steps;   // the best one with one effect, with two, ...: how the gap shrank
     std::vector<Evidence> fitted, validation; // floors as those of the best hypothesis
 
+    bool out_of_time = false; // the deadline ended it
+
     bool shared = false; // the first half of the validation records had to be fitted too
 
     // Chi square per sample up to which noise explains the remaining errors of some records.
@@ -37,8 +40,10 @@ struct SearchResult {
 };
 
 // Looks for the effects that a machine lacks: tries all of them one at a time by full simulation, refines the best, and
-// while more than noise remains adds another one to the best three. Throws EndedEarly on a stop request.
+// while more than noise remains adds another one to the best three. At the deadline it returns what is known. Throws
+// EndedEarly on a stop request.
 SearchResult search_effects(const MachineModel& machine, std::vector<Evidence> fitted, std::vector<Evidence> validation,
-                            std::size_t max_effects, const RunControl& control);
+                            std::size_t max_effects, std::chrono::steady_clock::time_point deadline,
+                            const RunControl& control);
 
 } // namespace tribode

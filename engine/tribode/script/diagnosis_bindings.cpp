@@ -1,25 +1,31 @@
 #include "tribode/diagnosis/diagnosis_request.hpp"
+#include "tribode/diagnosis/system_diagnosis_request.hpp"
 #include "tribode/script/conversions.hpp"
 #include "tribode/script/lua_function.hpp"
+#include "tribode/script/system_options.hpp"
+#include "tribode/script/value.hpp"
+
+#include <lua.hpp>
 
 namespace tribode {
 
 namespace {
+
+std::filesystem::path readable(const ScriptContext& script, const std::string& file) {
+    auto path = script.run.find_file(file);
+    script.run.check_data(path);
+    script.run.note_read(path);
+    return path;
+}
 
 Json diagnose_machine(const ScriptContext& script, const Json& arguments) {
     FieldReader fields(arguments, "tb.diagnose");
     DiagnosisRequest request;
     request.machine = machine_of(fields);
     request.columns = RecordOptions::read(fields);
-    const auto readable = [&](const std::string& file) {
-        const auto path = script.run.find_file(file);
-        script.run.check_data(path);
-        script.run.note_read(path);
-        return path;
-    };
-    for (const auto& file : fields.texts("data", {})) request.data.push_back(readable(file));
+    for (const auto& file : fields.texts("data", {})) request.data.push_back(readable(script, file));
     if (request.data.empty()) fields.fail("data", "is empty: a list of files of measured records is needed");
-    if (fields.has("validate")) request.validate = readable(fields.text("validate"));
+    if (fields.has("validate")) request.validate = readable(script, fields.text("validate"));
     read_options(request.options, fields);
     const std::string where = fields.text("folder", "diagnosis");
     fields.finish();
@@ -29,6 +35,29 @@ Json diagnose_machine(const ScriptContext& script, const Json& arguments) {
         {{"function", "diagnose"}, {"machine", request.machine.hash()}, {"verdict", result.diagnosis.verdict}});
     result.summary["machine"] = result.diagnosis.after.description();
     return std::move(result.summary);
+}
+
+int diagnose_system_in_script(const ScriptContext& script, lua_State* lua) {
+    constexpr const char* function = "tb.diagnose_system";
+    const Equations system = system_of(lua, function);
+    const Json options = plain_options(lua, {"system"}, "tb.diagnose_system: options");
+    FieldReader fields(options, function);
+    SystemDiagnosisRequest request;
+    request.columns.record = RecordOptions::read(fields);
+    for (const auto& file : fields.texts("data", {})) request.data.push_back(readable(script, file));
+    if (request.data.empty()) fields.fail("data", "is empty: a list of files of measured records is needed");
+    for (const auto& file : fields.texts("validate", {})) request.validate.push_back(readable(script, file));
+    request.free = fields.texts("free", {});
+    read_options(request.options, fields);
+    const std::string where = fields.text("folder", "diagnosis");
+    fields.finish();
+    RunFolder folder(script.run.folder().path(where));
+    const auto result = diagnose_system_files(system, request, folder, script.run.control());
+    for (const auto& [name, hash] : folder.files()) script.run.folder().add(where + "/" + name);
+    script.run.note_work(
+        {{"function", "diagnose_system"}, {"system", system.fingerprint()}, {"verdict", result.diagnosis.verdict}});
+    push(lua, result.summary);
+    return 1;
 }
 
 } // namespace
@@ -46,6 +75,21 @@ const std::vector<LuaFunction>& diagnosis_functions() {
              for (auto& row : column_rows()) rows.push_back(std::move(row));
              rows.push_back({"folder", "", "text", "`\"diagnosis\"`", "of the files of `tribode diagnose`"});
              return option_rows<DiagnosisOptions>(std::move(rows));
+         }},
+        {"diagnose_system", diagnose_system_in_script, "`tb.diagnose_system{ system =, data = { files }, … }`",
+         "finds the term that a system of equations lacks ([options and result](#tbdiagnose_system))",
+         [] {
+             std::vector<FieldRow> rows = {
+                 {"system", "", "system", "required", "of `tb.system`"},
+                 {"data", "", "list of texts", "required", "files of measured [records](records.md)"},
+                 {"validate", "", "list of texts", "none",
+                  "files of records that are not used for the fit; default: the last third of the first record"},
+                 {"free", "", "list of texts", "none",
+                  "parameters and start values, `x.start`, that may be fitted; default: `free` of the system, else "
+                  "all"}};
+             for (auto& row : column_rows()) rows.push_back(std::move(row));
+             rows.push_back({"folder", "", "text", "`\"diagnosis\"`", "of the files of `tribode diagnose --system`"});
+             return option_rows<SystemDiagnosisOptions>(std::move(rows));
          }},
     };
     return functions;

@@ -1,13 +1,12 @@
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
-#include "tribode/experiment/simulation.hpp"
+#include "tribode/experiment/input_samples.hpp"
 #include "tribode/script/system_options.hpp"
 #include "tribode/script/system_reader.hpp"
 #include "tribode/script/value.hpp"
 #include "tribode/system/input_delays.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <fmt/format.h>
 #include <lua.hpp>
@@ -17,75 +16,18 @@ namespace tribode {
 
 namespace {
 
-// What the samples of an input are, as cubics in (t - t_k)/period.
-struct Samples {
-    double period = 0, offset = 0; // [s]
-    std::vector<std::array<double, 4>> pieces;
-    std::size_t degree = 0; // beyond which all coefficients are zero
-};
-
-Samples read_samples(const Json& table, const std::string& unit, const std::string& what) {
+InputSamples read_samples(const Json& table, const std::string& unit, const std::string& what) {
     FieldReader fields(table, what);
-    Samples samples;
-    samples.period = fields.number("sample_time_s", "s", Allowed::positive);
-    samples.offset = fields.number("offset_s", "s", Allowed::non_negative, 0);
+    const double period = fields.number("sample_time_s", "s", Allowed::positive);
+    const double offset = fields.number("offset_s", "s", Allowed::non_negative, 0);
     const auto values = fields.numbers("values", unit, Allowed::finite, {});
     const auto between = fields.choice("interpolation", {"hold", "linear", "band_limited"}, "hold");
     fields.finish();
     if (values.empty()) throw InputError(fmt::format("{}.values is empty, must have a value", what));
-    if (between == "band_limited") {
-        samples.degree = 3;
-        samples.pieces = band_limited(values);
-        return samples;
-    }
-    samples.degree = between == "linear" ? 1 : 0;
-    for (std::size_t k = 0; k < values.size(); ++k) {
-        const bool rises = between == "linear" && k + 1 < values.size();
-        samples.pieces.push_back({values[k], rises ? values[k + 1] - values[k] : 0, 0, 0});
-    }
-    return samples;
-}
-
-// The coefficients become discrete variables, whose clock comes before all others; what stands before the first sample is
-// the input's value. Where it moves between its samples the input becomes an output.
-void add_samples(Equations& equations, const Equations::Input& input, Samples samples, double start) {
-    auto& graph = *equations.graph;
-    Equations::Function function;
-    std::vector<Term> held;
-    const auto add = [&](const std::string& name, const std::string& unit, double value) {
-        held.push_back(graph.variable(name));
-        equations.discrete.push_back({name, unit, value, held.back(), {}});
-    };
-    // The sample at the start, or the last one before it.
-    const double last = std::floor((start - samples.offset) / samples.period * (1 + 1e-15));
-    const std::size_t piece = std::min(static_cast<std::size_t>(std::max(last, 0.0)), samples.pieces.size() - 1);
-    const auto first = last >= 0 ? samples.pieces[piece] : std::array{input.value, 0.0, 0.0, 0.0};
-    Term value = 0;
-    if (samples.degree == 0) {
-        add(input.name, input.unit, first[0]);
-        value = held[0];
-    } else {
-        for (std::size_t n = 0; n <= samples.degree; ++n)
-            add(fmt::format("{}.c{}", input.name, n), input.unit, first[n]);
-        add(input.name + ".since", "s", last >= 0 ? samples.offset + last * samples.period : 0);
-        const Term elapsed = graph.make(Op::subtract, equations.time, held.back());
-        const Term s = graph.make(Op::multiply, graph.constant(1 / samples.period), elapsed);
-        value = held[samples.degree];
-        for (std::size_t n = samples.degree; n-- > 0;) {
-            value = graph.make(Op::add, held[n], graph.make(Op::multiply, s, value));
-        }
-        equations.outputs.push_back({input.name, input.unit, value});
-    }
-    equations.replace({{input.symbol, value}});
-    Equations::Clock clock{.name = "input " + input.name, .period = samples.period, .offset = samples.offset};
-    function.writes = held;
-    function.call = [samples = std::move(samples)](long k, std::span<const double>, std::span<double> written) {
-        const auto& now = samples.pieces[std::min(static_cast<std::size_t>(k), samples.pieces.size() - 1)];
-        std::copy_n(now.begin(), samples.degree + 1, written.begin());
-        if (samples.degree > 0) written.back() = samples.offset + static_cast<double>(k) * samples.period;
-    };
-    clock.function = std::move(function);
-    equations.clocks.insert(equations.clocks.begin(), std::move(clock));
+    return input_samples(values, period, offset,
+                         between == "hold"     ? Interpolation::hold
+                         : between == "linear" ? Interpolation::linear
+                                               : Interpolation::band_limited);
 }
 
 } // namespace
@@ -138,14 +80,14 @@ void read_inputs(lua_State* lua, Equations& equations, const std::shared_ptr<Sym
             equations.inputs.erase(input);
         } else if (lua_istable(lua, -1)) {
             const Equations::Input own = *input; // the list changes
-            const Samples samples = read_samples(to_json(lua, -1, what), own.unit, what);
+            const InputSamples samples = read_samples(to_json(lua, -1, what), own.unit, what);
             equations.inputs.erase(input);
-            add_samples(equations, own, samples, start);
+            connect_samples(equations, own, samples, start);
             each_delayed(own.symbol, [&](const DelayedInput& delayed) {
-                Samples later = samples;
+                InputSamples later = samples;
                 later.offset += delayed.delay;
-                add_samples(equations, {equations.graph->name(delayed.symbol), own.unit, own.value, delayed.symbol},
-                            std::move(later), start);
+                connect_samples(equations, {equations.graph->name(delayed.symbol), own.unit, own.value, delayed.symbol},
+                                std::move(later), start);
             });
         } else {
             const Json number = to_json(lua, -1, what);

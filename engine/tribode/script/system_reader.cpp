@@ -49,9 +49,9 @@ class Reader {
     }
 
     Equations read() {
-        const std::vector<std::string> known = {"name",      "parameters", "inputs",  "states",  "discrete",
-                                                "modes",     "start_mode", "parts",   "connect", "der",
-                                                "algebraic", "equations",  "outputs", "when",    "sample"};
+        const std::vector<std::string> known = {
+            "name",    "parameters", "inputs",    "states",    "discrete", "modes", "start_mode", "parts",
+            "connect", "der",        "algebraic", "equations", "outputs",  "when",  "sample",     "free"};
         check_keys(lua_, index_, known, "tb.system");
         made_.name = has_field(lua_, index_, "name") ? text_field(lua_, index_, "name", "tb.system") : "system";
         read_parts();
@@ -77,6 +77,7 @@ class Reader {
         read_outputs();
         read_samples();
         wire();
+        read_free();
         assign_equations(made_);
         Equations tried = made_; // refuses what cannot be
         close_contacts(tried);
@@ -85,6 +86,31 @@ class Reader {
     }
 
   private:
+    // { "k", "x.start" }
+    void read_free() {
+        if (!has_field(lua_, index_, "free")) return;
+        std::vector<std::string> known;
+        for (const auto& parameter : made_.parameters) known.push_back(parameter.name);
+        for (const auto& state : made_.states) known.push_back(state.name + ".start");
+        lua_getfield(lua_, index_, "free");
+        const int list = lua_gettop(lua_);
+        if (!lua_istable(lua_, list)) {
+            throw InputError(
+                fmt::format("tb.system: free is a {}, must be a list of names", luaL_typename(lua_, list)));
+        }
+        for (lua_Integer i = 1; i <= static_cast<lua_Integer>(lua_rawlen(lua_, list)); ++i) {
+            lua_rawgeti(lua_, list, i);
+            const std::string name = lua_type(lua_, -1) == LUA_TSTRING ? lua_tostring(lua_, -1) : "";
+            lua_pop(lua_, 1);
+            if (std::find(known.begin(), known.end(), name) == known.end()) {
+                throw InputError(fmt::format("tb.system: free[{}] = \"{}\", must be a parameter or STATE.start{}", i,
+                                             name, suggestion(name, known)));
+            }
+            made_.free.push_back(name);
+        }
+        lua_pop(lua_, 1);
+    }
+
     struct Quantity {
         std::string name, unit;
         double value = 0, nominal = 1;

@@ -1,0 +1,172 @@
+#include "tribode/diagnosis/term_library.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace tribode {
+
+namespace {
+
+using Parameter = SystemTerm::Parameter;
+constexpr double infinity = std::numeric_limits<double>::infinity();
+
+} // namespace
+
+// Above a level a store spills: what is spilt is lost, or falls into another one in part.
+void add_overflows(TermLibrary& library) {
+    for (const TermTarget& own : library.targets) {
+        if (own.is_output || !own.position.empty()) continue;
+        const auto from = std::find_if(library.variables.begin(), library.variables.end(),
+                                       [&](const auto& one) { return one.state == own.place; });
+        if (from == library.variables.end()) continue;
+        const double span = from->high - from->low;
+        const double step = library.duration / static_cast<double>(from->values.size());
+        if (!(span > 0) || !(step > 0)) continue;
+        for (const double share : {0.6, 0.8, 0.95}) {
+            const double level = quantile(from->values, share);
+            std::vector<double> above;
+            for (const double w : from->values) above.push_back(std::max(w - level, 0.0));
+            const double rms = rms_of_values(above);
+            if (!(rms > 0)) continue;
+            Parameter rate = library.amplitude(own, "rate", rms, from->unit);
+            rate.low = 0;
+            rate.high = 2 / step;
+            const Parameter height{"level", level, from->low, from->high + 0.5 * span, span, from->unit};
+            for (const TermTarget& other : library.targets) {
+                if (other.is_output || !other.position.empty() || other.place == own.place) continue;
+                Parameter caught = rate;
+                caught.name = "caught";
+                caught.unit.clear();
+                SystemTerm into{.name = "overflow_into",
+                                .equation = own.name,
+                                .of = from->name + " " + library.model.equations.states[other.place].name};
+                into.parameters = {rate, caught, height};
+                into.amplitudes = 2;
+                into.neutral = {0, 0};
+                into.apply = [own, other, w = from->symbol](Equations& equations, const std::vector<Term>& p) {
+                    const TermArithmetic m{*equations.graph};
+                    const Term spilt = m.positive(m.subtract(w, p[2]));
+                    const Term lost = m.negate(m.multiply(p[0], spilt));
+                    own.add(equations, lost);
+                    other.add(equations, m.multiply(p[1], spilt));
+                    return lost;
+                };
+                library.terms.push_back(std::move(into));
+            }
+            SystemTerm lost{.name = "overflow", .equation = own.name, .of = from->name};
+            lost.parameters = {rate, height};
+            lost.apply = [own, w = from->symbol](Equations& equations, const std::vector<Term>& p) {
+                const TermArithmetic m{*equations.graph};
+                const Term spilt = m.negate(m.multiply(p[0], m.positive(m.subtract(w, p[1]))));
+                own.add(equations, spilt);
+                return spilt;
+            };
+            library.terms.push_back(std::move(lost));
+        }
+    }
+}
+
+namespace {
+
+// Replaces an input by a function of it, everywhere.
+void add_input_path(TermLibrary& library, const SystemVariable& input, const std::string& name,
+                    std::vector<Parameter> parameters, std::vector<double> neutral,
+                    std::function<Term(const TermArithmetic&, Equations&, Term u, const std::vector<Term>& p)> path,
+                    std::vector<Parameter> constants = {}) {
+    SystemTerm made{.name = name, .equation = "input " + input.name};
+    made.amplitudes = neutral.size();
+    made.parameters = std::move(parameters);
+    made.constants = std::move(constants);
+    made.neutral = std::move(neutral);
+    made.apply = [u = input.symbol, path = std::move(path)](Equations& equations, const std::vector<Term>& p) {
+        const TermArithmetic m{*equations.graph};
+        const Term stand_in = equations.graph->variable("stand_in");
+        equations.replace({{u, stand_in}});
+        const Term changed = path(m, equations, u, p);
+        equations.replace({{stand_in, changed}});
+        return changed;
+    };
+    library.terms.push_back(std::move(made));
+}
+
+void add_input_paths(TermLibrary& library, const SystemVariable& input) {
+    const double size = std::max(std::abs(input.low), std::abs(input.high));
+    const auto& unit = input.unit;
+    add_input_path(library, input, "offset", {{"c", 0.01 * size, -infinity, infinity, size, unit}}, {0},
+                   [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.add(u, p[0]); });
+    add_input_path(library, input, "gain", {{"gain", 1.01, -infinity, infinity, 1}}, {1},
+                   [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.multiply(u, p[0]); });
+    add_input_path(library, input, "dead_zone", {{"width", 0.03 * size, 0, size, size, unit}}, {0},
+                   [](const TermArithmetic& m, Equations&, Term u, const auto& p) {
+                       return m.subtract(u, m.clip(u, m.negate(p[0]), p[0]));
+                   });
+    add_input_path(
+        library, input, "saturation", {{"limit", 0.9 * size, 0.02 * size, 1.2 * size, size, unit}}, {size},
+        [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.clip(u, m.negate(p[0]), p[0]); });
+    // size sign(u) (|u|/size)^exponent: a characteristic that bends.
+    add_input_path(library, input, "power_law", {{"exponent", 1.05, 0.2, 5, 1}}, {1},
+                   [](const TermArithmetic& m, Equations&, Term u, const auto& p) {
+                       const Term share = m.divide(m.abs(u), p[1]);
+                       const Term bent = m.multiply(p[1], m.g.make(Op::power, share, p[0]));
+                       return m.where(m.less(u, m.number(0)), m.negate(bent), bent);
+                   },
+                   {{.name = "size", .start = size, .unit = unit}});
+    if (library.model.equations.states.empty() || !(library.duration > 0)) return;
+    const double step = library.duration / std::max<double>(1, static_cast<double>(library.errors.size()));
+    const double lag = std::max(2 * step, 1e-3 * library.duration);
+    add_input_path(library, input, "lag", {{"time", lag, 0.02 * step, 0.5 * library.duration, lag, "s"}}, {0.02 * step},
+                   [name = input.name, unit](const TermArithmetic& m, Equations& equations, Term u, const auto& p) {
+                       Equations::State behind{.name = name + "_behind", .unit = unit};
+                       behind.symbol = equations.graph->variable(behind.name);
+                       behind.rate = m.divide(m.subtract(u, behind.symbol), p[0]);
+                       equations.states.push_back(behind);
+                       return behind.symbol;
+                   });
+}
+
+// What a sensor does to what it shows.
+void add_output_paths(TermLibrary& library, std::size_t o) {
+    const std::size_t place = library.model.measured[o];
+    const auto& output = library.model.equations.outputs[place];
+    double low = infinity, high = -infinity;
+    for (std::size_t r = 0; r < library.fit.records().size(); ++r) {
+        for (std::size_t k = 0; k < library.fit.used()[r]; ++k) {
+            low = std::min(low, library.fit.records()[r].outputs[o][k]);
+            high = std::max(high, library.fit.records()[r].outputs[o][k]);
+        }
+    }
+    const double span = high - low;
+    if (!(span > 0)) return;
+    const auto add = [&](const std::string& name, const Parameter& parameter, double neutral, auto change) {
+        SystemTerm made{.name = name, .equation = "output " + output.name};
+        made.parameters = {parameter};
+        made.neutral = {neutral};
+        made.apply = [place, change](Equations& equations, const std::vector<Term>& p) {
+            const TermArithmetic m{*equations.graph};
+            Term& value = equations.outputs[place].value;
+            value = change(m, value, p[0]);
+            return value;
+        };
+        library.terms.push_back(std::move(made));
+    };
+    if (library.is_state(output.value)) {
+        add("offset", {"c", 0.01 * span, -infinity, infinity, span, output.unit}, 0,
+            [](const TermArithmetic& m, Term y, Term p) { return m.add(y, p); });
+        add("gain", {"gain", 1.01, -infinity, infinity, 1}, 1,
+            [](const TermArithmetic& m, Term y, Term p) { return m.multiply(y, p); });
+    }
+    add("clipping", {"limit", high - 0.05 * span, low, high + 0.05 * span, span, output.unit}, high + 0.05 * span,
+        [](const TermArithmetic& m, Term y, Term p) { return m.where(m.less(p, y), p, y); });
+}
+
+} // namespace
+
+void add_paths(TermLibrary& library) {
+    for (const auto& variable : library.variables) {
+        if (!variable.state) add_input_paths(library, variable);
+    }
+    for (std::size_t o = 0; o < library.model.measured.size(); ++o) add_output_paths(library, o);
+}
+
+} // namespace tribode

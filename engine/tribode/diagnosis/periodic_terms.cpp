@@ -1,0 +1,125 @@
+#include "tribode/diagnosis/term_library.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace tribode {
+
+namespace {
+
+constexpr double two_pi = 2 * std::numbers::pi;
+constexpr std::size_t max_samples = 3000; // of the spectrum of errors
+constexpr std::size_t max_turns = 400;    // of a period over the span
+constexpr int per_turn = 4;               // points of the spectrum
+constexpr std::size_t max_peaks = 3;
+
+// The periods that show most in the errors over the values of a variable: from twice its span to a few samples.
+std::vector<double> periods(const TermLibrary& library, const TermTarget& target, const std::vector<double>& values,
+                            double span) {
+    const auto& measured = library.model.measured;
+    std::size_t output = 0;
+    for (std::size_t o = 0; o < measured.size(); ++o) {
+        if (target.is_output && measured[o] == target.place) output = o;
+    }
+    // The errors of that output, in the order of the values.
+    std::vector<double> errors;
+    std::size_t begin = 0;
+    for (const std::size_t n : library.fit.used()) {
+        for (std::size_t k = 0; k < n; ++k) errors.push_back(library.errors[begin + output * n + k]);
+        begin += n * measured.size();
+    }
+    const std::size_t stride = std::max<std::size_t>(1, errors.size() / max_samples);
+    std::vector<double> w, e;
+    double mean = 0;
+    for (std::size_t k = 0; k < errors.size(); k += stride) {
+        w.push_back(values[k]);
+        e.push_back(errors[k]);
+        mean += errors[k];
+    }
+    mean /= static_cast<double>(e.size());
+    struct Line {
+        double power, frequency;
+    };
+    std::vector<Line> spectrum, peaks;
+    const std::size_t most = std::min(w.size() / 4, max_turns);
+    for (std::size_t n = per_turn / 2; n <= most * per_turn; ++n) {
+        const double frequency = static_cast<double>(n) / (per_turn * span);
+        double s = 0, c = 0;
+        for (std::size_t k = 0; k < w.size(); ++k) {
+            s += (e[k] - mean) * std::sin(two_pi * frequency * w[k]);
+            c += (e[k] - mean) * std::cos(two_pi * frequency * w[k]);
+        }
+        spectrum.push_back({s * s + c * c, frequency});
+    }
+    for (std::size_t n = 1; n + 1 < spectrum.size(); ++n) {
+        const double power = spectrum[n].power;
+        if (power >= spectrum[n - 1].power && power > spectrum[n + 1].power) peaks.push_back(spectrum[n]);
+    }
+    std::sort(peaks.begin(), peaks.end(), [](const Line& a, const Line& b) { return a.power > b.power; });
+    if (peaks.size() > max_peaks) peaks.resize(max_peaks);
+    std::vector<double> found;
+    for (const auto& peak : peaks) found.push_back(1 / peak.frequency);
+    return found;
+}
+
+// a sin(2 pi w/period) + b cos(2 pi w/period)
+SystemTerm wave(const TermLibrary& library, const TermTarget& target, const std::string& name, const std::string& of,
+                Term w, SystemTerm::Parameter period, bool is_fitted) {
+    const double rms = std::sqrt(0.5);
+    SystemTerm made{.name = name, .equation = target.name, .of = of};
+    made.parameters = {library.amplitude(target, "a", rms, "1"), library.amplitude(target, "b", rms, "1")};
+    (is_fitted ? made.parameters : made.constants).push_back(std::move(period));
+    made.amplitudes = 2;
+    made.neutral = {0, 0};
+    made.apply = [target, w](Equations& equations, const std::vector<Term>& p) {
+        const TermArithmetic m{*equations.graph};
+        const Term angle = m.divide(m.multiply(m.number(two_pi), w), p[2]);
+        const Term added =
+            m.add(m.multiply(p[0], m.g.make(Op::sin, angle)), m.multiply(p[1], m.g.make(Op::cos, angle)));
+        target.add(equations, added);
+        return added;
+    };
+    return made;
+}
+
+SystemTerm::Parameter period_of(double period, double span, const std::string& unit) {
+    // A peak of the spectrum is period^2/span wide.
+    const double tolerance = period * std::min(0.2, 0.5 * period / span);
+    return {"period", period, period - tolerance, period + tolerance, 0.1 * tolerance, unit};
+}
+
+} // namespace
+
+void add_periodic(TermLibrary& library) {
+    std::vector<double> instants;
+    for (std::size_t r = 0; r < library.fit.records().size(); ++r) {
+        const auto& t = library.fit.records()[r].t;
+        instants.insert(instants.end(), t.begin(), t.begin() + static_cast<std::ptrdiff_t>(library.fit.used()[r]));
+    }
+    for (const TermTarget& target : library.targets) {
+        for (const auto& variable : library.variables) {
+            const double span = variable.high - variable.low;
+            const bool ripples = variable.name == target.position;
+            for (const double period : periods(library, target, variable.values, span)) {
+                library.terms.push_back(wave(library, target, ripples ? "force_ripple" : "periodic", variable.name,
+                                             variable.symbol, period_of(period, span, variable.unit), true));
+            }
+            // A weight that turns with an angle.
+            if (ripples && (variable.unit == "rad" || variable.unit.empty())) {
+                library.terms.push_back(wave(library, target, "gravity", variable.name, variable.symbol,
+                                             {.name = "turn", .start = two_pi, .unit = variable.unit}, false));
+            }
+        }
+        if (!library.model.equations.states.empty() && library.duration > 0) {
+            for (const double period : periods(library, target, instants, library.duration)) {
+                const bool force = !target.position.empty();
+                library.terms.push_back(wave(library, target, force ? "periodic_disturbance" : "periodic_in_time", "t",
+                                             library.model.equations.time, period_of(period, library.duration, "s"),
+                                             true));
+            }
+        }
+    }
+}
+
+} // namespace tribode

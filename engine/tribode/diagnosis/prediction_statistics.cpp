@@ -1,0 +1,79 @@
+#include "tribode/diagnosis/prediction_statistics.hpp"
+#include "tribode/base/random.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+namespace tribode {
+
+double rms_of_errors(const std::vector<double>& errors) {
+    if (errors.empty()) return std::numeric_limits<double>::infinity();
+    double sum = 0;
+    for (const double e : errors) sum += e * e;
+    return std::sqrt(sum / static_cast<double>(errors.size()));
+}
+
+double white_noise(const std::vector<double>& values) {
+    std::vector<double> differences;
+    for (std::size_t k = 4; k < values.size(); ++k) {
+        differences.push_back(
+            std::abs(values[k] - 4 * values[k - 1] + 6 * values[k - 2] - 4 * values[k - 3] + values[k - 4]));
+    }
+    if (differences.empty()) return 0;
+    const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
+    std::nth_element(differences.begin(), middle, differences.end());
+    // The median of a normal distribution, and the sum of the squares of the coefficients 1, 4, 6, 4, 1.
+    return 1.4826 * *middle / std::sqrt(70.0);
+}
+
+double correlation_length(const std::vector<double>& errors) {
+    const std::size_t n = errors.size();
+    if (n < 4) return 1;
+    const double mean = std::accumulate(errors.begin(), errors.end(), 0.0) / static_cast<double>(n);
+    double zero = 0, sum = 1;
+    for (const double e : errors) zero += (e - mean) * (e - mean);
+    if (!(zero > 0)) return 1;
+    const std::size_t stride = std::max<std::size_t>(1, n / 20000);
+    std::size_t step = 1;
+    for (std::size_t lag = 1; lag < n / 4; lag += step) {
+        step = std::max<std::size_t>(1, lag / 16);
+        double product = 0;
+        std::size_t count = 0;
+        for (std::size_t k = lag; k < n; k += stride, ++count) product += (errors[k] - mean) * (errors[k - lag] - mean);
+        const double correlation = product / static_cast<double>(count) / (zero / static_cast<double>(n));
+        if (correlation < 0.05) break;
+        sum += 2 * correlation * static_cast<double>(step);
+    }
+    return std::min(sum, static_cast<double>(n) / 4);
+}
+
+double probability_of_gain(const std::vector<double>& first, const std::vector<double>& second) {
+    const std::size_t n = std::min(first.size(), second.size());
+    if (n == 0) return 0;
+    const auto length = static_cast<std::size_t>(std::clamp(correlation_length(second), static_cast<double>(n) / 200,
+                                                            static_cast<double>(n) / 12)) +
+                        1;
+    std::vector<double> gains; // of each block
+    for (std::size_t begin = 0; begin < n; begin += length) {
+        double gain = 0;
+        for (std::size_t k = begin; k < std::min(n, begin + length); ++k) {
+            gain += first[k] * first[k] - second[k] * second[k];
+        }
+        gains.push_back(gain);
+    }
+    constexpr std::size_t draws = 2000;
+    std::size_t better = 0;
+    for (std::size_t d = 0; d < draws; ++d) {
+        double sum = 0;
+        for (std::size_t b = 0; b < gains.size(); ++b) {
+            const double u = uniform(1, d, b);
+            sum += gains[std::min(static_cast<std::size_t>(u * static_cast<double>(gains.size())), gains.size() - 1)];
+        }
+        if (sum > 0) ++better;
+    }
+    return static_cast<double>(better) / draws;
+}
+
+} // namespace tribode

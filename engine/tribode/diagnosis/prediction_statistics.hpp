@@ -1,0 +1,20 @@
+#pragma once
+#include <vector>
+
+namespace tribode {
+
+// rms of the errors; infinite where there are none: nothing was simulated.
+double rms_of_errors(const std::vector<double>& errors);
+
+// Standard deviation of the white noise in a signal: robustly from differences of the fourth order, in which what moves
+// slowly does not show. Of a signal that moves from sample to sample it is too large, never too small.
+double white_noise(const std::vector<double>& values);
+
+// Samples after which errors have forgotten what they were: the sum of their correlations, both ways.
+double correlation_length(const std::vector<double>& errors);
+
+// The probability, by resampling blocks longer than the correlation, that the second errors are smaller in mean square than
+// the first ones. Both of the same samples.
+double probability_of_gain(const std::vector<double>& first, const std::vector<double>& second);
+
+} // namespace tribode

@@ -1,0 +1,276 @@
+#include "tribode/diagnosis/term_library.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace tribode {
+
+namespace {
+
+using Parameter = SystemTerm::Parameter;
+
+// The friction of a tanh ends over this part of the largest velocity.
+constexpr double dry_width = 0.01;
+
+// A function of variables times an amplitude: its name, its values over the record, and itself in the graph, of the
+// parameters and constants behind the amplitude.
+struct Shape {
+    std::string name;
+    std::vector<const SystemVariable*> of;
+    std::string unit; // of the function; empty: not known
+    std::function<double(std::size_t sample)> value;
+    std::function<Term(const TermArithmetic&, const std::vector<Term>& w, const std::vector<Term>& p)> term;
+    std::vector<Parameter> parameters = {}, constants = {};
+};
+
+class Shapes {
+  public:
+    explicit Shapes(TermLibrary& library) : library_(library) {}
+
+    void add_all() {
+        for (const TermTarget& target : library_.targets) {
+            target_ = &target;
+            add({physical("constant", ""),
+                 {},
+                 "1",
+                 [](std::size_t) { return 1.0; },
+                 [](const TermArithmetic& m, const auto&, const auto&) { return m.number(1); }});
+            for (const auto& variable : library_.variables) {
+                powers(variable);
+                if (changes_sign(variable)) dry_friction(variable);
+                thresholds(variable);
+                hysteresis(variable, nullptr);
+            }
+            for (std::size_t i = 0; i < library_.variables.size(); ++i) {
+                for (std::size_t j = i + 1; j < library_.variables.size(); ++j) {
+                    product(library_.variables[i], library_.variables[j]);
+                }
+            }
+            load_dependent_friction();
+        }
+    }
+
+  private:
+    // The name that a term of a force or an acceleration has among effects.
+    std::string physical(const std::string& name, const std::string& of) const {
+        if (target_->position.empty()) return name;
+        if (name == "constant") return "constant_force";
+        if (of == target_->velocity) {
+            if (name == "linear") return "viscous_friction";
+            if (name == "quadratic") return "quadratic_drag";
+            if (name == "dry_friction") return "coulomb_friction";
+        }
+        if (of == target_->position) {
+            if (name == "linear") return "spring_force";
+            if (name == "cubic") return "cubic_stiffness";
+            if (name == "hysteresis") return "presliding_hysteresis";
+        }
+        return name;
+    }
+
+    static double size_of(const SystemVariable& variable) {
+        return std::max(std::abs(variable.low), std::abs(variable.high));
+    }
+    static bool changes_sign(const SystemVariable& variable) {
+        const double size = size_of(variable);
+        return variable.low < -0.05 * size && variable.high > 0.05 * size;
+    }
+    static std::string power_of(const std::string& unit, const char* power) {
+        return unit.empty() ? "" : fmt::format("({}){}", unit, power);
+    }
+
+    void add(Shape shape) {
+        std::vector<double> phi(samples());
+        for (std::size_t k = 0; k < phi.size(); ++k) phi[k] = shape.value(k);
+        const double rms = rms_of_values(phi);
+        if (!(rms > 0) || !std::isfinite(rms)) return;
+        SystemTerm made{.name = shape.name, .equation = target_->name};
+        std::vector<Term> symbols;
+        for (const auto* variable : shape.of) {
+            made.of += (made.of.empty() ? "" : " ") + variable->name;
+            symbols.push_back(variable->symbol);
+        }
+        made.parameters = {library_.amplitude(*target_, "a", rms, shape.unit)};
+        made.parameters.insert(made.parameters.end(), shape.parameters.begin(), shape.parameters.end());
+        made.constants = shape.constants;
+        made.apply = [target = *target_, symbols, term = shape.term](Equations& equations, const std::vector<Term>& p) {
+            const TermArithmetic m{*equations.graph};
+            const Term added = m.multiply(p[0], term(m, symbols, {p.begin() + 1, p.end()}));
+            target.add(equations, added);
+            return added;
+        };
+        library_.terms.push_back(std::move(made));
+    }
+
+    std::size_t samples() const {
+        std::size_t count = 0;
+        for (const std::size_t used : library_.fit.used()) count += used;
+        return count;
+    }
+
+    void powers(const SystemVariable& variable) {
+        const auto& w = variable.values;
+        const auto& unit = variable.unit;
+        add({physical("linear", variable.name),
+             {&variable},
+             unit,
+             [&w](std::size_t k) { return w[k]; },
+             [](const TermArithmetic&, const auto& x, const auto&) { return x[0]; }});
+        add({physical("quadratic", variable.name),
+             {&variable},
+             power_of(unit, "^2"),
+             [&w](std::size_t k) { return w[k] * std::abs(w[k]); },
+             [](const TermArithmetic& m, const auto& x, const auto&) { return m.multiply(x[0], m.abs(x[0])); }});
+        if (variable.low < 0 && variable.high > 0) {
+            add({"square",
+                 {&variable},
+                 power_of(unit, "^2"),
+                 [&w](std::size_t k) { return w[k] * w[k]; },
+                 [](const TermArithmetic& m, const auto& x, const auto&) { return m.multiply(x[0], x[0]); }});
+        }
+        add({physical("cubic", variable.name),
+             {&variable},
+             power_of(unit, "^3"),
+             [&w](std::size_t k) { return w[k] * w[k] * w[k]; },
+             [](const TermArithmetic& m, const auto& x, const auto&) {
+                 return m.multiply(x[0], m.multiply(x[0], x[0]));
+             }});
+        // Rounded off at zero, where its slope is infinite.
+        add({"square_root",
+             {&variable},
+             power_of(unit, "^0.5"),
+             [&w](std::size_t k) { return std::copysign(std::sqrt(std::abs(w[k])), w[k]); },
+             [rest = 1e-6 * size_of(variable)](const TermArithmetic& m, const auto& x, const auto&) {
+                 return m.divide(x[0], m.g.make(Op::sqrt, m.add(m.abs(x[0]), m.number(rest))));
+             }});
+    }
+
+    static Parameter width_of(const SystemVariable& velocity) {
+        return {.name = "width", .start = dry_width * size_of(velocity), .unit = velocity.unit};
+    }
+
+    // Dry friction without its sticking, which is for models that have it as a part.
+    void dry_friction(const SystemVariable& velocity) {
+        const double width = width_of(velocity).start;
+        add({physical("dry_friction", velocity.name),
+             {&velocity},
+             "1",
+             [&velocity, width](std::size_t k) { return std::tanh(velocity.values[k] / width); },
+             [](const TermArithmetic& m, const auto& x, const auto& p) {
+                 return m.g.make(Op::tanh, m.divide(x[0], p[0]));
+             },
+             {},
+             {width_of(velocity)}});
+    }
+
+    // Friction that grows with another variable, as a gear's with its load and a seal's with the pressure.
+    void load_dependent_friction() {
+        for (const auto& velocity : library_.variables) {
+            if (velocity.name != target_->velocity || !changes_sign(velocity)) continue;
+            const double width = width_of(velocity).start;
+            for (const auto& load : library_.variables) {
+                if (load.name == target_->velocity || load.name == target_->position || load.name.ends_with("_rate")) {
+                    continue;
+                }
+                add({"load_dependent_friction",
+                     {&velocity, &load},
+                     load.unit,
+                     [&, width](std::size_t k) {
+                         return std::tanh(velocity.values[k] / width) * std::abs(load.values[k]);
+                     },
+                     [](const TermArithmetic& m, const auto& x, const auto& p) {
+                         return m.multiply(m.g.make(Op::tanh, m.divide(x[0], p[0])), m.abs(x[1]));
+                     },
+                     {},
+                     {width_of(velocity)}});
+                for (const auto& position : library_.variables) {
+                    if (position.name == target_->position) hysteresis(position, &load);
+                }
+            }
+        }
+    }
+
+    void thresholds(const SystemVariable& variable) {
+        // Of a state, above a level, in its own rate: that is an overflow.
+        if (variable.state && !target_->is_output && *variable.state == target_->place) return;
+        const double span = variable.high - variable.low;
+        const auto& w = variable.values;
+        for (const double p : {0.5, 0.75, 0.9}) {
+            for (const bool above : {true, false}) {
+                if (p == 0.5 && !above) continue; // the same as from above, beside a linear term
+                const double level = quantile(w, above ? p : 1 - p);
+                add({"threshold",
+                     {&variable},
+                     variable.unit,
+                     [&w, level, above](std::size_t k) { return std::max(above ? w[k] - level : level - w[k], 0.0); },
+                     [above](const TermArithmetic& m, const auto& x, const auto& q) {
+                         return m.positive(above ? m.subtract(x[0], q[0]) : m.subtract(q[0], x[0]));
+                     },
+                     {{"level", level, variable.low - 0.5 * span, variable.high + 0.5 * span, span, variable.unit}}});
+            }
+        }
+    }
+
+    void product(const SystemVariable& one, const SystemVariable& other) {
+        add({"product",
+             {&one, &other},
+             one.unit.empty() || other.unit.empty() ? "" : fmt::format("({})*({})", one.unit, other.unit),
+             [&](std::size_t k) { return one.values[k] * other.values[k]; },
+             [](const TermArithmetic& m, const auto& x, const auto&) { return m.multiply(x[0], x[1]); }});
+    }
+
+    // A force that follows the direction of motion over a distance [Dahl 1968]: der(z) = (rate - |rate| z)/distance. With a
+    // load, in proportion to it.
+    void hysteresis(const SystemVariable& variable, const SystemVariable* load) {
+        std::optional<Term> input_rate;
+        for (const auto& input : library_.model.equations.inputs) {
+            if (input.name == rate_name_of(variable.name)) input_rate = input.symbol;
+        }
+        // Of a state that is no position the rate is not what it moves by.
+        if (!input_rate &&
+            (!variable.state || !library_.is_definition(library_.model.equations.states[*variable.state].rate))) {
+            return;
+        }
+        const double span = variable.high - variable.low;
+        for (const double share : {0.003, 0.03}) {
+            const double distance = share * span;
+            SystemTerm made{.name = load ? "load_dependent_presliding" : physical("hysteresis", variable.name),
+                            .equation = target_->name,
+                            .of = variable.name + (load ? " " + load->name : "")};
+            const double rms = load ? rms_of_values(load->values) : 1;
+            made.parameters = {library_.amplitude(*target_, "a", rms, load ? load->unit : "1"),
+                               {"distance", distance, 1e-5 * span, span, distance, variable.unit}};
+            made.apply = [target = *target_, name = variable.name, state = variable.state, input_rate,
+                          load = load ? std::optional<Term>(load->symbol) : std::nullopt](Equations& equations,
+                                                                                          const std::vector<Term>& p) {
+                auto& graph = *equations.graph;
+                const TermArithmetic m{graph};
+                std::string own = name + "_slip";
+                while (std::any_of(equations.states.begin(), equations.states.end(),
+                                   [&](const auto& s) { return s.name == own; })) {
+                    own += "_";
+                }
+                const Term rate = input_rate ? *input_rate : equations.states[*state].rate;
+                Equations::State z{.name = own};
+                z.symbol = graph.variable(own);
+                z.rate = m.divide(m.subtract(rate, m.multiply(m.abs(rate), z.symbol)), p[1]);
+                equations.states.push_back(z);
+                Term added = m.multiply(p[0], z.symbol);
+                if (load) added = m.multiply(added, m.abs(*load));
+                target.add(equations, added);
+                return added;
+            };
+            library_.terms.push_back(std::move(made));
+        }
+    }
+
+    TermLibrary& library_;
+    const TermTarget* target_ = nullptr;
+};
+
+} // namespace
+
+void add_shapes(TermLibrary& library) { Shapes(library).add_all(); }
+
+} // namespace tribode

@@ -1,0 +1,149 @@
+#include "tribode/diagnosis/system_comparison.hpp"
+#include "tribode/diagnosis/prediction_statistics.hpp"
+#include "tribode/diagnosis/system_record.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace tribode {
+
+namespace {
+
+// Of a validation record, the part that its start values are fitted to.
+constexpr double start_share = 0.1;
+constexpr std::size_t start_samples = 20; // at least
+
+} // namespace
+
+std::vector<double> SystemComparison::errors(const std::vector<std::vector<double>>& simulated,
+                                             const std::vector<double>& scale) const {
+    std::vector<double> all;
+    for (std::size_t o = 0; o < record.outputs.size(); ++o) {
+        for (std::size_t k = first; k < record.size(); ++k) {
+            all.push_back((record.outputs[o][k] - simulated[o][k]) / scale[o]);
+        }
+    }
+    return all;
+}
+
+SystemComparison compared(const ModelWithValues& before, const ModelWithValues& after, const SystemRecord& record,
+                          std::size_t first, const std::vector<double>& scale, Interpolation between) {
+    SystemComparison c{.record = record, .first = first};
+    const std::vector<SystemRecord> records = {record};
+    const SystemFit fit(records, scale, between, {record.size()});
+    const std::size_t outputs = record.outputs.size();
+    // The gap of one output is in its own unit.
+    const std::vector<double> unit = outputs > 1 ? scale : std::vector<double>{1};
+    const std::vector<std::vector<double>> none(outputs, std::vector<double>(record.size(), NAN));
+    const auto run = [&](const ModelWithValues& one, std::vector<std::vector<double>>& simulated) {
+        auto trace = fit.simulate(one.model, one.values, 0, record.size());
+        simulated = trace ? std::move(trace->outputs) : none;
+        return trace ? rms_of_errors(c.errors(simulated, unit)) : INFINITY;
+    };
+    c.gap.before = run(before, c.before);
+    c.gap.after = run(after, c.after);
+    // The noise of a signal that moves from sample to sample is seen in what a model leaves of it.
+    double floor = 0;
+    for (std::size_t o = 0; o < outputs; ++o) {
+        const std::vector<double> part(record.outputs[o].begin() + static_cast<std::ptrdiff_t>(first),
+                                       record.outputs[o].end());
+        double noise = white_noise(part);
+        for (const auto* simulated : {&c.before, &c.after}) {
+            std::vector<double> left = part;
+            for (std::size_t k = 0; k < left.size(); ++k) left[k] -= (*simulated)[o][first + k];
+            const double remaining = white_noise(left);
+            if (std::isfinite(remaining)) noise = std::min(noise, remaining);
+        }
+        floor += noise * noise / (unit[o] * unit[o]);
+    }
+    c.gap.floor = std::sqrt(floor / static_cast<double>(outputs));
+    return c;
+}
+
+SystemGap total_gap(const std::vector<SystemComparison>& all) {
+    SystemGap sum;
+    double count = 0;
+    for (const auto& one : all) {
+        const auto n = static_cast<double>(one.record.size() - one.first);
+        sum.before += n * one.gap.before * one.gap.before;
+        sum.after += n * one.gap.after * one.gap.after;
+        sum.floor += n * one.gap.floor * one.gap.floor;
+        count += n;
+    }
+    for (double* part : {&sum.before, &sum.after, &sum.floor}) *part = std::sqrt(*part / std::max(count, 1.0));
+    return sum;
+}
+
+std::vector<double> with_starts(const SystemModel& model, const std::vector<double>& values, const SystemRecord& record,
+                                const std::vector<double>& scale, Interpolation between,
+                                const std::function<bool()>& ended) {
+    std::vector<double> all(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(model.parameters.size()));
+    if (model.starts.empty()) return all;
+    SystemModel starts = model;
+    for (std::size_t i = 0; i < model.parameters.size(); ++i) {
+        starts.equations.parameters[model.parameters[i].place].value = values[i];
+    }
+    starts.parameters.clear();
+    const auto share = static_cast<std::size_t>(start_share * static_cast<double>(record.size()));
+    const std::vector<SystemRecord> records = {record};
+    const SystemFit fit(records, scale, between, {std::min(record.size(), std::max(share, start_samples))});
+    const auto result = fit.fit(starts, starts.values(1), 40, ended);
+    all.insert(all.end(), result.values.begin(), result.values.end());
+    return all;
+}
+
+std::string where_the_gap_is(const SystemComparison& comparison, const SystemModel& model) {
+    const auto& record = comparison.record;
+    const std::size_t n = record.size();
+    const auto& output = model.equations.outputs[model.measured[0]];
+    std::string text = fmt::format("Without anything added the simulated {} differs from {} by {:.3g}{}{} rms.",
+                                   measured_name(model, 0), record.source, comparison.gap.before,
+                                   output.unit.empty() || model.measured.size() > 1 ? "" : " ",
+                                   model.measured.size() > 1 ? " standard deviations" : output.unit);
+    std::vector<double> square(n, 0);
+    double total = 0;
+    for (std::size_t k = comparison.first; k < n; ++k) {
+        const double e = record.outputs[0][k] - comparison.before[0][k];
+        square[k] = e * e;
+        total += square[k];
+    }
+    if (!(total > 0) || !std::isfinite(total)) return text;
+    // The fifth of a variable's range that holds most for its time.
+    constexpr std::size_t parts = 5;
+    constexpr double least_time = 0.02, worth_saying = 1.5;
+    struct Most {
+        double excess = 0;
+        std::string name;
+        double low = 0, high = 0;
+    } most;
+    const auto look = [&](const std::string& name, const std::vector<double>& values) {
+        const auto [least, greatest] = std::minmax_element(values.begin(), values.end());
+        const double low = *least, width = (*greatest - *least) / parts;
+        if (!(width > 0)) return;
+        double sums[parts] = {}, counts[parts] = {};
+        for (std::size_t k = comparison.first; k < n; ++k) {
+            const auto part = std::min(parts - 1, static_cast<std::size_t>((values[k] - low) / width));
+            sums[part] += square[k];
+            counts[part] += 1;
+        }
+        for (std::size_t b = 0; b < parts; ++b) {
+            if (counts[b] < least_time * static_cast<double>(n)) continue;
+            const double excess = sums[b] / total / (counts[b] / static_cast<double>(n - comparison.first));
+            if (excess <= most.excess) continue;
+            most = {excess, name, low + static_cast<double>(b) * width, low + static_cast<double>(b + 1) * width};
+        }
+    };
+    look(measured_name(model, 0), record.outputs[0]);
+    for (std::size_t i = 0; i < record.inputs.size(); ++i) {
+        if (!record.inputs[i].empty()) look(model.equations.inputs[i].name, record.inputs[i]);
+    }
+    look("t", record.t);
+    if (most.excess > worth_saying) {
+        text += fmt::format(" The squared error is {:.1f} times its mean where {} is between {:.4g} and {:.4g}.",
+                            most.excess, most.name, most.low, most.high);
+    }
+    return text;
+}
+
+} // namespace tribode

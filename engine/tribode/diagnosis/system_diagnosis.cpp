@@ -1,0 +1,416 @@
+#include "tribode/diagnosis/system_diagnosis.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/diagnosis/prediction_statistics.hpp"
+#include "tribode/diagnosis/system_record.hpp"
+#include "tribode/diagnosis/system_search.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <fmt/format.h>
+#include <map>
+#include <numeric>
+#include <set>
+
+namespace tribode {
+
+namespace {
+
+// Of the budget, what the search may take, and where all fits end.
+constexpr double search_share = 0.7, fit_share = 0.95;
+constexpr double least_gain = 0.03; // of the rms of a prediction, for a term to be worth having
+// How sure it must be that a term predicts better. Of many hypotheses some are by chance: so each step must be as sure again
+// on the validation records, which chose nothing.
+constexpr double sure_enough = 0.95;
+constexpr double as_good = 1.02; // of the best score: then the simplest is taken
+constexpr std::size_t max_terms = 12, max_rivals = 5;
+constexpr double least_rival = 0.05; // probability worth showing
+// Gap over the floor: of a model that lacks nothing, and of one whose effect was found and leaves little.
+constexpr double nothing_left = 1.5, little_left = 3;
+constexpr double half = 0.5; // of the squared gap, for a partial explanation
+
+// A model on the way from the first one to the last, each with more terms.
+struct Step {
+    SystemCandidate candidate;
+    std::size_t before = 0; // how many of its terms were there before
+    std::vector<std::pair<std::string, double>> rivals;
+    double probability = 1;
+    double gain = 0, certainty = 0;
+};
+
+class Diagnoser {
+  public:
+    Diagnoser(const SystemModel& model, std::vector<SystemRecord> records, std::vector<SystemRecord> validation,
+              const SystemDiagnosisOptions& options, const RunControl& control)
+        : model_(model),
+          records_(std::move(records)),
+          validation_(std::move(validation)),
+          options_(options),
+          control_(control) {
+        // Without another record, the last third of the first one takes no part in the search.
+        if (validation_.empty()) {
+            divided_ = records_.front();
+            divided_at_ = 2 * records_.front().size() / 3;
+            records_.front() = records_.front().head(divided_at_);
+        }
+    }
+
+    SystemDiagnosis run() {
+        SystemSearch search(model_, records_, scales(), after(search_share), control_);
+        steps_.push_back({.candidate = search.begin()});
+        stop_if_asked();
+        result_.interpolation = search.interpolation();
+        extend(search);
+        result_.out_of_time = search.late();
+        confirm(search);
+        stop_if_asked();
+        name_effects(search);
+        result_.where = where_the_gap_is(result_.validation.front(), model_);
+        decide();
+        return std::move(result_);
+    }
+
+  private:
+    std::chrono::steady_clock::time_point after(double share) const {
+        return begin_ + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
+                            std::chrono::duration<double>(share * options_.budget));
+    }
+
+    void stop_if_asked() const {
+        if (!control_.stop_requested()) return;
+        std::string found = steps_.back().candidate.names_from(0);
+        throw EndedEarly(fmt::format("interrupted, nothing is written; so far {}",
+                                     found.empty() ? "nothing has been found" : "found: " + found));
+    }
+
+    // The standard deviation of each output over the records.
+    std::vector<double> scales() const {
+        std::vector<double> scale;
+        for (std::size_t o = 0; o < model_.measured.size(); ++o) {
+            double sum = 0, squares = 0, count = 0;
+            for (const auto& record : records_) {
+                for (const double y : record.outputs[o]) {
+                    sum += y;
+                    ++count;
+                }
+            }
+            const double mean = sum / count;
+            for (const auto& record : records_) {
+                for (const double y : record.outputs[o]) squares += (y - mean) * (y - mean);
+            }
+            const double spread = std::sqrt(squares / count);
+            if (!(spread > 1e-12 * std::abs(mean))) {
+                throw InputError(fmt::format("{}: {} does not move, so it tells nothing about the system",
+                                             records_.front().source, measured_name(model_, o)));
+            }
+            scale.push_back(spread);
+        }
+        return scale;
+    }
+
+    // Adds terms while they predict what was not fitted better.
+    void extend(const SystemSearch& search) {
+        std::set<std::string> kinds;
+        while (kinds.size() < options_.max_effects && steps_.back().candidate.terms.size() < max_terms &&
+               !search.late()) {
+            const SystemCandidate& current = steps_.back().candidate;
+            const auto found = search.next(current);
+            stop_if_asked();
+            if (found.empty()) break;
+            std::vector<double> gains, certainties;
+            std::vector<std::size_t> passed;
+            for (std::size_t i = 0; i < found.size(); ++i) {
+                gains.push_back(1 - rms_of_errors(found[i].predicted) / rms_of_errors(current.predicted));
+                certainties.push_back(probability_of_gain(current.predicted, found[i].predicted));
+                if (gains[i] > least_gain && certainties[i] > sure_enough && found[i].score() < current.score()) {
+                    passed.push_back(i);
+                }
+            }
+            const auto chosen = simplest(found, passed);
+            note(current, found, gains, certainties, chosen);
+            if (!chosen) {
+                if (gains.front() > 0) {
+                    result_.nearest = {found.front().names_from(current.terms.size()), gains.front()};
+                }
+                break;
+            }
+            Step step{.candidate = search.pruned(found[*chosen]),
+                      .before = current.terms.size(),
+                      .gain = gains[*chosen],
+                      .certainty = certainties[*chosen]};
+            weigh(step, current, found, passed, *chosen);
+            for (const auto& term : step.candidate.terms) kinds.insert(term.kind());
+            // What it made unnecessary is gone.
+            step.before = std::min(step.before, step.candidate.terms.size());
+            if (step.candidate.score() >= current.score()) break;
+            steps_.push_back(std::move(step));
+        }
+    }
+
+    // Of those that do about as well as the best, the one with the fewest parameters.
+    static std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found,
+                                               const std::vector<std::size_t>& passed) {
+        if (passed.empty()) return std::nullopt;
+        std::size_t best = passed.front();
+        for (const std::size_t i : passed) {
+            if (found[i].score() > as_good * found[passed.front()].score()) break;
+            if (found[i].model.parameters.size() < found[best].model.parameters.size()) best = i;
+        }
+        return best;
+    }
+
+    // Probabilities by the likelihood of the errors, of which as many count as are independent.
+    static void weigh(Step& step, const SystemCandidate& current, const std::vector<SystemCandidate>& found,
+                      const std::vector<std::size_t>& passed, std::size_t chosen) {
+        const auto& best = found[chosen];
+        const double independent =
+            std::max(4.0, static_cast<double>(best.fitted.size()) / correlation_length(best.fitted) +
+                              static_cast<double>(best.predicted.size()) / correlation_length(best.predicted));
+        const std::size_t begin = current.terms.size();
+        // A richer model that has the same terms speaks for them.
+        const auto speaks_for = [&](const SystemCandidate& one) {
+            for (std::size_t i = begin; i < best.terms.size(); ++i) {
+                if (std::none_of(one.terms.begin() + static_cast<std::ptrdiff_t>(begin), one.terms.end(),
+                                 [&](const auto& term) { return term.kind() == best.terms[i].kind(); })) {
+                    return false;
+                }
+            }
+            return true;
+        };
+        std::map<std::string, double> weight;
+        double own = 0, sum = 0;
+        for (const std::size_t i : passed) {
+            const double w = std::exp(-independent * std::log(found[i].score() / found[passed.front()].score()));
+            if (speaks_for(found[i])) {
+                own = std::max(own, w);
+            } else {
+                auto& rival = weight[found[i].names_from(begin)];
+                rival = std::max(rival, w);
+            }
+        }
+        sum = std::accumulate(weight.begin(), weight.end(), own,
+                              [](double total, const auto& one) { return total + one.second; });
+        step.probability = own / sum * step.certainty;
+        for (const auto& [name, w] : weight) {
+            if (w / sum > least_rival) step.rivals.emplace_back(name, w / sum);
+        }
+        std::stable_sort(step.rivals.begin(), step.rivals.end(),
+                         [](const auto& a, const auto& b) { return a.second > b.second; });
+        if (step.rivals.size() > max_rivals) step.rivals.resize(max_rivals);
+    }
+
+    static std::vector<std::string> kinds_of(const SystemCandidate& candidate) {
+        std::vector<std::string> names;
+        for (const auto& term : candidate.terms) names.push_back(term.kind());
+        return names;
+    }
+
+    void note(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
+              const std::vector<double>& gains, const std::vector<double>& certainties,
+              std::optional<std::size_t> chosen) {
+        for (std::size_t i = 0; i < found.size(); ++i) {
+            SystemHypothesis one{kinds_of(found[i]), found[i].score(), rms_of_errors(found[i].fitted),
+                                 rms_of_errors(found[i].predicted), ""};
+            const double fitted = 1 - one.fitted / rms_of_errors(current.fitted);
+            if (chosen == i) {
+                // taken
+            } else if (gains[i] < 0) {
+                one.lost =
+                    fmt::format("{} the error of the fit by {:.0f} % and raises that of the prediction by {:.0f} %",
+                                fitted < 0 ? "raises" : "lowers", 100 * std::abs(fitted), -100 * gains[i]);
+            } else if (gains[i] <= least_gain) {
+                one.lost = fmt::format("predicts the rest of the records only {:.1f} % better", 100 * gains[i]);
+            } else if (certainties[i] <= sure_enough) {
+                one.lost = fmt::format("predicts better with a probability of only {:.2f}", certainties[i]);
+            } else if (!chosen) {
+                one.lost = "its parameters cost more than it gains";
+            } else {
+                one.lost = fmt::format("promises an error {:.0f} % {} than the one taken, with {} parameters instead "
+                                       "of {}",
+                                       100 * std::abs(one.score / found[*chosen].score() - 1),
+                                       one.score < found[*chosen].score() ? "smaller" : "larger",
+                                       found[i].model.parameters.size(), found[*chosen].model.parameters.size());
+            }
+            result_.hypotheses.push_back(std::move(one));
+        }
+    }
+
+    // Each step fitted to all of the fitted records and simulated on the validation records, as long as it predicts these
+    // better than the step before.
+    void confirm(const SystemSearch& search) {
+        const auto deadline = after(fit_share);
+        const auto ended = [this, deadline] {
+            return control_.stop_requested() || std::chrono::steady_clock::now() > deadline;
+        };
+        const SystemFit whole = search.fit_of_all();
+        scale_ = search.scale();
+        between_ = search.interpolation();
+        struct Judged {
+            std::vector<double> values, errors;
+            std::vector<SystemComparison> validation;
+        };
+        const auto judged = [&](const SystemCandidate& candidate) {
+            const auto result = whole.fit(candidate.model, candidate.values, 40, ended);
+            Judged one{result.errors.empty() ? candidate.values : result.values, result.errors, {}};
+            const bool is_first = &candidate == &steps_.front().candidate;
+            if (is_first) baseline_values_ = one.values;
+            if (divided_) one.validation.push_back(against_first(*divided_, divided_at_, one.values, 0, candidate));
+            for (std::size_t v = 0; v < validation_.size(); ++v) {
+                auto values = with_starts(candidate.model, one.values, validation_[v], scale_, between_, ended);
+                if (is_first) baseline_starts_.push_back(values);
+                one.validation.push_back(compared({steps_.front().candidate.model, baseline_starts_[v]},
+                                                  {candidate.model, std::move(values)}, validation_[v], 0, scale_,
+                                                  between_));
+            }
+            return one;
+        };
+        const auto errors_after = [&](const Judged& one) {
+            std::vector<double> all;
+            for (const auto& c : one.validation) {
+                const auto e = c.errors(c.after, scale_);
+                all.insert(all.end(), e.begin(), e.end());
+            }
+            return all;
+        };
+        Judged current = judged(steps_.front().candidate);
+        std::size_t kept = 0;
+        for (std::size_t s = 1; s < steps_.size(); ++s) {
+            Judged next = judged(steps_[s].candidate);
+            const auto before = errors_after(current), now = errors_after(next);
+            const double sure = probability_of_gain(before, now);
+            const double gain = 1 - rms_of_errors(now) / rms_of_errors(before);
+            if (!(gain > 0) || sure < sure_enough) {
+                const auto names = kinds_of(steps_[s].candidate);
+                const std::string lost =
+                    gain > 0 ? fmt::format("predicts the validation record {:.1f} % better, with a probability of only "
+                                           "{:.2f}",
+                                           100 * gain, sure)
+                             : fmt::format("raises the error on the validation record by {:.1f} %", -100 * gain);
+                for (auto& hypothesis : result_.hypotheses) {
+                    if (hypothesis.lost.empty() && hypothesis.names == names) hypothesis.lost = lost;
+                }
+                result_.nearest = {steps_[s].candidate.names_from(steps_[s].before), std::max(gain, 0.0)};
+                break;
+            }
+            steps_[s].probability *= sure;
+            current = std::move(next);
+            kept = s;
+        }
+        steps_.resize(kept + 1);
+        final_values_ = current.values;
+        final_errors_ = current.errors;
+        result_.validation = std::move(current.validation);
+        const auto& first = steps_.front().candidate;
+        const auto& last = steps_.back().candidate;
+        result_.before = first.model.with(baseline_values_);
+        result_.after = last.model.with(final_values_);
+        for (std::size_t r = 0; r < records_.size(); ++r) {
+            result_.fitted.push_back(against_first(records_[r], 0, final_values_, r, last));
+        }
+        result_.fitted_gap = total_gap(result_.fitted);
+        result_.validation_gap = total_gap(result_.validation);
+        result_.explained = 1 - std::pow(result_.validation_gap.after / result_.validation_gap.before, 2);
+    }
+
+    SystemComparison against_first(const SystemRecord& record, std::size_t from, const std::vector<double>& values,
+                                   std::size_t r, const SystemCandidate& candidate) const {
+        const auto& first = steps_.front().candidate.model;
+        return compared({first, first.values_of(baseline_values_, r)},
+                        {candidate.model, candidate.model.values_of(values, r)}, record, from, scale_, between_);
+    }
+
+    void name_effects(const SystemSearch& search) {
+        const auto& last = steps_.back().candidate;
+        const auto deviation = search.fit_of_all().standard_errors(last.model, final_values_, final_errors_);
+        const auto& parameters = last.model.equations.parameters;
+        const std::size_t own = model_.parameters.size();
+        const auto fitted_value = [&](std::size_t i) {
+            const auto& parameter = parameters[last.model.parameters[i].place];
+            return FittedValue{parameter.name, parameter.unit, final_values_[i], deviation[i]};
+        };
+        for (std::size_t i = 0; i < own; ++i) result_.free.push_back(fitted_value(i));
+        std::size_t place = own;
+        for (std::size_t t = 0; t < last.terms.size(); ++t) {
+            const Step& step = step_of(last.terms[t].kind());
+            SystemEffect effect{.name = last.terms[t].name,
+                                .equation = last.terms[t].equation,
+                                .expression = last.texts[t],
+                                .probability = step.probability,
+                                .rivals = step.rivals};
+            for (std::size_t p = 0; p < last.terms[t].parameters.size(); ++p, ++place) {
+                const auto value = fitted_value(place);
+                effect.parameters.push_back(value.name);
+                effect.units.push_back(value.unit);
+                effect.values.push_back(value.value);
+                effect.standard_errors.push_back(value.standard_error);
+            }
+            effect.evidence = fmt::format(
+                "{}: {} is added. With it the error of prediction, over the part of the records that was not fitted in "
+                "the search, decreases by {:.1f} %, with a probability of {:.3f} by resampled blocks.",
+                last.terms[t].kind(), effect.expression, 100 * step.gain, step.certainty);
+            result_.effects.push_back(std::move(effect));
+        }
+    }
+
+    // The step that brought a term in.
+    const Step& step_of(const std::string& kind) const {
+        for (const Step& step : steps_) {
+            for (const auto& term : step.candidate.terms) {
+                if (term.kind() == kind) return step;
+            }
+        }
+        return steps_.back();
+    }
+
+    void decide() {
+        auto& d = result_;
+        const SystemGap& gap = d.validation_gap;
+        if (d.effects.empty()) {
+            d.verdict = gap.before < nothing_left * gap.floor ? "nothing_missing" : "unknown_effect";
+        } else if (std::any_of(d.effects.begin(), d.effects.end(), [](const SystemEffect& effect) {
+                       return !effect.rivals.empty() && effect.probability < 0.5;
+                   })) {
+            d.verdict = "undecided";
+        } else if (gap.after <= little_left * gap.floor) {
+            d.verdict = "effect_found";
+        } else if (d.explained >= half) {
+            d.verdict = d.out_of_time ? "undecided" : "partial"; // what was not tried may explain more
+        } else {
+            d.verdict = "unknown_effect";
+            d.nearest = {steps_.back().candidate.names_from(0), 1 - gap.after / gap.before};
+        }
+        if (d.verdict != "unknown_effect") d.nearest.reset();
+        // The probabilities compare the terms of the library. Where much is left, the right one may not be among them, and a name
+        // is no surer than the share that it explains.
+        if (gap.after <= little_left * gap.floor) return;
+        const double share = std::clamp(d.explained, 0.0, 1.0);
+        for (auto& effect : d.effects) {
+            effect.probability *= share;
+            for (auto& [name, probability] : effect.rivals) probability *= share;
+        }
+    }
+
+    const SystemModel& model_;
+    std::vector<SystemRecord> records_, validation_;
+    std::optional<SystemRecord> divided_; // the first record with its last third
+    std::size_t divided_at_ = 0;
+    const SystemDiagnosisOptions& options_;
+    const RunControl& control_;
+    std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+    std::vector<Step> steps_; // the first one is the model as it was given
+    std::vector<double> scale_;
+    Interpolation between_ = Interpolation::hold;
+    std::vector<double> baseline_values_, final_values_, final_errors_;
+    std::vector<std::vector<double>> baseline_starts_; // of each validation record
+    SystemDiagnosis result_;
+};
+
+} // namespace
+
+SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemRecord> records,
+                                std::vector<SystemRecord> validation, const SystemDiagnosisOptions& options,
+                                const RunControl& control) {
+    return Diagnoser(model, std::move(records), std::move(validation), options, control).run();
+}
+
+} // namespace tribode

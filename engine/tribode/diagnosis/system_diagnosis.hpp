@@ -1,0 +1,72 @@
+#pragma once
+#include "tribode/base/options.hpp"
+#include "tribode/base/run_control.hpp"
+#include "tribode/diagnosis/system_comparison.hpp"
+
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tribode {
+
+struct SystemDiagnosisOptions {
+    std::size_t max_effects = 3; // kinds of terms; 0: the model is fitted and compared, nothing is sought
+    double budget = 300;         // after so long what is known is the answer [s]
+
+    static void describe(auto& o, auto& fields) {
+        fields.integer("max_effects", o.max_effects, 0, 6, "how many kinds of terms may be missing together");
+        fields.number("budget_s", o.budget, "s", Allowed::positive, "after so long what is known is the answer");
+    }
+};
+
+// A model with terms that was fitted. rms of its errors over the fitted part of the records and over the rest, which it
+// predicted, relative to the standard deviation of the outputs.
+struct SystemHypothesis {
+    std::vector<std::string> names; // of all its terms, the new ones last
+    double score = 0;               // rms that it promises on other records
+    double fitted = 0, predicted = 0;
+    std::string lost; // why it lost; empty: it was taken
+};
+
+struct SystemEffect {
+    std::string name, equation, expression;
+    std::vector<std::string> parameters, units; // names in the equations; units, where they are known
+    std::vector<double> values, standard_errors;
+    double probability = 0;
+    std::vector<std::pair<std::string, double>> rivals; // kind of term, probability
+    std::string evidence;
+};
+
+struct FittedValue {
+    std::string name, unit;
+    double value = 0, standard_error = 0;
+};
+
+struct SystemDiagnosis {
+    std::string verdict; // effect_found, partial, nothing_missing, unknown_effect or undecided
+    std::vector<SystemEffect> effects;
+    std::string where; // one paragraph
+    SystemModel before, after;
+    std::vector<FittedValue> free; // parameters of the model as it was given, fitted along with the effects
+    std::vector<SystemComparison> fitted, validation;
+    SystemGap fitted_gap, validation_gap;
+    double explained = 0;                                  // share of the squared gap on the validation records
+    std::optional<std::pair<std::string, double>> nearest; // what came nearest without being found, share of the gap
+    std::optional<std::string> next_experiment;
+    std::vector<SystemHypothesis> hypotheses;
+    Interpolation interpolation = Interpolation::hold;
+    bool out_of_time = false;
+};
+
+// Finds which terms a system lacks. Terms of a library (system_terms.hpp) are screened by their effect on the outputs, one by
+// one and in pairs; the likeliest are fitted with all free values to the first part of the records, and judged by how well
+// they predict the rest. What is found is fitted to the whole records and simulated freely on the validation records, which
+// take no part in the search: an effect that does not predict them better is not found. `validation`: without any, the last
+// third of the first record.
+// Throws InputError where the model cannot be simulated on a record, EndedEarly on a stop request.
+SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemRecord> records,
+                                std::vector<SystemRecord> validation, const SystemDiagnosisOptions& options,
+                                const RunControl& control);
+
+} // namespace tribode

@@ -1,0 +1,302 @@
+#include "tribode/diagnosis/system_fit.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/diagnosis/prediction_statistics.hpp"
+#include "tribode/experiment/system_run.hpp"
+#include "tribode/system/contacts.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+namespace tribode {
+
+namespace {
+
+// Samples of a clock at an even period, from values at instants that may be uneven.
+std::vector<double> resampled(const std::vector<double>& t, const std::vector<double>& values, double period,
+                              Interpolation between) {
+    const auto count = static_cast<std::size_t>(std::ceil(t.back() / period * (1 - 1e-12))) + 1;
+    std::vector<double> even(count);
+    std::size_t i = 0;
+    for (std::size_t k = 0; k < count; ++k) {
+        const double now = static_cast<double>(k) * period;
+        while (i + 1 < t.size() && t[i + 1] <= now * (1 + 1e-12)) ++i;
+        if (between == Interpolation::hold || i + 1 == t.size()) {
+            even[k] = values[i];
+        } else {
+            even[k] = values[i] + (values[i + 1] - values[i]) * (now - t[i]) / (t[i + 1] - t[i]);
+        }
+    }
+    return even;
+}
+
+double median_step(const std::vector<double>& t) {
+    std::vector<double> steps;
+    for (std::size_t i = 1; i < t.size(); ++i) steps.push_back(t[i] - t[i - 1]);
+    std::nth_element(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2), steps.end());
+    return steps[steps.size() / 2];
+}
+
+bool is_even(const std::vector<double>& t, double period) {
+    for (std::size_t k = 0; k < t.size(); ++k) {
+        if (std::abs(t[k] - static_cast<double>(k) * period) > 1e-3 * period) return false;
+    }
+    return true;
+}
+
+} // namespace
+
+SystemRecord SystemRecord::head(std::size_t samples) const {
+    SystemRecord part = *this;
+    samples = std::min(samples, size());
+    part.t.resize(samples);
+    for (auto* lists : {&part.inputs, &part.outputs}) {
+        for (auto& values : *lists) {
+            if (!values.empty()) values.resize(samples);
+        }
+    }
+    return part;
+}
+
+std::vector<double> SystemModel::values(std::size_t records) const {
+    std::vector<double> all;
+    for (const auto& parameter : parameters) all.push_back(equations.parameters[parameter.place].value);
+    for (std::size_t r = 0; r < records; ++r) {
+        for (const std::size_t state : starts) all.push_back(equations.states[state].start);
+    }
+    return all;
+}
+
+std::vector<double> SystemModel::values_of(const std::vector<double>& values, std::size_t record) const {
+    const auto shared = static_cast<std::ptrdiff_t>(parameters.size()),
+               own = static_cast<std::ptrdiff_t>(starts.size());
+    std::vector<double> one(values.begin(), values.begin() + shared);
+    const auto begin = values.begin() + shared + static_cast<std::ptrdiff_t>(record) * own;
+    one.insert(one.end(), begin, begin + own);
+    return one;
+}
+
+SystemModel SystemModel::with(const std::vector<double>& values) const {
+    SystemModel moved = *this;
+    for (std::size_t i = 0; i < parameters.size(); ++i) {
+        moved.equations.parameters[parameters[i].place].value = values[i];
+    }
+    for (std::size_t i = 0; i < starts.size(); ++i) {
+        moved.equations.states[starts[i]].start = values[parameters.size() + i];
+    }
+    return moved;
+}
+
+Equations deep_copy(const Equations& equations) {
+    Equations copy = equations;
+    copy.graph = std::make_shared<Expressions>(*equations.graph);
+    return copy;
+}
+
+SystemFit::SystemFit(const std::vector<SystemRecord>& records, std::vector<double> scale, Interpolation between,
+                     std::vector<std::size_t> used)
+    : records_(records),
+      scale_(std::move(scale)),
+      between_(between),
+      used_(std::move(used)) {}
+
+std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const std::vector<double>& values,
+                                               std::size_t r, std::size_t samples, std::string* problem) const {
+    const auto failed = [&](const std::string& why) {
+        if (problem) *problem = why;
+        return std::nullopt;
+    };
+    const SystemRecord& record = records_[r];
+    samples = std::min(samples, record.size());
+    Equations equations = deep_copy(model.equations);
+    for (std::size_t i = 0; i < model.parameters.size(); ++i) {
+        equations.parameters[model.parameters[i].place].value = values[i];
+    }
+    const std::size_t first_start = model.parameters.size() + r * model.starts.size();
+    for (std::size_t i = 0; i < model.starts.size(); ++i) {
+        equations.states[model.starts[i]].start = values[first_start + i];
+    }
+    for (const double value : values) {
+        if (!std::isfinite(value)) return failed("a value is not finite");
+    }
+    try {
+        std::vector<std::string> state_names, output_names;
+        for (const auto& state : equations.states) state_names.push_back(state.name);
+        for (const std::size_t output : model.measured) output_names.push_back(equations.outputs[output].name);
+        const std::vector<double> instants(record.t.begin(), record.t.begin() + static_cast<std::ptrdiff_t>(samples));
+        const double period = median_step(record.t);
+        // What is measured at an instant is measured with the input of that instant, which acts from there on.
+        const double after = 1e-7 * period;
+        const bool even = is_even(record.t, period);
+        const auto inputs = equations.inputs; // the list changes
+        for (std::size_t i = 0; i < inputs.size(); ++i) {
+            if (i >= record.inputs.size() || record.inputs[i].empty()) continue;
+            const auto held = even ? record.inputs[i] : resampled(record.t, record.inputs[i], period, between_);
+            const auto place = std::find_if(equations.inputs.begin(), equations.inputs.end(),
+                                            [&](const auto& one) { return one.symbol == inputs[i].symbol; });
+            equations.inputs.erase(place);
+            connect_samples(equations, inputs[i], input_samples(held, period, 0, between_), 0);
+        }
+        close_contacts(equations);
+        const EquationSystem system(std::move(equations));
+        SystemRunOptions options;
+        options.end = instants.back() + 2 * after;
+        options.output_times = instants;
+        for (double& t : options.output_times) t += after;
+        options.solver.relative_tolerance = 1e-7;
+        options.solver.absolute_tolerance = 1e-9;
+        options.solver.max_steps = 200'000 + 100 * static_cast<long>(samples);
+        const SystemRun run = run_system(system, options);
+        if (!run.outcome.ok()) return failed(run.outcome.message);
+        SystemTrace trace;
+        const auto take = [&](const std::vector<std::string>& names, std::vector<std::vector<double>>& into) {
+            for (const auto& name : names) {
+                into.push_back(run.table[name].values);
+                if (into.back().size() < samples) return false;
+                into.back().resize(samples);
+                for (const double value : into.back()) {
+                    if (!std::isfinite(value)) return false;
+                }
+            }
+            return true;
+        };
+        if (!take(output_names, trace.outputs) || !take(state_names, trace.states)) {
+            return failed("outputs or states are not finite");
+        }
+        return trace;
+    } catch (const InputError& error) {
+        return failed(error.what()); // values at which the equations have no solution
+    }
+}
+
+std::vector<double> SystemFit::errors(const SystemModel& model, const std::vector<double>& values) const {
+    std::vector<double> all;
+    for (std::size_t r = 0; r < records_.size(); ++r) {
+        if (used_[r] == 0) continue;
+        const auto trace = simulate(model, values, r, used_[r]);
+        if (!trace) return {};
+        for (std::size_t o = 0; o < trace->outputs.size(); ++o) {
+            for (std::size_t k = 0; k < used_[r]; ++k) {
+                all.push_back((records_[r].outputs[o][k] - trace->outputs[o][k]) / scale_[o]);
+            }
+        }
+    }
+    return all;
+}
+
+double SystemFit::sum_of_squares(const std::vector<double>& errors) {
+    if (errors.empty()) return std::numeric_limits<double>::infinity();
+    double sum = 0;
+    for (const double e : errors) sum += e * e;
+    return std::isfinite(sum) ? sum : std::numeric_limits<double>::infinity();
+}
+
+Eigen::MatrixXd SystemFit::jacobian(const SystemModel& model, const std::vector<double>& values,
+                                    const std::vector<double>& errors) const {
+    const auto rows = static_cast<Eigen::Index>(errors.size());
+    Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(rows, static_cast<Eigen::Index>(values.size()));
+    std::vector<double> moved = values;
+    for (std::size_t i = 0; i < values.size(); ++i) {
+        double scale = std::abs(values[i]);
+        if (i < model.parameters.size()) {
+            scale = std::max(scale, model.parameters[i].scale);
+        } else {
+            const auto& state =
+                model.equations.states[model.starts[(i - model.parameters.size()) % model.starts.size()]];
+            scale = std::max({scale, std::abs(state.start), 1e-3 * state.nominal});
+        }
+        double step = 1e-5 * (scale > 0 ? scale : 1);
+        if (i < model.parameters.size() && values[i] + step > model.parameters[i].high) step = -step;
+        for (const double sign : {1.0, -1.0}) {
+            moved[i] = values[i] + sign * step;
+            const auto other = this->errors(model, moved);
+            if (other.size() != errors.size()) continue;
+            for (Eigen::Index k = 0; k < rows; ++k) {
+                matrix(k, static_cast<Eigen::Index>(i)) =
+                    (errors[static_cast<std::size_t>(k)] - other[static_cast<std::size_t>(k)]) / (sign * step);
+            }
+            break;
+        }
+        moved[i] = values[i];
+    }
+    return matrix;
+}
+
+SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> start, int iterations,
+                                 const std::function<bool()>& ended) const {
+    Result result{.values = std::move(start)};
+    const auto bounded = [&](std::vector<double>& values) {
+        for (std::size_t i = 0; i < model.parameters.size(); ++i) {
+            values[i] = std::clamp(values[i], model.parameters[i].low, model.parameters[i].high);
+        }
+    };
+    bounded(result.values);
+    result.errors = errors(model, result.values);
+    result.sum = sum_of_squares(result.errors);
+    if (result.errors.empty() || result.values.empty()) return result;
+    double damping = 1e-3;
+    for (; result.iterations < iterations && !ended(); ++result.iterations) {
+        const Eigen::MatrixXd j = jacobian(model, result.values, result.errors);
+        const Eigen::Map<const Eigen::VectorXd> e(result.errors.data(), j.rows());
+        const Eigen::MatrixXd normal = j.transpose() * j;
+        const Eigen::VectorXd gradient = j.transpose() * e;
+        const double before = result.sum;
+        bool improved = false;
+        for (int attempt = 0; attempt < 10 && !improved && !ended(); ++attempt) {
+            Eigen::MatrixXd damped = normal;
+            const double floor = 1e-12 * std::max(normal.diagonal().maxCoeff(), 1e-300);
+            damped.diagonal() += damping * normal.diagonal();
+            damped.diagonal().array() += floor;
+            const Eigen::VectorXd step = damped.ldlt().solve(gradient);
+            std::vector<double> next = result.values;
+            for (std::size_t i = 0; i < next.size(); ++i) next[i] += step[static_cast<Eigen::Index>(i)];
+            bounded(next);
+            const auto there = errors(model, next);
+            const double sum = sum_of_squares(there);
+            if (sum < result.sum) {
+                result.values = next;
+                result.errors = there;
+                result.sum = sum;
+                damping = std::max(damping / 5, 1e-9);
+                improved = true;
+            } else {
+                damping = std::max(damping * 6, 1e-6);
+            }
+        }
+        if (!improved || before - result.sum < 1e-6 * before) break;
+    }
+    return result;
+}
+
+std::vector<double> SystemFit::standard_errors(const SystemModel& model, const std::vector<double>& values,
+                                               const std::vector<double>& errors) const {
+    std::vector<double> deviation(values.size(), std::numeric_limits<double>::infinity());
+    if (errors.empty() || values.empty()) return deviation;
+    const Eigen::MatrixXd j = jacobian(model, values, errors);
+    Eigen::MatrixXd normal = j.transpose() * j;
+    const double independent = static_cast<double>(errors.size()) / correlation_length(errors);
+    const double variance = sum_of_squares(errors) / std::max(1.0, independent - static_cast<double>(values.size()));
+    // Scaled, since values may be of any unit.
+    const Eigen::VectorXd diagonal = normal.diagonal();
+    for (Eigen::Index i = 0; i < normal.rows(); ++i) {
+        for (Eigen::Index k = 0; k < normal.cols(); ++k) {
+            const double norm = std::sqrt(diagonal[i] * diagonal[k]);
+            normal(i, k) = norm > 0 ? normal(i, k) / norm : (i == k ? 1 : 0);
+        }
+    }
+    // Directions that the errors do not tell are left, with a deviation that says so.
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(normal);
+    for (Eigen::Index i = 0; i < normal.rows(); ++i) {
+        if (!(diagonal[i] > 0)) continue;
+        double inverse = 0;
+        for (Eigen::Index k = 0; k < normal.rows(); ++k) {
+            const double share = parts.eigenvectors()(i, k);
+            inverse += share * share / std::max(parts.eigenvalues()[k], 1e-14);
+        }
+        deviation[static_cast<std::size_t>(i)] = std::sqrt(variance * inverse / diagonal[i]);
+    }
+    return deviation;
+}
+
+} // namespace tribode

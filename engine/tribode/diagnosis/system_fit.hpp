@@ -1,0 +1,107 @@
+#pragma once
+#include "tribode/experiment/input_samples.hpp"
+#include "tribode/system/equations.hpp"
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <functional>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+// A measured record of a system of equations. Its time begins at zero.
+struct SystemRecord {
+    std::string source;
+    std::vector<double> t;                    // [s], ascending; of a system without states the number of the row
+    std::vector<std::vector<double>> inputs;  // of each input of the equations; empty: the input has its own value
+    std::vector<std::vector<double>> outputs; // of each measured output
+
+    std::size_t size() const { return t.size(); }
+    SystemRecord head(std::size_t samples) const; // its first samples
+};
+
+// Equations of which some values may move: parameters, the same for all records, and start values, which each record has
+// of its own.
+struct SystemModel {
+    struct Parameter {
+        std::size_t place;                                     // among equations.parameters
+        double low = -std::numeric_limits<double>::infinity(); // bounds, in the unit of the parameter
+        double high = std::numeric_limits<double>::infinity();
+        double scale = 1; // a change that is small, but not nothing, times 1e4
+    };
+    Equations equations;
+    std::vector<std::size_t> measured; // outputs of the equations, in the order of SystemRecord::outputs
+    std::vector<Parameter> parameters;
+    std::vector<std::size_t> starts; // states whose start values may move
+
+    // The values as they are now: parameters, then the start values of each record.
+    std::vector<double> values(std::size_t records) const;
+    // Of all values those that concern one record.
+    std::vector<double> values_of(const std::vector<double>& values, std::size_t record) const;
+    // With these values as its own; of the start values those of the first record.
+    SystemModel with(const std::vector<double>& values) const;
+    std::size_t value_count(std::size_t records) const { return parameters.size() + records * starts.size(); }
+};
+
+// A copy whose graph of expressions is its own, so that several threads may extend copies.
+Equations deep_copy(const Equations& equations);
+
+// What a simulation of a record gives: values of the measured outputs and, where asked for, of states and inputs.
+struct SystemTrace {
+    std::vector<std::vector<double>> outputs;
+    std::vector<std::vector<double>> states;
+};
+
+// Fits values of models to records by full simulation: least squares of the outputs, each divided by `scale`, by
+// Levenberg and Marquardt's method with difference quotients.
+class SystemFit {
+  public:
+    // `used`: of each record, how many of its samples count, from the first one. The records must outlive it.
+    SystemFit(const std::vector<SystemRecord>& records, std::vector<double> scale, Interpolation between,
+              std::vector<std::size_t> used);
+
+    const std::vector<SystemRecord>& records() const { return records_; }
+    const std::vector<double>& scale() const { return scale_; }
+    Interpolation interpolation() const { return between_; }
+    const std::vector<std::size_t>& used() const { return used_; }
+
+    // Freely, from the start values of record r among `values` on. Nothing where the run fails or values are not finite;
+    // `problem` says why.
+    std::optional<SystemTrace> simulate(const SystemModel& model, const std::vector<double>& values, std::size_t r,
+                                        std::size_t samples, std::string* problem = nullptr) const;
+
+    // Measured minus simulated over scale, record after record, output after output, over the samples that count.
+    // Empty where a run fails.
+    std::vector<double> errors(const SystemModel& model, const std::vector<double>& values) const;
+    static double sum_of_squares(const std::vector<double>& errors);
+
+    // Columns: the change of simulated / scale by each value (rows: as errors). A column is zero where it cannot be had.
+    Eigen::MatrixXd jacobian(const SystemModel& model, const std::vector<double>& values,
+                             const std::vector<double>& errors) const;
+
+    struct Result {
+        std::vector<double> values;
+        std::vector<double> errors; // at the values; empty: no simulation succeeded
+        double sum = std::numeric_limits<double>::infinity();
+        int iterations = 0;
+    };
+    // Where `ended` says so the values are those reached by then.
+    Result fit(const SystemModel& model, std::vector<double> start, int iterations,
+               const std::function<bool()>& ended) const;
+
+    // Of the values, all that the errors leave open: they are no white noise, so as many samples count as are independent of
+    // one another. Infinite where the record does not tell. `errors`: at the values.
+    std::vector<double> standard_errors(const SystemModel& model, const std::vector<double>& values,
+                                        const std::vector<double>& errors) const;
+
+  private:
+    const std::vector<SystemRecord>& records_;
+    std::vector<double> scale_;
+    Interpolation between_;
+    std::vector<std::size_t> used_;
+};
+
+} // namespace tribode

@@ -1,0 +1,253 @@
+#include "tribode/diagnosis/system_report.hpp"
+#include "tribode/diagnosis/system_record.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace tribode {
+
+namespace {
+
+constexpr const char* red = "#d55e00";
+constexpr const char* green = "#009e73";
+
+std::string with_unit(double value, const std::string& unit) {
+    return unit.empty() ? fmt::format("{:.3g}", value) : fmt::format("{:.3g} {}", value, unit);
+}
+
+std::string label(const std::string& name, const std::string& unit) {
+    return unit.empty() ? name : fmt::format("{} [{}]", name, unit);
+}
+
+// Means of the errors in bins of a variable, with twice their standard errors.
+Series binned(const std::string& name, const std::vector<double>& x, const std::vector<double>& errors,
+              std::size_t first) {
+    constexpr std::size_t bins = 40;
+    const auto [low, high] = std::minmax_element(x.begin() + static_cast<std::ptrdiff_t>(first), x.end());
+    const double width = (*high - *low) / bins;
+    Series series{.name = name, .style = SeriesStyle::points};
+    if (!(width > 0)) return series;
+    struct Bin {
+        double n = 0, sum = 0, squares = 0;
+    };
+    std::vector<Bin> all(bins);
+    for (std::size_t k = first; k < x.size(); ++k) {
+        if (!std::isfinite(errors[k])) continue;
+        auto& bin = all[std::min(bins - 1, static_cast<std::size_t>((x[k] - *low) / width))];
+        bin.n += 1;
+        bin.sum += errors[k];
+        bin.squares += errors[k] * errors[k];
+    }
+    for (std::size_t b = 0; b < bins; ++b) {
+        if (all[b].n < 3) continue;
+        const double mean = all[b].sum / all[b].n;
+        const double deviation = std::sqrt(std::max(all[b].squares / all[b].n - mean * mean, 0.0) / all[b].n);
+        series.x.push_back(*low + (static_cast<double>(b) + 0.5) * width);
+        series.y.push_back(mean);
+        series.low.push_back(mean - 2 * deviation);
+        series.high.push_back(mean + 2 * deviation);
+    }
+    return series;
+}
+
+std::vector<double> differences(const std::vector<double>& measured, const std::vector<double>& simulated) {
+    std::vector<double> errors(measured.size());
+    for (std::size_t k = 0; k < errors.size(); ++k) errors[k] = measured[k] - simulated[k];
+    return errors;
+}
+
+Plot responses(const SystemDiagnosis& d, const SystemComparison& one) {
+    Plot plot{.title = "Measured and simulated: " + one.record.source};
+    for (std::size_t o = 0; o < one.record.outputs.size(); ++o) {
+        const auto& output = d.before.equations.outputs[d.before.measured[o]];
+        Panel panel{.y_label = label(measured_name(d.before, o), output.unit)};
+        panel.series.push_back({.name = "measured", .x = one.record.t, .y = one.record.outputs[o], .color = "#000000"});
+        panel.series.push_back({.name = "the model as given", .x = one.record.t, .y = one.before[o]});
+        if (!d.effects.empty()) {
+            panel.series.push_back({.name = "with what was missing", .x = one.record.t, .y = one.after[o]});
+        }
+        plot.panels.push_back(std::move(panel));
+        Panel errors{.y_label = label("measured - simulated", output.unit)};
+        errors.series.push_back({.name = "the model as given",
+                                 .x = one.record.t,
+                                 .y = differences(one.record.outputs[o], one.before[o]),
+                                 .color = red});
+        if (!d.effects.empty()) {
+            errors.series.push_back({.name = "with what was missing",
+                                     .x = one.record.t,
+                                     .y = differences(one.record.outputs[o], one.after[o]),
+                                     .color = green});
+        }
+        plot.panels.push_back(std::move(errors));
+    }
+    plot.panels.back().x_label = d.before.equations.states.empty() ? "Row" : "Time [s]";
+    return plot;
+}
+
+Plot maps(const SystemDiagnosis& d, const SystemComparison& one) {
+    Plot plot{.title = "Errors over what was measured: means and twice their standard errors"};
+    const auto& output = d.before.equations.outputs[d.before.measured[0]];
+    const auto before = differences(one.record.outputs[0], one.before[0]);
+    const auto after = differences(one.record.outputs[0], one.after[0]);
+    const auto add = [&](const std::string& name, const std::string& unit, const std::vector<double>& x) {
+        Panel panel{.x_label = label(name, unit), .y_label = label("measured - simulated", output.unit)};
+        for (const auto& [title, errors, color] :
+             {std::tuple{"the model as given", &before, red}, {"with what was missing", &after, green}}) {
+            Series series = binned(title, x, *errors, one.first);
+            series.color = color;
+            if (!series.x.empty() && (errors == &before || !d.effects.empty()))
+                panel.series.push_back(std::move(series));
+        }
+        if (!panel.series.empty()) plot.panels.push_back(std::move(panel));
+    };
+    add(measured_name(d.before, 0), output.unit, one.record.outputs[0]);
+    for (std::size_t i = 0; i < one.record.inputs.size() && plot.panels.size() < 4; ++i) {
+        if (one.record.inputs[i].empty()) continue;
+        add(d.before.equations.inputs[i].name, d.before.equations.inputs[i].unit, one.record.inputs[i]);
+    }
+    return plot;
+}
+
+// "overflow in der(x1): ..., a = 0.2 +- 0.01 1/s"
+std::string described(const SystemEffect& effect) {
+    std::string text = fmt::format("{} in {}", effect.name, effect.equation);
+    for (std::size_t i = 0; i < effect.values.size(); ++i) {
+        text += fmt::format(", {} = {}", effect.parameters[i], with_unit(effect.values[i], effect.units[i]));
+    }
+    return text;
+}
+
+ReportSection what_is_missing(const SystemDiagnosis& d) {
+    ReportSection what{"What is missing", {}};
+    for (const auto& effect : d.effects) {
+        what.blocks.push_back(Paragraph{effect.evidence});
+        ReportTable table;
+        table.caption = fmt::format("{} in {}: {}", effect.name, effect.equation, effect.expression);
+        table.columns = {{"parameter"}, {"value"}, {"standard error"}, {"unit"}};
+        for (std::size_t i = 0; i < effect.values.size(); ++i) {
+            table.rows.push_back({effect.parameters[i], effect.values[i], effect.standard_errors[i], effect.units[i]});
+        }
+        what.blocks.push_back(table);
+        if (effect.rivals.empty()) {
+            what.blocks.push_back(
+                Paragraph{fmt::format("Probability {:.2f}; nothing else comes near.", effect.probability)});
+            continue;
+        }
+        BulletList rivals;
+        for (const auto& [name, probability] : effect.rivals) {
+            rivals.items.push_back(fmt::format("{} with probability {:.2f}", name, probability));
+        }
+        what.blocks.push_back(Paragraph{fmt::format("Probability {:.2f}. It could also be:", effect.probability)});
+        what.blocks.push_back(rivals);
+    }
+    const std::string unit = gap_unit(d);
+    ReportTable gaps;
+    gaps.caption = "rms of measured minus simulated; a validation record takes no part in the fit, but for its start "
+                   "values";
+    gaps.columns = {{"record"}, {"as given", unit}, {"with what was missing", unit}, {"noise", unit}};
+    for (const auto& one : d.fitted) {
+        gaps.rows.push_back({one.record.source + ", fitted", one.gap.before, one.gap.after, one.gap.floor});
+    }
+    for (const auto& one : d.validation) {
+        gaps.rows.push_back({one.record.source + ", validation", one.gap.before, one.gap.after, one.gap.floor});
+    }
+    what.blocks.push_back(gaps);
+    what.blocks.push_back(Figure{"responses", "A validation record.", responses(d, d.validation.front())});
+    if (d.next_experiment) what.blocks.push_back(Paragraph{"What to measure next: " + *d.next_experiment});
+    return what;
+}
+
+ReportSection values(const SystemDiagnosis& d) {
+    ReportSection section{"Parameters fitted along with it", {}};
+    ReportTable table;
+    table.caption = "Parameters of the model as it was given";
+    table.columns = {{"name"}, {"value"}, {"standard error"}, {"unit"}};
+    for (const auto& one : d.free) table.rows.push_back({one.name, one.value, one.standard_error, one.unit});
+    section.blocks.push_back(table);
+    section.blocks.push_back(Paragraph{
+        fmt::format("Inputs are {}. Standard errors count as many samples as the remaining errors leave independent.",
+                    interpolation_text(d.interpolation))});
+    return section;
+}
+
+ReportSection what_was_tried(const SystemDiagnosis& d) {
+    ReportSection section{"What was tried", {}};
+    section.blocks.push_back(Paragraph{
+        "Terms of the library were screened by their effect on the simulated outputs, one by one and in pairs. The "
+        "likeliest were fitted with all free values to the first 70 % of each record, and simulated on over the rest. "
+        "The errors are relative to the standard deviation of the outputs; the score is the error that the model "
+        "promises on other records of this kind."});
+    ReportTable table;
+    table.columns = {{"terms"}, {"score"}, {"fitted"}, {"predicted"}, {"outcome"}};
+    for (const auto& one : d.hypotheses) {
+        table.rows.push_back({fmt::format("{}", fmt::join(one.names, "; ")), one.score, one.fitted, one.predicted,
+                              one.lost.empty() ? "taken" : one.lost});
+    }
+    section.blocks.push_back(table);
+    if (d.out_of_time) section.blocks.push_back(Paragraph{"The budget of time ended the search."});
+    return section;
+}
+
+} // namespace
+
+std::string gap_unit(const SystemDiagnosis& d) {
+    return d.before.measured.size() > 1 ? "standard deviations of the outputs"
+                                        : d.before.equations.outputs[d.before.measured[0]].unit;
+}
+
+std::string interpolation_text(Interpolation between) {
+    switch (between) {
+    case Interpolation::hold: return "held between samples";
+    case Interpolation::linear: return "linear between samples";
+    case Interpolation::band_limited: return "band-limited between samples";
+    }
+    return "";
+}
+
+std::string verdict_sentence(const SystemDiagnosis& d) {
+    const std::string unit = gap_unit(d);
+    const auto& gap = d.validation_gap;
+    if (d.verdict == "nothing_missing") {
+        return fmt::format("Nothing is missing that these records can show: the model as given leaves {} rms, noise "
+                           "{}.",
+                           with_unit(gap.before, unit), with_unit(gap.floor, unit));
+    }
+    if (d.effects.empty()) {
+        std::string text =
+            fmt::format("Something is missing that is none of the terms in the library: the model differs from the "
+                        "validation record by {} rms, noise would leave {}.",
+                        with_unit(gap.before, unit), with_unit(gap.floor, unit));
+        if (d.nearest) {
+            text += fmt::format(" Nearest is {}, which explains {:.0f} % of the gap.", d.nearest->first,
+                                100 * d.nearest->second);
+        }
+        return text;
+    }
+    std::vector<std::string> names;
+    for (const auto& effect : d.effects) names.push_back(described(effect));
+    const std::string sizes =
+        fmt::format("The gap on the validation record decreases from {} to {} rms, noise leaves {}.",
+                    with_unit(gap.before, unit), with_unit(gap.after, unit), with_unit(gap.floor, unit));
+    const char* begin = d.verdict == "effect_found" ? "What is missing is"
+                        : d.verdict == "undecided"  ? "Likeliest, but not decided by these records, is"
+                        : d.verdict == "partial"    ? "A part of what is missing is"
+                                                    : "Most of what is missing has not been found; a part is";
+    return fmt::format("{} {}. {}", begin, fmt::join(names, "; "), sizes);
+}
+
+Report system_report(const SystemDiagnosis& d) {
+    Report report;
+    report.title = "Diagnosis of " + d.before.equations.name;
+    report.summary = verdict_sentence(d);
+    report.sections.push_back(what_is_missing(d));
+    report.sections.push_back(
+        {"Where model and measurement disagree",
+         {Paragraph{d.where}, Figure{"errors", "The gap over what was measured.", maps(d, d.validation.front())}}});
+    report.sections.push_back(values(d));
+    report.sections.push_back(what_was_tried(d));
+    return report;
+}
+
+} // namespace tribode

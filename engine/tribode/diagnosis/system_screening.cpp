@@ -1,0 +1,197 @@
+#include "tribode/diagnosis/system_screening.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+#include <map>
+
+namespace tribode {
+
+namespace {
+
+constexpr std::size_t max_rows = 4000; // of the errors: of more, some are left out evenly
+constexpr double least_share = 1e-3;   // of the squared errors, for a term to be worth a fit
+constexpr double least_of_pair = 1.2;  // times what the better one explains alone
+constexpr std::size_t max_pairs = 60;
+
+class Screen {
+  public:
+    Screen(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
+           const std::vector<SystemTerm>& terms, const SystemFit& fit)
+        : model_(model),
+          values_(values),
+          terms_(terms),
+          fit_(fit),
+          samples_(errors.size()),
+          stride_(std::max<std::size_t>(1, errors.size() / max_rows)),
+          error_(thinned(errors)),
+          basis_(free_directions(errors)),
+          open_(rest(error_)),
+          effect_(terms.size()) {}
+
+    // The effect of each amplitude of a term at its start, less what free values can do.
+    void simulate(std::size_t i) {
+        const SystemTerm& term = terms_[i];
+        effect_[i] = Eigen::MatrixXd::Zero(error_.size(), static_cast<Eigen::Index>(term.amplitudes));
+        for (std::size_t a = 0; a < term.amplitudes; ++a) {
+            std::vector<double> own;
+            for (std::size_t p = 0; p < term.parameters.size(); ++p) {
+                own.push_back(p < term.amplitudes && p != a ? term.neutral[p] : term.parameters[p].start);
+            }
+            const SystemModel more = extended(model_, term, own);
+            const auto there = fit_.errors(more, more_values(model_, values_, own));
+            if (there.size() != samples_) continue;
+            const Eigen::VectorXd moved = error_ - thinned(there); // what it adds to the outputs
+            if (moved.norm() < 1e-9 * std::sqrt(static_cast<double>(error_.size()))) continue;
+            effect_[i].col(static_cast<Eigen::Index>(a)) = rest(moved);
+        }
+    }
+
+    std::vector<ScreenedTerms> singles() {
+        std::vector<ScreenedTerms> found;
+        explained_.assign(terms_.size(), 0);
+        for (std::size_t i = 0; i < terms_.size(); ++i) {
+            Eigen::VectorXd coefficients;
+            explained_[i] = solved(effect_[i], coefficients);
+            if (explained_[i] > least_share * open_.squaredNorm()) {
+                found.push_back({{i}, {started(terms_[i], coefficients.data())}, share(explained_[i])});
+            }
+        }
+        std::stable_sort(found.begin(), found.end(), by_share);
+        return found;
+    }
+
+    // After singles().
+    std::vector<ScreenedTerms> pairs(const std::function<bool()>& late) const {
+        std::vector<ScreenedTerms> found;
+        const auto some = best_of_each_kind();
+        for (std::size_t a = 0; a < some.size(); ++a) {
+            for (std::size_t b = a + 1; b < some.size() && !late(); ++b) {
+                const auto columns = both(some[a], some[b]);
+                const Eigen::MatrixXd gram = columns.transpose() * columns;
+                const Eigen::VectorXd right = columns.transpose() * open_;
+                const Eigen::VectorXd c = gram.ldlt().solve(right);
+                const double together = 2 * c.dot(right) - c.dot(gram * c);
+                const double best = std::max(explained_[some[a]], explained_[some[b]]);
+                if (std::isfinite(together) && together > least_of_pair * best) {
+                    found.push_back({{some[a], some[b]}, {}, share(together)});
+                }
+            }
+        }
+        std::stable_sort(found.begin(), found.end(), by_share);
+        // Pairs of the same names say the same about the system: the best shape of each stays.
+        std::map<std::string, std::size_t> named;
+        std::erase_if(found, [&](const ScreenedTerms& pair) {
+            return named[terms_[pair.terms[0]].name + "+" + terms_[pair.terms[1]].name]++ > 0;
+        });
+        if (found.size() > max_pairs) found.resize(max_pairs);
+        for (auto& pair : found) {
+            const std::size_t i = pair.terms[0], j = pair.terms[1];
+            Eigen::VectorXd coefficients;
+            solved(both(i, j), coefficients);
+            pair.starts = {started(terms_[i], coefficients.data()),
+                           started(terms_[j], coefficients.data() + effect_[i].cols())};
+        }
+        return found;
+    }
+
+  private:
+    static bool by_share(const ScreenedTerms& a, const ScreenedTerms& b) { return a.explained > b.explained; }
+    double share(double squares) const { return squares / std::max(error_.squaredNorm(), 1e-300); }
+
+    Eigen::VectorXd thinned(const std::vector<double>& errors) const {
+        Eigen::VectorXd rows(static_cast<Eigen::Index>((errors.size() + stride_ - 1) / stride_));
+        for (Eigen::Index k = 0; k < rows.size(); ++k) rows[k] = errors[static_cast<std::size_t>(k) * stride_];
+        return rows;
+    }
+
+    Eigen::MatrixXd free_directions(const std::vector<double>& errors) const {
+        const Eigen::MatrixXd full = fit_.jacobian(model_, values_, errors);
+        Eigen::MatrixXd free(error_.size(), full.cols());
+        for (Eigen::Index c = 0; c < full.cols(); ++c) {
+            for (Eigen::Index k = 0; k < error_.size(); ++k) {
+                free(k, c) = full(k * static_cast<Eigen::Index>(stride_), c);
+            }
+            const double norm = free.col(c).norm();
+            if (norm > 0) free.col(c) /= norm;
+        }
+        if (free.cols() == 0) return Eigen::MatrixXd(error_.size(), 0);
+        Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(free);
+        qr.setThreshold(1e-6);
+        return qr.householderQ() * Eigen::MatrixXd::Identity(error_.size(), qr.rank());
+    }
+
+    Eigen::VectorXd rest(const Eigen::VectorXd& v) const { return v - basis_ * (basis_.transpose() * v); }
+
+    double solved(const Eigen::MatrixXd& columns, Eigen::VectorXd& coefficients) const {
+        coefficients = Eigen::VectorXd::Zero(columns.cols());
+        if (columns.cols() == 0 || !(columns.norm() > 0)) return 0;
+        Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(columns);
+        qr.setThreshold(1e-8);
+        coefficients = qr.solve(open_);
+        return open_.squaredNorm() - (open_ - columns * coefficients).squaredNorm();
+    }
+
+    // The amplitudes that the coefficients ask for, within bounds.
+    static std::vector<double> started(const SystemTerm& term, const double* coefficients) {
+        std::vector<double> values;
+        for (std::size_t p = 0; p < term.parameters.size(); ++p) {
+            const auto& parameter = term.parameters[p];
+            double value = parameter.start;
+            if (p < term.amplitudes) {
+                value = term.neutral[p] + coefficients[p] * (parameter.start - term.neutral[p]);
+            }
+            values.push_back(std::clamp(value, parameter.low, parameter.high));
+        }
+        return values;
+    }
+
+    std::vector<std::size_t> best_of_each_kind() const {
+        std::map<std::string, std::size_t> best;
+        for (std::size_t i = 0; i < terms_.size(); ++i) {
+            if (effect_[i].cols() == 0 || !(effect_[i].norm() > 0)) continue;
+            const auto [place, is_new] = best.try_emplace(terms_[i].kind(), i);
+            if (!is_new && explained_[i] > explained_[place->second]) place->second = i;
+        }
+        std::vector<std::size_t> places;
+        for (const auto& [kind, i] : best) places.push_back(i);
+        std::sort(places.begin(), places.end());
+        return places;
+    }
+
+    Eigen::MatrixXd both(std::size_t i, std::size_t j) const {
+        Eigen::MatrixXd columns(error_.size(), effect_[i].cols() + effect_[j].cols());
+        columns << effect_[i], effect_[j];
+        return columns;
+    }
+
+    const SystemModel& model_;
+    const std::vector<double>& values_;
+    const std::vector<SystemTerm>& terms_;
+    const SystemFit& fit_;
+    std::size_t samples_, stride_;
+    Eigen::VectorXd error_;
+    Eigen::MatrixXd basis_; // of what free values can do
+    Eigen::VectorXd open_;  // what they leave of the errors
+    std::vector<Eigen::MatrixXd> effect_;
+    std::vector<double> explained_; // by each term alone
+};
+
+} // namespace
+
+Screening screened_terms(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
+                         const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
+                         const std::function<bool()>& late) {
+    Screen screen(model, values, errors, terms, fit);
+    for_each_index(terms.size(), control, fmt::format("screening {} terms", terms.size()), [&](std::size_t i) {
+        if (!late()) screen.simulate(i);
+    });
+    Screening found;
+    found.singles = screen.singles();
+    found.pairs = screen.pairs(late);
+    return found;
+}
+
+} // namespace tribode

@@ -1,0 +1,63 @@
+#pragma once
+#include "tribode/base/run_control.hpp"
+#include "tribode/diagnosis/system_screening.hpp"
+
+#include <chrono>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+// A model with the terms found so far, fitted to the first part of the records, and what it makes of the rest.
+struct SystemCandidate {
+    SystemModel model;
+    std::vector<double> values;
+    std::vector<SystemTerm> terms; // all that it has beyond the first model
+    std::vector<std::string> texts;
+    std::vector<double> fitted;    // errors over the fitted part
+    std::vector<double> predicted; // over the rest
+
+    std::string names_from(std::size_t term) const; // "overflow in der(x1) of x1 and lag in input u"
+    // What its errors would be on other records of this kind, rms: predicted errors as they are, fitted ones with what the
+    // parameters take out of them.
+    double score() const;
+};
+
+// Looks for the terms that a model lacks.
+class SystemSearch {
+  public:
+    // `scale`: of each measured output. All must outlive it. `deadline`: after it `late` is true, and fits end where they are.
+    SystemSearch(const SystemModel& model, const std::vector<SystemRecord>& records, std::vector<double> scale,
+                 std::chrono::steady_clock::time_point deadline, const RunControl& control);
+
+    // The model without anything added. Of the ways in which inputs may run between their samples the one that suits the
+    // records best is kept. Throws InputError where the model cannot be simulated on a record.
+    SystemCandidate begin();
+
+    // Fits of the likeliest terms and pairs of terms beside those of `current`, the best score first.
+    std::vector<SystemCandidate> next(const SystemCandidate& current) const;
+
+    // Without the terms that others make unnecessary. The first `kept` terms stay.
+    SystemCandidate pruned(SystemCandidate candidate) const;
+
+    Interpolation interpolation() const { return between_; }
+    const std::vector<double>& scale() const { return scale_; }
+    SystemFit fit_of_all() const { return {records_, scale_, between_, whole_}; }
+    bool late() const;
+
+  private:
+    SystemFit fit_of_first_part() const { return {records_, scale_, between_, used_}; }
+    bool fit(SystemCandidate& candidate, int iterations) const;
+    std::vector<double> predicted(const SystemModel& model, const std::vector<double>& values) const;
+    std::vector<ScreenedTerms> chosen(const Screening& screening, const std::vector<SystemTerm>& terms) const;
+
+    const SystemModel& first_;
+    const std::vector<SystemRecord>& records_;
+    std::vector<double> scale_;
+    std::chrono::steady_clock::time_point deadline_;
+    const RunControl& control_;
+    std::vector<std::size_t> used_, whole_;
+    Interpolation between_ = Interpolation::hold;
+};
+
+} // namespace tribode

@@ -1,0 +1,206 @@
+#include "tribode/diagnosis/system_terms.hpp"
+#include "tribode/diagnosis/term_library.hpp"
+#include "tribode/system/units.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <fmt/format.h>
+
+namespace tribode {
+
+namespace {
+
+// Of a divided by b, where both are known; a plain number has none.
+std::string unit_of_quotient(const std::string& a, const std::string& b) {
+    if (a.empty() || b.empty()) return "";
+    const Dimension dimension = dimension_of(fmt::format("({})/({})", a, b));
+    return !dimension || dimension->empty() ? "" : to_text(dimension);
+}
+
+} // namespace
+
+void TermTarget::add(Equations& equations, Term term) const {
+    Term& own = is_output ? equations.outputs[place].value : equations.states[place].rate;
+    own = equations.graph->make(Op::add, own, term);
+}
+
+double rms_of_values(const std::vector<double>& values) {
+    double sum = 0;
+    for (const double v : values) sum += v * v;
+    return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(values.size(), 1)));
+}
+
+double quantile(std::vector<double> values, double p) {
+    const auto place = static_cast<std::ptrdiff_t>(p * static_cast<double>(values.size() - 1));
+    std::nth_element(values.begin(), values.begin() + place, values.end());
+    return values[static_cast<std::size_t>(place)];
+}
+
+TermLibrary::TermLibrary(const SystemModel& m, std::size_t n, const SystemFit& f, const std::vector<SystemVariable>& v,
+                         const std::vector<double>& e)
+    : model(m),
+      states(n),
+      fit(f),
+      variables(v),
+      errors(e) {
+    for (std::size_t r = 0; r < fit.records().size(); ++r) {
+        if (fit.used()[r] > 1) duration = std::max(duration, fit.records()[r].t[fit.used()[r] - 1]);
+    }
+    for (std::size_t i = 0; i < states; ++i) {
+        const auto& state = model.equations.states[i];
+        if (state.is_algebraic() || is_definition(state.rate)) continue;
+        const auto variable =
+            std::find_if(variables.begin(), variables.end(), [&](const auto& one) { return one.state == i; });
+        TermTarget target{.name = fmt::format("der({})", state.name),
+                          .unit = state.unit.empty() ? "" : fmt::format("({})/s", state.unit),
+                          .place = i,
+                          .scale = variable == variables.end() ? state.nominal / std::max(duration, 1e-12)
+                                                               : rate_scale(variable->values)};
+        for (std::size_t j = 0; j < states; ++j) {
+            if (model.equations.states[j].rate != state.symbol) continue;
+            target.position = model.equations.states[j].name;
+            target.velocity = state.name;
+        }
+        targets.push_back(std::move(target));
+    }
+    for (std::size_t o = 0; o < model.measured.size(); ++o) {
+        const auto& output = model.equations.outputs[model.measured[o]];
+        if (is_state(output.value)) continue; // a sensor's path, see add_paths()
+        TermTarget target{.name = "output " + output.name,
+                          .unit = output.unit,
+                          .is_output = true,
+                          .place = model.measured[o],
+                          .scale = fit.scale()[o]};
+        bool is_motion = false;
+        // Of an imposed motion: the input with a rate that is a length or an angle, where units say so, else the last one,
+        // as x among p and x.
+        for (const auto& input : variables) {
+            const bool has_rate = std::any_of(variables.begin(), variables.end(), [&](const auto& other) {
+                return other.name == rate_name_of(input.name);
+            });
+            if (!has_rate || is_motion) continue;
+            is_motion = input.unit == "m" || input.unit == "mm" || input.unit == "rad" || input.unit == "deg";
+            target.position = input.name;
+            target.velocity = rate_name_of(input.name);
+        }
+        targets.push_back(std::move(target));
+    }
+}
+
+bool TermLibrary::is_state(Term term) const {
+    return std::any_of(model.equations.states.begin(), model.equations.states.end(),
+                       [&](const auto& state) { return state.symbol == term; });
+}
+
+bool TermLibrary::is_definition(Term rate) const {
+    const Op op = (*model.equations.graph)[rate].op;
+    return op == Op::variable || op == Op::constant;
+}
+
+double TermLibrary::rate_scale(const std::vector<double>& values) const {
+    double sum = 0;
+    std::size_t count = 0, begin = 0;
+    for (std::size_t r = 0; r < fit.records().size(); ++r) {
+        const auto& t = fit.records()[r].t;
+        for (std::size_t k = 1; k < fit.used()[r]; ++k, ++count) {
+            const double rate = (values[begin + k] - values[begin + k - 1]) / (t[k] - t[k - 1]);
+            sum += rate * rate;
+        }
+        begin += fit.used()[r];
+    }
+    return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(count, 1)));
+}
+
+SystemTerm::Parameter TermLibrary::amplitude(const TermTarget& target, const std::string& name, double rms,
+                                             const std::string& unit) const {
+    const double probe = 0.01 * target.scale / std::max(rms, 1e-30);
+    return {.name = name, .start = probe, .scale = 1e2 * probe, .unit = unit_of_quotient(target.unit, unit)};
+}
+
+std::string rate_name_of(const std::string& input) { return input + "_rate"; }
+
+std::vector<SystemVariable> variables_of(const SystemModel& model, std::size_t states, const SystemFit& fit,
+                                         const std::vector<SystemTrace>& traces) {
+    std::vector<SystemVariable> found;
+    const auto add = [&](SystemVariable variable) {
+        const double n = static_cast<double>(std::max<std::size_t>(variable.values.size(), 1));
+        double sum = 0, squares = 0;
+        for (const double v : variable.values) {
+            sum += v;
+            squares += v * v;
+        }
+        const double spread = std::sqrt(std::max(squares / n - sum * sum / (n * n), 0.0));
+        if (!(spread > 1e-9 * std::sqrt(squares / n))) return; // it does not move
+        const auto [low, high] = std::minmax_element(variable.values.begin(), variable.values.end());
+        variable.low = *low;
+        variable.high = *high;
+        found.push_back(std::move(variable));
+    };
+    for (std::size_t i = 0; i < states; ++i) {
+        const auto& state = model.equations.states[i];
+        SystemVariable variable{.name = state.name, .unit = state.unit, .symbol = state.symbol, .state = i};
+        for (std::size_t r = 0; r < traces.size(); ++r) {
+            const auto& values = traces[r].states[i];
+            variable.values.insert(variable.values.end(), values.begin(),
+                                   values.begin() + static_cast<std::ptrdiff_t>(fit.used()[r]));
+        }
+        add(std::move(variable));
+    }
+    for (std::size_t i = 0; i < model.equations.inputs.size(); ++i) {
+        const auto& input = model.equations.inputs[i];
+        SystemVariable variable{.name = input.name, .unit = input.unit, .symbol = input.symbol};
+        for (std::size_t r = 0; r < traces.size(); ++r) {
+            const auto& given = fit.records()[r].inputs[i];
+            for (std::size_t k = 0; k < fit.used()[r]; ++k) {
+                variable.values.push_back(given.empty() ? input.value : given[k]);
+            }
+        }
+        add(std::move(variable));
+    }
+    return found;
+}
+
+std::vector<SystemTerm> system_terms(const SystemModel& model, std::size_t states, const SystemFit& fit,
+                                     const std::vector<SystemVariable>& variables, const std::vector<double>& errors) {
+    TermLibrary library(model, states, fit, variables, errors);
+    add_shapes(library);
+    add_periodic(library);
+    add_overflows(library);
+    add_paths(library);
+    return std::move(library.terms);
+}
+
+SystemModel extended(const SystemModel& model, const SystemTerm& term, const std::vector<double>& values,
+                     std::string* text) {
+    SystemModel more = model;
+    more.equations = deep_copy(model.equations);
+    auto& parameters = more.equations.parameters;
+    std::vector<Term> symbols;
+    const auto add = [&](const SystemTerm::Parameter& parameter, double value) {
+        std::string name = term.name + "_" + parameter.name;
+        const auto taken = [&](const std::string& one) {
+            return std::any_of(parameters.begin(), parameters.end(), [&](const auto& p) { return p.name == one; });
+        };
+        for (int n = 2; taken(name); ++n) name = fmt::format("{}{}_{}", term.name, n, parameter.name);
+        symbols.push_back(more.equations.graph->variable(name));
+        parameters.push_back({name, parameter.unit, value, symbols.back()});
+    };
+    for (std::size_t i = 0; i < term.parameters.size(); ++i) {
+        const auto& parameter = term.parameters[i];
+        more.parameters.push_back({parameters.size(), parameter.low, parameter.high, parameter.scale});
+        add(parameter, values[i]);
+    }
+    for (const auto& constant : term.constants) add(constant, constant.start);
+    const Term added = term.apply(more.equations, symbols);
+    if (text) *text = more.equations.graph->text(added);
+    return more;
+}
+
+std::vector<double> more_values(const SystemModel& model, const std::vector<double>& values,
+                                const std::vector<double>& own) {
+    std::vector<double> all = values;
+    all.insert(all.begin() + static_cast<std::ptrdiff_t>(model.parameters.size()), own.begin(), own.end());
+    return all;
+}
+
+} // namespace tribode

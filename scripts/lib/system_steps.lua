@@ -1,0 +1,61 @@
+-- Models of a measured system one after another: each is fitted to the records and simulated on others, beside
+-- published figures; then the diagnosis is asked what the first one lacks.
+
+local tb = require "tribode"
+
+local steps = {}
+
+-- common: options of tb.diagnose_system. models: a list of { name =, system =, published = { ident, validate } }.
+-- Returns rows of name, gap on the fitted and on the validation records, and the published ones.
+function steps.fit(common, models)
+  local rows = {}
+  for i, model in ipairs(models) do
+    local options = { system = model.system, max_effects = 0, folder = "step_" .. i }
+    for key, value in pairs(common) do options[key] = value end
+    local result = tb.diagnose_system(options)
+    local published = model.published or {}
+    local gap = result.gap
+    rows[i] = { model.name, gap.ident.before, published[1] or "", gap.validate.before, published[2] or "" }
+    print(string.format("%-50s fitted %.4g (%s)  validation %.4g (%s)", model.name, rows[i][2], tostring(rows[i][3]),
+      rows[i][4], tostring(rows[i][5])))
+  end
+  return rows
+end
+
+-- What the first model lacks, in a few lines.
+function steps.diagnose(common, system)
+  local options = { system = system, folder = "diagnosis" }
+  for key, value in pairs(common) do options[key] = value end
+  local result = tb.diagnose_system(options)
+  print(result.verdict)
+  for _, effect in ipairs(result.effects) do
+    print(string.format("  %s in %s, probability %.2f: %s", effect.name, effect.equation, effect.probability,
+      effect.expression))
+  end
+  print(string.format("  validation %.4g before, %.4g after, %.0f s", result.gap.validate.before,
+    result.gap.validate.after, result.seconds))
+  return result
+end
+
+-- A report of both. unit: of the gaps.
+function steps.report(title, unit, rows, result)
+  local list = {}
+  for _, effect in ipairs(result.effects) do
+    list[#list + 1] = string.format("%s in %s: %s", effect.name, effect.equation, effect.expression)
+  end
+  tb.write_json { file = "steps.json", value = { steps = rows, verdict = result.verdict, effects = list,
+    validate = result.gap.validate, seconds = result.seconds } }
+  tb.report { file = "report.html", title = title,
+    summary = string.format("The diagnosis of the first model says %s; on the validation records the gap decreases "
+      .. "from %.3g to %.3g %s.", result.verdict, result.gap.validate.before, result.gap.validate.after, unit),
+    sections = {
+      { title = "Models one after another", content = { { table = {
+        caption = "rms of measured minus simulated [" .. unit .. "], beside an independent fit",
+        columns = { { name = "model" }, { name = "fitted" }, { name = "published" }, { name = "validation" },
+          { name = "published" } }, rows = rows } } } },
+      { title = "What the diagnosis finds",
+        content = #list > 0 and list or { "Nothing that predicts better." } },
+    } }
+end
+
+return steps

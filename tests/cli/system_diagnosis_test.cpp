@@ -1,0 +1,223 @@
+#include "cli/program.hpp"
+#include "tribode/base/json.hpp"
+#include "unit/script/temporary_folder.hpp"
+
+#include <algorithm>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <gtest/gtest.h>
+
+namespace tribode::cli {
+namespace {
+
+// A vehicle on a track, driven by a voltage. What the model lacks is written here as Lua, and simulated by Tribode.
+class SystemDiagnosis : public ::testing::Test {
+  protected:
+    SystemDiagnosis() {
+        folder.write("model.lua", model("0"));
+        folder.write("script.lua", R"(
+            local tb = require "tribode"
+            local n, step = 300, 0.04
+            for k, name in ipairs { "ident", "valid" } do
+                local u = {}
+                for i = 1, n do
+                    local t = (i - 1) * step
+                    u[i] = math.sin(1.3 * t + k) + 0.6 * math.sin(3.1 * t * k) + 0.3 * math.sin(0.5 * t)
+                end
+                local run = tb.run_system { system = require "truth", duration_s = (n - 1) * step, output_step_s = step,
+                    inputs = { u = { sample_time_s = step, values = u } } }
+                local x = {}
+                for i = 1, n do x[i] = run.values.x[i] + 1e-3 * tb.standard_normal(7, k, i) end
+                tb.write_csv { file = name .. ".csv", columns = { { name = "t", unit = "s", values = run.t },
+                    { name = "u", values = u }, { name = "x", values = x } } }
+            end)");
+    }
+
+    static std::string model(const std::string& hidden, const std::string& more = "") {
+        return fmt::format(R"(
+            local tb = require "tribode"
+            return tb.system {{
+                parameters = {{ d = {{ value = 0.4, unit = "1/s" }}, g = {{ value = 2, unit = "m/s2/V" }},
+                    h = 0.5, p = {{ value = 3, unit = "s/m" }}, q = {{ value = 2, unit = "1/m" }} }},
+                inputs = {{ u = {{ unit = "V" }} }},
+                states = {{ x = {{ start = 0, unit = "m" }}, v = {{ start = 0, unit = "m/s" }} }},
+                der = function(s) return {{ x = s.v, v = s.g * s.u - s.d * s.v - s.h * ({}) }} end,
+                {} }})",
+                           hidden, more);
+    }
+
+    Ending program(const std::vector<std::string>& arguments) { return run(arguments, {.folder = folder.path()}); }
+
+    // Records ident.csv and valid.csv of the vehicle with this term, in a folder.
+    void measure(const std::string& hidden) {
+        folder.write("truth.lua", model(hidden));
+        const auto ending = program({"run", "script.lua", "-o", "records", "--quiet"});
+        ASSERT_EQ(ending.exit_code, 0) << ending.err;
+    }
+
+    // The answer must not depend on the clock. What the model does not use cannot be fitted.
+    const std::vector<std::string> usual = {"--free",        "d",      "--free",  "g",        "--free",
+                                            "x.start",       "--free", "v.start", "--budget", "1e6",
+                                            "--max-effects", "1",      "--quiet"};
+
+    Ending diagnose(const std::vector<std::string>& arguments) {
+        std::vector<std::string> all = {"diagnose"};
+        all.insert(all.end(), arguments.begin(), arguments.end());
+        return program(all);
+    }
+
+    Json diagnosis(const std::string& system, const std::string& out) {
+        std::vector<std::string> arguments = {"--system",          system, "--data", "records/ident.csv", "--validate",
+                                              "records/valid.csv", "-o",   out};
+        arguments.insert(arguments.end(), usual.begin(), usual.end());
+        const auto ending = diagnose(arguments);
+        EXPECT_EQ(ending.exit_code, 0) << ending.err;
+        return Json::parse(text_of(folder / (out + "/diagnosis.json")));
+    }
+
+    TemporaryFolder folder;
+};
+
+TEST_F(SystemDiagnosis, AHiddenDragIsFoundAndAddedToAFileThatRuns) {
+    measure("s.v * math.abs(s.v)");
+    const Json found = diagnosis("model.lua", "out");
+    ASSERT_EQ(found["verdict"], "effect_found");
+    ASSERT_EQ(found["effects"].size(), 1u);
+    const Json& effect = found["effects"][0];
+    EXPECT_EQ(effect["name"], "quadratic_drag");
+    EXPECT_EQ(effect["equation"], "der(v)");
+    const double error = effect["standard_errors"]["quadratic_drag_a"];
+    EXPECT_NEAR(effect["parameters"]["quadratic_drag_a"].get<double>(), -0.5, 3.5 * error);
+    EXPECT_LT(error, 0.02);
+    EXPECT_EQ(effect["units"]["quadratic_drag_a"], "1/m");
+    EXPECT_GT(effect["probability"], 0.8);
+    EXPECT_NEAR(found["free"]["d"]["value"].get<double>(), 0.4,
+                3.5 * found["free"]["d"]["standard_error"].get<double>());
+    // The floor is the noise that was added.
+    EXPECT_NEAR(found["gap"]["validate"]["floor"].get<double>(), 1e-3, 2e-4);
+    EXPECT_LT(found["gap"]["validate"]["after"], 1.2e-3);
+    EXPECT_GT(found["explained"], 0.99);
+    EXPECT_EQ(found["gap_unit"], "m");
+    // All that was tried is told, with a reason, but for the one that was taken.
+    EXPECT_GT(found["hypotheses"].size(), 5u);
+    EXPECT_EQ(std::count_if(found["hypotheses"].begin(), found["hypotheses"].end(),
+                            [](const Json& one) { return one["lost"].is_null(); }),
+              1);
+    const auto page = text_of(folder / "out/report.html");
+    for (const char* title : {"What is missing", "Where model and measurement disagree", "What was tried"}) {
+        EXPECT_NE(page.find(title), std::string::npos) << title;
+    }
+    EXPECT_TRUE(text_of(folder / "out/validate.csv").starts_with("t,x_measured,x_before,x_after\n"));
+
+    // The file runs, and lacks nothing.
+    const auto ending = program({"run", "out/system.lua", "-o", "ran", "--quiet"});
+    EXPECT_EQ(ending.exit_code, 0) << ending.err;
+    std::vector<std::string> again = {
+        "diagnose", "--system", "out/system.lua", "--data",  "records/ident.csv", "--validate", "records/valid.csv",
+        "--free",   "x.start",  "--free",         "v.start", "--max-effects",     "1",          "--budget",
+        "1e6",      "-o",       "again",          "--quiet"};
+    ASSERT_EQ(program(again).exit_code, 0);
+    const Json second = Json::parse(text_of(folder / "again/diagnosis.json"));
+    EXPECT_EQ(second["verdict"], "nothing_missing");
+    EXPECT_NEAR(second["gap"]["validate"]["before"].get<double>(), found["gap"]["validate"]["after"].get<double>(),
+                1e-5);
+}
+
+TEST_F(SystemDiagnosis, AModelThatLacksNothingIsLeftAlone) {
+    measure("0");
+    const Json found = diagnosis("model.lua", "out");
+    EXPECT_EQ(found["verdict"], "nothing_missing");
+    EXPECT_TRUE(found["effects"].empty());
+    EXPECT_NEAR(found["gap"]["validate"]["before"].get<double>(), 1e-3, 2e-4);
+}
+
+// No term of the library is this one, so none may be called the answer.
+TEST_F(SystemDiagnosis, AForceOfNoNameIsNoNamedEffect) {
+    measure("math.sin(s.p * s.v) * math.cos(s.q * s.x)");
+    const Json found = diagnosis("model.lua", "out");
+    EXPECT_TRUE(found["verdict"] == "unknown_effect" || found["verdict"] == "partial" ||
+                found["verdict"] == "undecided")
+        << found["verdict"];
+    EXPECT_GT(found["gap"]["validate"]["after"], 3 * found["gap"]["validate"]["floor"].get<double>());
+}
+
+TEST_F(SystemDiagnosis, TheSystemItselfSaysWhatIsFree) {
+    measure("0");
+    folder.write("free.lua", model("0", R"(free = { "g", "v.start" })"));
+    const auto ending = diagnose({"--system", "free.lua", "--data", "records/ident.csv", "--max-effects", "1",
+                                  "--budget", "1e6", "-o", "out", "--quiet"});
+    ASSERT_EQ(ending.exit_code, 0) << ending.err;
+    const Json found = Json::parse(text_of(folder / "out/diagnosis.json"));
+    EXPECT_EQ(found["free"].size(), 1u);
+    EXPECT_TRUE(found["free"].contains("g"));
+    // The validation record is the last third.
+    EXPECT_EQ(found["data"].size(), 1u);
+    folder.write("wrong.lua", model("0", R"(free = { "gg" })"));
+    expect_sentence(diagnose({"--system", "wrong.lua", "--data", "records/ident.csv", "-o", "none"}), 2,
+                    {"free[1]", "\"gg\"", "STATE.start"});
+}
+
+TEST_F(SystemDiagnosis, ColumnsOfOtherNamesAndUnits) {
+    measure("0");
+    auto text = text_of(folder / "records/ident.csv");
+    text.replace(0, text.find('\n'), "time_ms,voltage,place_mm");
+    folder.write("other.csv", text);
+    const auto ending =
+        diagnose({"--system",  "model.lua", "--data",        "other.csv", "--columns", "t=time_ms", "--input",
+                  "u=voltage", "--output",  "x=place_mm",    "--scale",   "x=1,t=1",   "--free",    "g",
+                  "--free",    "v.start",   "--max-effects", "1",         "--budget",  "1e6",       "-j",
+                  "1",         "-o",        "out",           "--quiet"});
+    ASSERT_EQ(ending.exit_code, 0) << ending.err;
+    EXPECT_EQ(Json::parse(text_of(folder / "out/diagnosis.json"))["verdict"], "nothing_missing");
+}
+
+TEST_F(SystemDiagnosis, ABudgetEndsTheSearchAndTheAnswerSaysSo) {
+    measure("s.v * math.abs(s.v)");
+    const auto ending =
+        diagnose({"--system", "model.lua", "--data", "records/ident.csv", "--budget", "0.001", "-o", "out", "--quiet"});
+    ASSERT_EQ(ending.exit_code, 0) << ending.err;
+    const Json found = Json::parse(text_of(folder / "out/diagnosis.json"));
+    EXPECT_EQ(found["out_of_time"], true);
+    EXPECT_EQ(found["verdict"], "unknown_effect");
+}
+
+TEST_F(SystemDiagnosis, WhatCannotBeIsOneSentence) {
+    measure("0");
+    const std::string record = "records/ident.csv";
+    folder.write("short.csv", "t,u,x\n0,1,2\n1,1,3\n");
+    folder.write("still.csv", [] {
+        std::string rows = "t,u,x\n";
+        for (int k = 0; k < 50; ++k) rows += fmt::format("{},1,2\n", k);
+        return rows;
+    }());
+    folder.write("no_time.csv", "u,x\n1,2\n");
+    folder.write("machine.lua", "return { Ts = 0.001 }");
+    for (const auto& [arguments, parts] : std::vector<std::pair<std::vector<std::string>, std::vector<std::string>>>{
+             {{"--data", record}, {"one of --machine and --system"}},
+             {{"--system", "model.lua", "--machine", "machine.lua", "--data", record},
+              {"one of --machine and --system"}},
+             {{"--system", "none.lua", "--data", record}, {"none.lua"}},
+             {{"--system", "machine.lua", "--data", record}, {"machine.lua", "must return a system"}},
+             {{"--system", "model.lua", "--data", "none.csv"}, {"none.csv"}},
+             {{"--system", "model.lua", "--data", "short.csv"}, {"short.csv", "2 samples", "20"}},
+             {{"--system", "model.lua", "--data", "still.csv"}, {"still.csv", "x does not move"}},
+             {{"--system", "model.lua", "--data", "no_time.csv"}, {"no_time.csv", "no column t", "--columns t="}},
+             {{"--system", "model.lua", "--data", record, "--input", "w=u"}, {"--input w", "not an input"}},
+             {{"--system", "model.lua", "--data", record, "--input", "u=voltage"}, {"voltage"}},
+             {{"--system", "model.lua", "--data", record, "--output", "z=x"}, {"--output z", "not an output"}},
+             {{"--system", "model.lua", "--data", record, "--output", "v"}, {"records/ident.csv", "v"}},
+             {{"--system", "model.lua", "--data", record, "--free", "dd"}, {"--free dd", "STATE.start"}},
+             {{"--system", "model.lua", "--data", record, "--scale", "z=2"}, {"--scale z"}},
+             {{"--system", "model.lua", "--data", record, "--budget", "-1"}, {"--budget"}},
+             {{"--machine", "machine.lua", "--data", record, "--free", "d"}, {"--free", "--system"}},
+         }) {
+        std::vector<std::string> all = arguments;
+        all.insert(all.end(), {"-o", "none", "--quiet"});
+        SCOPED_TRACE(fmt::format("{}", fmt::join(arguments, " ")));
+        expect_sentence(diagnose(all), 2, parts);
+    }
+    EXPECT_EQ(files_in(folder / "none"), std::vector<std::string>{});
+}
+
+} // namespace
+} // namespace tribode::cli

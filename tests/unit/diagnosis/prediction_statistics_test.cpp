@@ -1,0 +1,53 @@
+#include "tribode/base/random.hpp"
+#include "tribode/diagnosis/prediction_statistics.hpp"
+
+#include <cmath>
+#include <gtest/gtest.h>
+
+namespace tribode {
+namespace {
+
+std::vector<double> noise(std::uint64_t seed, std::size_t count, double size) {
+    std::vector<double> values;
+    for (std::size_t k = 0; k < count; ++k) values.push_back(size * standard_normal(seed, 0, k));
+    return values;
+}
+
+// Each value is the last one times `memory` and noise.
+std::vector<double> correlated(std::uint64_t seed, std::size_t count, double memory) {
+    auto values = noise(seed, count, std::sqrt(1 - memory * memory));
+    for (std::size_t k = 1; k < count; ++k) values[k] += memory * values[k - 1];
+    return values;
+}
+
+TEST(PredictionStatistics, NoiseIsSeenBesideWhatMovesSlowly) {
+    auto values = noise(1, 20000, 0.01);
+    EXPECT_NEAR(white_noise(values), 0.01, 3e-4);
+    for (std::size_t k = 0; k < values.size(); ++k) values[k] += 5 * std::sin(0.01 * static_cast<double>(k));
+    EXPECT_NEAR(white_noise(values), 0.01, 3e-4);
+    EXPECT_EQ(white_noise({1, 2, 3}), 0);
+}
+
+TEST(PredictionStatistics, CorrelationHasTheLengthOfItsMemory) {
+    EXPECT_NEAR(correlation_length(noise(2, 20000, 1)), 1, 0.1);
+    // Both ways: (1 + a)/(1 - a) of correlations a^k, less those below a twentieth.
+    EXPECT_NEAR(correlation_length(correlated(3, 200000, 0.9)), 19, 3);
+    EXPECT_EQ(correlation_length({1, 1, 1, 1, 1}), 1);
+}
+
+TEST(PredictionStatistics, AGainIsSureOnlyWhereItIsMoreThanChance) {
+    const auto first = correlated(4, 4000, 0.95), same = correlated(5, 4000, 0.95);
+    std::vector<double> smaller = first;
+    for (double& e : smaller) e *= 0.8;
+    EXPECT_GT(probability_of_gain(first, smaller), 0.99);
+    EXPECT_LT(probability_of_gain(smaller, first), 0.01);
+    const double chance = probability_of_gain(first, same);
+    EXPECT_GT(chance, 0.02);
+    EXPECT_LT(chance, 0.98);
+    EXPECT_EQ(probability_of_gain({}, {}), 0);
+    EXPECT_EQ(rms_of_errors({3, -4}), std::sqrt(12.5));
+    EXPECT_TRUE(std::isinf(rms_of_errors({})));
+}
+
+} // namespace
+} // namespace tribode

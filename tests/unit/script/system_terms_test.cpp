@@ -1,0 +1,183 @@
+#include "tribode/diagnosis/system_record.hpp"
+#include "tribode/diagnosis/system_terms.hpp"
+#include "tribode/script/system_file.hpp"
+#include "tribode/system/equations_lua.hpp"
+#include "unit/script/temporary_folder.hpp"
+
+#include <cmath>
+#include <gtest/gtest.h>
+#include <set>
+
+namespace tribode {
+namespace {
+
+Equations read_system(const TemporaryFolder& folder, const std::string& text) {
+    ScriptRequest request;
+    request.script = folder.write("system.lua", text);
+    request.folder = folder / "out";
+    ScriptRun run(request, {});
+    return system_of_file(run);
+}
+
+// A system and a record of it, and the terms that the library has for it.
+struct Case {
+    SystemModel model;
+    std::vector<SystemRecord> records;
+    std::vector<double> scale;
+    std::vector<SystemTerm> terms;
+
+    Case(const TemporaryFolder& folder, const std::string& text, const std::string& columns) {
+        std::string rows = columns + "\n";
+        for (int k = 0; k < 150; ++k) {
+            const double t = 0.02 * k;
+            rows += std::to_string(t) + "," + std::to_string(std::sin(3 * t)) + "," + std::to_string(std::cos(2 * t)) +
+                    "\n";
+        }
+        const auto file = folder.write("record.csv", rows);
+        model = system_model_of(read_system(folder, text), {}, {}, {file});
+        records.push_back(read_system_record(file, model, {}));
+        scale.assign(model.measured.size(), 1);
+        const auto trace = fit().simulate(model, model.values(1), 0, 150);
+        if (!trace) throw std::runtime_error("the system does not run");
+        const auto errors = fit().errors(model, model.values(1));
+        const std::size_t states = model.equations.states.size();
+        terms = system_terms(model, states, fit(), variables_of(model, states, fit(), {*trace}), errors);
+    }
+
+    SystemFit fit() const { return {records, scale, Interpolation::linear, {150}}; }
+    std::vector<std::vector<double>> outputs(const SystemModel& of, const std::vector<double>& values) const {
+        const auto trace = fit().simulate(of, values, 0, 150);
+        return trace ? trace->outputs : std::vector<std::vector<double>>{};
+    }
+};
+
+constexpr const char* vehicle = R"(
+    local tb = require "tribode"
+    return tb.system {
+        parameters = { d = { value = 0.4, unit = "1/s" }, g = { value = 20, unit = "m/s2/V" },
+            m = { value = 2, unit = "kg" } },
+        inputs = { u = { unit = "V" }, load = { value = 0.3, unit = "N" } },
+        states = { x = { start = 0, unit = "m" }, v = { start = -3, unit = "m/s" }, w = { start = 1, unit = "m/s" } },
+        der = function(s) return { x = s.v, v = s.g * s.u - s.d * s.v - s.load / s.m, w = s.d * (s.v - s.w) } end,
+        outputs = function(s) return { sum = { s.v + s.w, unit = "m/s" } } end,
+        free = { "d", "x.start" },
+    })";
+constexpr const char* seal = R"(
+    local tb = require "tribode"
+    return tb.system {
+        parameters = { area = { value = 0.5, unit = "m2" } },
+        inputs = { p = { unit = "Pa" }, x = { unit = "m" } },
+        outputs = function(s) return { F = { s.area * s.p, unit = "N" } } end,
+    })";
+
+// With the values at which it is screened each term does something, and nothing where it is neutral. Written as Lua, with all
+// units, and read again the system runs as before.
+void check_terms(const std::string& text, const std::string& columns, const std::set<std::string>& names) {
+    const TemporaryFolder folder;
+    const Case c(folder, text, columns);
+    std::set<std::string> found;
+    const auto before = c.outputs(c.model, c.model.values(1));
+    for (const auto& term : c.terms) {
+        SCOPED_TRACE(term.kind());
+        found.insert(term.name);
+        std::vector<double> values, neutral;
+        for (std::size_t i = 0; i < term.parameters.size(); ++i) {
+            values.push_back(term.parameters[i].start);
+            neutral.push_back(i < term.amplitudes ? term.neutral[i] : term.parameters[i].start);
+        }
+        const SystemModel with = extended(c.model, term, values);
+        const auto after = c.outputs(with, more_values(c.model, c.model.values(1), values));
+        const auto same = c.outputs(with, more_values(c.model, c.model.values(1), neutral));
+        ASSERT_EQ(after.size(), before.size());
+        ASSERT_EQ(same.size(), before.size());
+        const Equations again = read_system(folder, equations_lua(without_measured_states(with), "-- a test\n"));
+        SystemModel read = system_model_of(again, {}, {}, {folder / "record.csv"});
+        read.parameters.clear();
+        const auto written = c.outputs(read, read.values(1));
+        ASSERT_EQ(written.size(), after.size());
+        double moved = 0;
+        for (std::size_t o = 0; o < before.size(); ++o) {
+            for (std::size_t k = 0; k < before[o].size(); ++k) {
+                moved = std::max(moved, std::abs(after[o][k] - before[o][k]));
+                ASSERT_NEAR(written[o][k], after[o][k], 1e-5);
+                // A lag of nothing is a short one; clipping leaves alone what the record shows, and this model shows more.
+                if (term.name != "lag" && term.name != "clipping") {
+                    ASSERT_NEAR(same[o][k], before[o][k], 1e-5);
+                }
+            }
+        }
+        // Of a constant input every power is the same.
+        EXPECT_TRUE(moved > 1e-9 || term.kind() == "power_law in input load") << moved;
+    }
+    for (const auto& name : names) EXPECT_TRUE(found.contains(name)) << name;
+}
+
+TEST(SystemTerms, EachOfADrivenVehicleRunsAndCanBeWritten) {
+    check_terms(vehicle, "t,u,sum",
+                {"constant_force",
+                 "viscous_friction",
+                 "quadratic_drag",
+                 "coulomb_friction",
+                 "spring_force",
+                 "cubic_stiffness",
+                 "presliding_hysteresis",
+                 "force_ripple",
+                 "periodic_disturbance",
+                 "constant",
+                 "linear",
+                 "threshold",
+                 "product",
+                 "overflow",
+                 "dead_zone",
+                 "saturation",
+                 "offset",
+                 "gain",
+                 "power_law",
+                 "lag",
+                 "clipping"});
+}
+
+TEST(SystemTerms, EachOfAnImposedMotionRunsAndCanBeWritten) {
+    const TemporaryFolder folder;
+    std::string rows = "t,x,p,F\n";
+    for (int k = 0; k < 150; ++k) {
+        const double t = 0.02 * k;
+        rows += std::to_string(t) + "," + std::to_string(std::sin(3 * t)) + "," + std::to_string(2 + std::cos(2 * t)) +
+                "," + std::to_string(std::cos(2 * t)) + "\n";
+    }
+    const auto file = folder.write("record.csv", rows);
+    const SystemModel model = system_model_of(read_system(folder, seal), {}, {}, {file});
+    const std::vector<SystemRecord> records = {read_system_record(file, model, {})};
+    // The rate of x is that of the record.
+    for (std::size_t i = 0; i < model.equations.inputs.size(); ++i) {
+        if (model.equations.inputs[i].name != "x_rate") continue;
+        EXPECT_NEAR(records[0].inputs[i][50], 3 * std::cos(3.0), 1e-2);
+    }
+    const SystemFit fit(records, {1}, Interpolation::linear, {150});
+    const auto trace = fit.simulate(model, model.values(1), 0, 150);
+    ASSERT_TRUE(trace);
+    const auto errors = fit.errors(model, model.values(1));
+    std::set<std::string> found;
+    for (const auto& term : system_terms(model, 0, fit, variables_of(model, 0, fit, {*trace}), errors)) {
+        SCOPED_TRACE(term.kind());
+        found.insert(term.name);
+        std::vector<double> values;
+        for (const auto& parameter : term.parameters) values.push_back(parameter.start);
+        const SystemModel with = extended(model, term, values);
+        const auto after = fit.simulate(with, more_values(model, model.values(1), values), 0, 150);
+        ASSERT_TRUE(after);
+        const SystemModel read =
+            system_model_of(read_system(folder, equations_lua(with.equations, "")), {}, {}, {file});
+        const std::vector<SystemRecord> again = {read_system_record(file, read, {})};
+        const auto written = SystemFit(again, {1}, Interpolation::linear, {150}).simulate(read, read.values(1), 0, 150);
+        ASSERT_TRUE(written);
+        for (std::size_t k = 0; k < 150; ++k) ASSERT_NEAR(written->outputs[0][k], after->outputs[0][k], 1e-5);
+    }
+    for (const char* name : {"coulomb_friction", "viscous_friction", "spring_force", "presliding_hysteresis",
+                             "load_dependent_friction", "load_dependent_presliding"}) {
+        EXPECT_TRUE(found.contains(name)) << name;
+    }
+}
+
+} // namespace
+} // namespace tribode
