@@ -1,4 +1,5 @@
 #include "commands/command.hpp"
+#include "commands/command_line.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/script/lua_force.hpp"
@@ -118,7 +119,9 @@ int run_program(int argc, char** argv) {
         {"batch", "many independent points, that survive what may happen", batch_command()},
         {"export-fmu", "a model as a functional mock-up unit, for other programs", export_fmu_command()},
         {"effects", "what a machine may have besides its basic parts, and the parameters of each", effects_command()},
-        {"solvers", "the methods of integration", solvers_command()}};
+        {"solvers", "the methods of integration", solvers_command()},
+        {"repl", "Lua line by line, with the module tb at hand", repl_command()},
+        {"completion", "completion of these commands for a shell, or of Lua for an editor", completion_command()}};
     for (auto& entry : commands) {
         entry.app = app.add_subcommand(entry.name, entry.what);
         entry.command->add_to(*entry.app, common);
@@ -127,8 +130,14 @@ int run_program(int argc, char** argv) {
     auto* help = app.add_subcommand("help", "what a command does and its options");
     std::vector<std::string> about;
     help->add_option("command", about, "e.g. batch plan (default: all commands)");
+    bool manual = false;
+    help->add_flag("--man", manual, "all of it as a page for man");
     try {
         app.parse(argc, argv);
+        if (manual) {
+            fmt::print("{}", manual_page(command_line(app)));
+            return done;
+        }
         if (help->parsed()) return show_help(app, about);
     } catch (const CLI::Success& help_or_version) {
         return app.exit(help_or_version);

@@ -10,6 +10,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 namespace tribode {
 
@@ -60,6 +61,8 @@ std::map<std::string, std::string> defines_of(const std::vector<std::string>& de
     return values;
 }
 
+std::string choice_of(const std::vector<std::string>& words) { return fmt::format("{{{}}}", fmt::join(words, ",")); }
+
 void add_machine(CLI::App& app, std::string& machine) {
     app.add_option("--machine", machine, "machine description, .lua or .json")->required();
 }
@@ -90,7 +93,7 @@ void confine(const std::string& machine, const std::vector<std::string>& read, c
     KernelSandbox sandbox;
     sandbox.read.assign(read.begin(), read.end());
     if (!machine.empty()) {
-        const std::filesystem::path file = machine;
+        const std::filesystem::path file = ScriptRun::ready_file(machine);
         sandbox.read.insert(sandbox.read.end(), {file, file.has_parent_path() ? file.parent_path() : "."});
     }
     for (const auto& file : write) {

@@ -56,12 +56,17 @@ std::unique_ptr<Command> batch_command();
 std::unique_ptr<Command> export_fmu_command();
 std::unique_ptr<Command> effects_command();
 std::unique_ptr<Command> solvers_command();
+std::unique_ptr<Command> completion_command();
+std::unique_ptr<Command> repl_command();
 
 // ---- what several commands need ----------------------------------------------------------------------------------
 
 // -D name=value, each once or more: the last counts.
 void add_defines(CLI::App& app, std::vector<std::string>& defines, const char* help);
 std::map<std::string, std::string> defines_of(const std::vector<std::string>& defines);
+
+// How help shows an option that takes one of these words; completion offers them.
+std::string choice_of(const std::vector<std::string>& words);
 
 void add_machine(CLI::App& app, std::string& machine);
 MachineModel read_machine(const std::string& file, const Common& common);
@@ -81,9 +86,8 @@ struct MachineAndRecord {
 
     void add_to(CLI::App& app);
     MachineModel model(const Common& common) const { return read_machine(machine, common); }
-    DriveRecord record(const MachineModel& model) const {
-        return DriveRecord::from_file(input, columns.options(), model);
-    }
+    GivenRecord given() const { return {input, {}}; }
+    DriveRecord record(const MachineModel& model) const { return DriveRecord::of(given(), columns.options(), model); }
 };
 
 // For commands that read files of others and write one of their own. A machine may be a program that requires what lies

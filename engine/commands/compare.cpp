@@ -1,7 +1,6 @@
 #include "commands/command.hpp"
-#include "tribode/base/text.hpp"
+#include "commands/option_flags.hpp"
 #include "tribode/experiment/comparison.hpp"
-#include "tribode/record/output_file.hpp"
 
 #include <fmt/format.h>
 
@@ -13,12 +12,13 @@ struct CompareCommand final : Command {
     void add_to(CLI::App& app, Common& common) override {
         what.add_to(app);
         app.add_option("-o,--out", output, "folder of table and plots (default results/compare)");
-        app.add_option("--seed", options.seed, "seed of the noise (default 0)");
+        flags.add(app, options, {{"seed", "--seed", ""}});
         common.add_quiet(app);
         common.add_json(app);
     }
 
     int run(const Common& common) override {
+        flags.read(options);
         confine(what.machine, {what.input}, {output});
         const MachineModel model = what.model(common);
         const DriveRecord record = what.record(model);
@@ -28,14 +28,16 @@ struct CompareCommand final : Command {
         common.print(comparison.text() + "\n", comparison.json());
         folder.write_manifest({{"program", "tribode compare"},
                                {"machine", model.hash()},
-                               {"input", {{"file", what.input}, {"sha256", sha256(read_file(what.input))}}},
-                               {"seed", options.seed}});
+                               {"input", what.given().json()},
+                               {"seed", options.seed},
+                               {"options", options_json(options)}});
         return done;
     }
 
     MachineAndRecord what;
     std::string output = "results/compare";
     ComparisonOptions options;
+    OptionFlags flags;
 };
 
 } // namespace

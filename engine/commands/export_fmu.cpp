@@ -18,9 +18,8 @@ struct ExportFmuCommand final : Command {
                "cs: co-simulation, with the solver inside; me: model exchange, for systems without sample clocks "
                "(default cs)")
             ->check(CLI::IsMember({"cs", "me"}));
-        app.add_option(
-            "--solver", request.options.solver,
-            fmt::format("of co-simulation: {} (default auto)", fmt::join(SolverOptions::method_names(), ", ")));
+        app.add_option("--solver", request.options.solver, "of co-simulation, see tribode solvers (default auto)")
+            ->type_name(choice_of(SolverOptions::method_names()));
         app.add_option("-o,--out", request.output, "file to write, NAME.fmu")->required();
         app.add_flag("--quiet", common.quiet, "no message of what was written");
         common.add_json(app);

@@ -1,14 +1,11 @@
 #include "commands/command.hpp"
+#include "commands/option_flags.hpp"
 #include "tribode/base/error.hpp"
-#include "tribode/base/text.hpp"
 #include "tribode/record/csv.hpp"
 #include "tribode/record/output_file.hpp"
 #include "tribode/script/conversions.hpp"
 
-#include <cmath>
 #include <fmt/format.h>
-#include <fmt/ranges.h>
-#include <optional>
 
 namespace tribode {
 
@@ -21,13 +18,12 @@ struct SimulateCommand final : Command {
                        "file to write, .csv, .mat or .h5: t,r,u,y,x,v,f; - for CSV on standard output")
             ->required();
         app.add_option("--events", events, "CSV to write: t,element,kind; - for standard output");
-        app.add_option("--solver", solver,
-                       fmt::format("{} (default auto: exact where possible, else erk)",
-                                   fmt::join(SolverOptions::method_names(), ", ")));
-        app.add_option("--rtol", options.solver.relative_tolerance, "relative tolerance (default 1e-8)");
-        app.add_option("--atol", options.solver.absolute_tolerance, "absolute tolerance in metres (default 1e-12)");
-        app.add_option("--step", step, "step of the fixed-step solvers in seconds (default Ts/10)");
-        app.add_option("--seed", options.seed, "seed of the noise (default 0)");
+        flags.add(app, options,
+                  {{"solver", "--solver", "auto: exact where possible, else erk"},
+                   {"relative_tolerance", "--rtol", ""},
+                   {"absolute_tolerance_m", "--atol", ""},
+                   {"fixed_step_s", "--step", "Ts/10"},
+                   {"seed", "--seed", ""}});
         common.add_quiet(app);
         common.add_json(app);
     }
@@ -37,17 +33,10 @@ struct SimulateCommand final : Command {
         if (on_output > 1) {
             throw InputError("only one of -o -, --events - and --json can have the standard output");
         }
+        flags.read(options);
         confine(what.machine, {what.input}, events.empty() ? std::vector{output} : std::vector{output, events});
         const MachineModel model = what.model(common);
-        options.solver.method = method_named(solver);
-        options.solver.fixed_step = step.value_or(model.sample_time / 10);
-        for (const auto& [name, value] : {std::pair{"--rtol", options.solver.relative_tolerance},
-                                          {"--atol", options.solver.absolute_tolerance},
-                                          {"--step", options.solver.fixed_step}}) {
-            if (!(value > 0) || !std::isfinite(value)) {
-                throw InputError(fmt::format("{} {}: must be positive and finite", name, to_text(value)));
-            }
-        }
+        if (!flags.given("fixed_step_s")) options.solver.fixed_step = model.sample_time / 10;
         const Simulation result = simulate(model, what.record(model), options, common.control());
         if (!result.outcome.ok()) {
             // What was reached is kept, but not under the name of a whole result.
@@ -80,9 +69,8 @@ struct SimulateCommand final : Command {
 
     MachineAndRecord what;
     std::string output, events;
-    std::string solver = name_of(SolverOptions{}.method);
     SimulationOptions options;
-    std::optional<double> step; // none: Ts/10 [s]
+    OptionFlags flags;
 };
 
 } // namespace

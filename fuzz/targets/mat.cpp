@@ -1,6 +1,7 @@
 #include "tribode/record/mat.hpp"
 #include "target.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/record/mat4.hpp"
 #include "tribode/record/record_file.hpp"
 #include "tribode/record/zip.hpp"
 
@@ -22,7 +23,7 @@ void run_mat(std::string_view bytes) {
     } catch (const InputError&) {
     }
     try {
-        if (is_mat5(bytes)) record_from_bytes(bytes, "a.mat");
+        if (is_mat5(bytes) || is_mat4(bytes)) record_from_bytes(bytes, "a.mat");
     } catch (const InputError&) {
     }
 }

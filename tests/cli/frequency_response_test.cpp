@@ -235,7 +235,7 @@ TEST_F(FrequencyResponse, ARecordThatIsTooShortIsRefused) {
 }
 
 TEST_F(FrequencyResponse, AMethodThatIsUnknownIsRefused) {
-    expect_refused({}, {"\"fra3\" is not known"}, {"--methods", "fra3"});
+    expect_refused({}, {"--methods has \"fra3\", must have some of fra1"}, {"--methods", "fra3"});
 }
 
 } // namespace

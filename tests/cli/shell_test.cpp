@@ -2,6 +2,8 @@
 #include "tribode/base/json.hpp"
 #include "unit/script/temporary_folder.hpp"
 
+#include <csignal>
+#include <cstdlib>
 #include <gtest/gtest.h>
 
 namespace tribode::cli {
@@ -195,6 +197,114 @@ TEST_F(Shell, HelpOfACommandIsThatOfItsOption) {
     expect_sentence(tribode({"help", "simulat"}), 2, {"did you mean \"simulate\"?"});
     expect_sentence(tribode({"help", "batch", "plna"}), 2, {"\"plna\"", "of tribode batch", "did you mean \"plan\"?"});
     expect_sentence(tribode({"help", "simulate", "x"}), 2, {"simulate has no commands of its own"});
+}
+
+// What a shell makes of the text: the program itself is not asked.
+class Completion : public Shell {
+  protected:
+    // The words that the bash script offers for the last one.
+    std::string offered(const std::string& words) {
+        folder.write("tribode.bash", tribode({"completion", "bash"}).out);
+        folder.write("ask.bash", "source ./tribode.bash\nCOMP_WORDS=(" + words +
+                                     ")\nCOMP_CWORD=$((${#COMP_WORDS[@]} - 1))\n_tribode\n"
+                                     "echo \"${COMPREPLY[*]}\" > answer\n");
+        EXPECT_EQ(std::system(("cd '" + folder.path().string() + "' && bash --norc ask.bash").c_str()), 0);
+        std::string answer = text_of(folder / "answer");
+        answer.pop_back();
+        return answer;
+    }
+};
+
+TEST_F(Completion, BashKnowsCommandsOptionsAndChoices) {
+    EXPECT_EQ(offered("tribode sim"), "simulate");
+    EXPECT_EQ(offered("tribode batch p"), "plan");
+    EXPECT_EQ(offered("tribode batch plan --shard"), "--shards --shard-seconds");
+    EXPECT_EQ(offered("tribode simulate --solver ex"), "exact");
+    EXPECT_EQ(offered("tribode effects force_r"), "force_ripple");
+    EXPECT_EQ(offered("tribode help ba"), "batch");
+    EXPECT_EQ(offered("tribode completion z"), "zsh");
+    EXPECT_EQ(offered("tribode simulate --rtol ''"), "");
+    folder.write("my.lua", "");
+    EXPECT_EQ(offered("tribode run my"), "my.lua");
+    EXPECT_EQ(offered("tribode simulate --quiet --machine my"), "my.lua");
+}
+
+// Every option of every command is in each of the texts, which come from one list.
+TEST_F(Completion, EveryShellAndTheManualHaveEveryOption) {
+    const std::string zsh = tribode({"completion", "zsh"}).out, fish = tribode({"completion", "fish"}).out;
+    const std::string manual = tribode({"help", "--man"}).out;
+    EXPECT_TRUE(zsh.starts_with("#compdef tribode\n"));
+    for (const std::string option : {"machine", "max-running", "shard-seconds", "methods", "compile", "json"}) {
+        EXPECT_NE(zsh.find("*--" + option + "["), std::string::npos) << option;
+        EXPECT_NE(fish.find(" -l " + option + " "), std::string::npos) << option;
+        std::string troff = "\\-\\-" + option;
+        for (auto at = troff.find('-', 4); at != std::string::npos; at = troff.find('-', at + 2))
+            troff.insert(at, "\\");
+        EXPECT_NE(manual.find(troff), std::string::npos) << troff;
+    }
+    EXPECT_TRUE(manual.find(".TH TRIBODE 1") != std::string::npos &&
+                manual.find(".SH EXIT STATUS") != std::string::npos);
+    folder.write("c.zsh", zsh);
+    folder.write("c.fish", fish);
+    for (const std::string shell : {"zsh", "fish"}) {
+        const std::string in_folder = "cd '" + folder.path().string() + "' && ";
+        if (std::system(("command -v " + shell + " > /dev/null").c_str()) != 0) continue;
+        EXPECT_EQ(std::system((in_folder + shell + " -n c." + shell).c_str()), 0) << shell;
+    }
+    expect_sentence(tribode({"completion", "tcsh"}), 2, {"bash"});
+    expect_sentence(tribode({"completion"}), 2, {"shell"});
+}
+
+TEST_F(Completion, TheStubForEditorsHasEveryFunctionOfTheModule) {
+    folder.write("stub.lua", tribode({"completion", "lua"}).out);
+    folder.write("check.lua", "local tb, stub = require 'tribode', require 'stub'\n"
+                              "local function compare(real, copy, path)\n"
+                              "  for name, value in pairs(real) do\n"
+                              "    if type(value) == 'table' then compare(value, copy[name], path .. name .. '.')\n"
+                              "    elseif type(value) == 'function' and type(copy[name]) ~= 'function' then\n"
+                              "      error(path .. name .. ' is missing') end\n"
+                              "  end\n"
+                              "end\n"
+                              "compare(tb, stub, 'tb.')\ncompare(stub, tb, 'stub.')\nprint 'same'\n");
+    const auto ending = tribode({"run", "check.lua"});
+    EXPECT_EQ(ending.out, "same\n") << ending.err;
+    const std::string stub = text_of(folder / "stub.lua");
+    EXPECT_TRUE(stub.starts_with("---@meta tribode\n"));
+    EXPECT_NE(stub.find("---@field quick? any\n"), std::string::npos);
+    EXPECT_NE(stub.find("\nfunction tb.linspace(from, to, count, ...) end\n"), std::string::npos);
+    EXPECT_NE(stub.find("---@field solver? \"auto\"|\"exact\"|"), std::string::npos);
+    EXPECT_NE(stub.find("---@field relative_tolerance? number"), std::string::npos);
+}
+
+TEST_F(Shell, ADialogueReadsLinesFromAPipe) {
+    const auto ending = tribode({"repl", "-o", "out"}, "x = 41\nx + 1, 'text'\n{ 1, { a = 'b' }, n = 2 }\n"
+                                                       "for i = 1, 2 do\n  print(i)\nend\ntb.linspace(0, 1, 3)\nnil\n");
+    EXPECT_EQ(ending.exit_code, 0) << ending.err;
+    EXPECT_EQ(ending.out, "42\ttext\n{ 1, { a = \"b\" }, n = 2 }\n1\n2\n{ 0.0, 0.5, 1.0 }\nnil\n");
+    EXPECT_EQ(manifest("out").at("script").at("file"), "repl");
+    // A line that fails is not the end.
+    const auto failing = tribode({"repl"}, "x.y.z = 1\nx = = 2\nio.open('/etc/passwd')\nerror({})\n1 + 1\nfor\n");
+    EXPECT_EQ(failing.exit_code, 2);
+    EXPECT_EQ(failing.out, "2\n");
+    for (const char* part : {"repl:1: attempt to index", "near '='", "outside the run folder", "raised a table",
+                             "the last statement has no end"}) {
+        EXPECT_NE(failing.err.find(part), std::string::npos) << failing.err;
+    }
+    const auto endless =
+        tribode({"repl", "--max-instructions", "100000"}, "while true do end\n1 + 1\nwhile true do end\n2\n");
+    EXPECT_EQ(endless.out, "2\n2\n") << "each line has its own limit";
+    EXPECT_EQ(tribode({"repl"}, "").exit_code, 0);
+}
+
+TEST_F(Shell, AnInterruptEndsTheCallAndNotTheDialogue) {
+    Program dialogue({"repl"},
+                     {.folder = folder.path(), .input = "io.stderr:write('begins') while true do end\n1 + 1\n"});
+    ASSERT_TRUE(dialogue.wait_until([&] { return dialogue.err().find("begins") != std::string::npos; }));
+    dialogue.send(SIGINT);
+    const auto ending = dialogue.finish();
+    EXPECT_EQ(ending.err, "beginsrepl:1: interrupted\n");
+    EXPECT_EQ(ending.out, "2\n");
+    EXPECT_EQ(ending.signal, 0);
 }
 
 } // namespace

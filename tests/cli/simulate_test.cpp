@@ -451,7 +451,7 @@ TEST_F(Simulate, AnImplausibleMachineIsSimulatedWithAWarning) {
         "tribode: warning: plain.json: rigid_gain_per_kg = 12 m/(N s^2) is implausible, 1e-06 to 10 is usual; it is "
         "the inverse of the moving mass, not the mass\n"
         "tribode: warning: plain.json: encoder_resolution_m = 1 m is implausible, 1e-14 to 0.001 is usual; it is in "
-        "metres\n");
+        "meters\n");
     EXPECT_EQ(Sheet(folder / "out.csv").rows().size(), 3u);
     folder.write("script.lua", "local tb = require 'tribode'\nlocal o = tb.options { machine = '' }\n"
                                "tb.machine(o.machine)\ntb.machine(o.machine)\n");

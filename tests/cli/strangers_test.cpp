@@ -61,13 +61,12 @@ TEST_F(Strangers, AFunctionalMockUpUnitRunsOnlyWhereItIsNamed) {
                  "return tb.system { name = 'lag', inputs = { u = 1 }, states = { x = 0 },\n"
                  "  der = function(s) return { x = s.u - s.x } end, outputs = function(s) return { y = s.x } end }\n");
     ASSERT_EQ(tribode({"export-fmu", "lag.lua", "-o", "lag.fmu", "--quiet"}).exit_code, 0);
-    const std::string use =
-        "local lag = tb.fmu { file = 'lag.fmu', period_s = 0.1 }\n"
-        "local whole = tb.system { parts = { lag = lag }, states = { z = 0 },\n"
-        "  der = function(s) return { z = s.lag.y } end }\n"
-        "local run = tb.run_system { system = whole, duration_s = 1 }\n"
-        "print(string.format('%.9f', run.final['lag.y']))\n"
-        "print(select(2, pcall(tb.linearize, { system = whole })))\n";
+    const std::string use = "local lag = tb.fmu { file = 'lag.fmu', period_s = 0.1 }\n"
+                            "local whole = tb.system { parts = { lag = lag }, states = { z = 0 },\n"
+                            "  der = function(s) return { z = s.lag.y } end }\n"
+                            "local run = tb.run_system { system = whole, duration_s = 1 }\n"
+                            "print(string.format('%.9f', run.final['lag.y']))\n"
+                            "print(select(2, pcall(tb.linearize, { system = whole })))\n";
     const auto refused = script(use);
     EXPECT_EQ(refused.exit_code, 2);
     EXPECT_NE(refused.err.find("machine code, which runs only where it is named: tribode run --fmu lag.fmu"),

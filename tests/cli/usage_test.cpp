@@ -37,6 +37,20 @@ TEST_F(Usage, HelpOfSimulateNamesEveryOption) {
     }
 }
 
+// Limits, defaults and meanings are those of the options that Lua has, without the marks of Markdown.
+TEST_F(Usage, HelpOfFlagsIsThatOfTheOptions) {
+    std::string help = run({"fra", "--help"}, {.folder = folder.path()}).out;
+    for (const auto* text : {"--methods", "fra1", "--fit-min", "fit_min_hz", "0.01 of the sampling rate", "--periods",
+                             "--keep-transients", "whole, 0 to 20"}) {
+        EXPECT_NE(help.find(text), std::string::npos) << text << "\n" << help;
+    }
+    EXPECT_EQ(help.find('`'), std::string::npos);
+    expect_refused({"fra", "--machine", "m.lua", "--data", "d.csv", "--methods", "fra1,fra9"},
+                   {"--methods", "\"fra9\"", "improved"});
+    expect_refused({"fra", "--machine", "m.lua", "--data", "d.csv", "--fit", "21"}, {"--fit", "21", "0 to 20"});
+    expect_refused({"fra", "--machine", "m.lua", "--data", "d.csv", "--delay", "-1"}, {"--delay", "-1"});
+}
+
 TEST_F(Usage, TheVersionIsGivenForTheProgramAndEachCommand) {
     const auto version = run({"--version"}, {.folder = folder.path()});
     EXPECT_EQ(version.exit_code, 0);

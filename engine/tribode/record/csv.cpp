@@ -113,7 +113,7 @@ std::optional<CommaNumber> comma_number(std::string_view cell) {
     if (!value) return std::nullopt;
     std::string_view before = cell.substr(0, comma), behind = cell.substr(comma + 1);
     if (before.starts_with('-') || before.starts_with('+')) before.remove_prefix(1);
-    const bool thousands = behind.size() == 3 && before.size() >= 1 && before.size() <= 3 && before.front() != '0' &&
+    const bool thousands = behind.size() == 3 && !before.empty() && before.size() <= 3 && before.front() != '0' &&
                            behind.find_first_not_of("0123456789") == std::string_view::npos;
     return CommaNumber{*value, thousands};
 }

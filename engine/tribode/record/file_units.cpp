@@ -105,7 +105,7 @@ std::optional<FileUnit> file_unit(std::string_view text) {
     if (text.empty() || text.starts_with('/')) return std::nullopt;
     if (text == "-") return FileUnit{};
     const auto slash = text.find('/');
-    const auto above = product_of_units(text.substr(0, slash));
+    auto above = product_of_units(text.substr(0, slash));
     if (!above || slash == std::string_view::npos) return above;
     std::string_view rest = trim(text.substr(slash + 1));
     if (rest.starts_with('(') && rest.ends_with(')')) rest = rest.substr(1, rest.size() - 2);

@@ -18,7 +18,7 @@ namespace tribode {
 namespace {
 
 // First byte of what the child sends.
-enum Report : char { result = 'r', wrong_input = 'i' };
+enum Answer : char { result = 'r', wrong_input = 'i' };
 
 // Of the address space [bytes].
 std::size_t memory_in_use() {

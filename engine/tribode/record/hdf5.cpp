@@ -196,13 +196,14 @@ std::string read_text_attribute(hid_t object, const char* name) {
     if (H5Tis_variable_str(type) > 0) {
         char* text = nullptr;
         check(H5Aread(attribute, type, &text), "H5Aread");
-        const std::string unit = text ? text : "";
+        std::string unit = text ? text : "";
         check(H5Dvlen_reclaim(type, space, H5P_DEFAULT, &text), "H5Dvlen_reclaim");
         return unit;
     }
     std::string text(H5Tget_size(type) + 1, '\0');
     check(H5Aread(attribute, type, text.data()), "H5Aread");
-    return text.c_str(); // up to the first zero
+    text.resize(text.find('\0'));
+    return text;
 }
 
 Variable link_outside(std::string name) {

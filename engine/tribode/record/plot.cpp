@@ -127,7 +127,7 @@ Plot with_readable_units(Plot plot) {
     // The unit in brackets at the end of a label; empty where it is not one that takes prefixes.
     const auto unit_of = [&](std::string_view label) -> std::string_view {
         const auto open = label.rfind('[');
-        if (open == label.npos || !label.ends_with("]")) return {};
+        if (open == std::string_view::npos || !label.ends_with("]")) return {};
         const auto unit = label.substr(open + 1, label.size() - open - 2);
         return scaled_units.contains(unit) ? unit : std::string_view{};
     };
@@ -308,7 +308,7 @@ std::string curve(const std::string& block, const Panel& panel, const Series& se
     return fmt::format("${} with {} {} {}", block, segments ? "vectors nohead" : "lines", line, title);
 }
 
-// The cells with their colors, one to a line: centre, edges, value.
+// The cells with their colors, one to a line: center, edges, value.
 std::string datablock(const std::string& name, const ColorMap& map) {
     std::string text = "$" + name + " << EOD\n";
     const std::size_t columns = map.x_edges.size() - 1;

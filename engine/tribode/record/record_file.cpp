@@ -5,6 +5,7 @@
 #include "tribode/record/file_units.hpp"
 #include "tribode/record/hdf5.hpp"
 #include "tribode/record/mat.hpp"
+#include "tribode/record/mat4.hpp"
 #include "tribode/record/output_file.hpp"
 #include "tribode/record/zip.hpp"
 
@@ -120,10 +121,17 @@ Content content_of(std::string_view bytes, std::size_t packed, const std::string
         content.variables = mat_variables(bytes, max_unpacked_of(packed), source);
         return content;
     }
+    if (is_mat4(bytes)) {
+        std::vector<std::string> asked;
+        for (const auto& [ours, theirs] : options.columns) asked.push_back(theirs);
+        if (!asked.empty() || !wanted.empty()) asked.insert(asked.end(), wanted.begin(), wanted.end());
+        content.variables = mat4_variables(bytes, asked, max_unpacked_of(packed), source);
+        return content;
+    }
     constexpr std::size_t beginning = 4096;
     if (bytes.substr(0, beginning).find('\0') != std::string_view::npos) {
         throw InputError(fmt::format("{}: is not a record that can be read, must be CSV, MAT (version 5, made by save "
-                                     "-v7 or -v6, or 7.3), HDF5, or one of them packed by gzip",
+                                     "-v7 or -v6, 4 or 7.3), HDF5, or one of them packed by gzip",
                                      source));
     }
     read_text(content, bytes, source, options, wanted);
@@ -192,8 +200,10 @@ class Chooser {
                                  name.find("time") != std::string::npos;
             if (time == "NAME" && is_time) time = name;
         }
+        constexpr std::size_t readable = 20;
         fail(fmt::format("there is no column t{}; give the columns their names: --columns t={},u=NAME,y=NAME",
-                         suggestion("t", names), time));
+                         names.size() > readable ? fmt::format(" among {}", names.size()) : suggestion("t", names),
+                         time));
     }
 
     void take(const std::string& ours, const Variable& variable) {

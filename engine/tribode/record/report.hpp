@@ -10,7 +10,7 @@
 
 namespace tribode {
 
-// What a report is made of. All texts are plain: whatever stands in them is shown as it is.
+// What a report is made of. All texts are plain: they are shown as they are.
 
 struct Paragraph {
     std::string text;

@@ -45,7 +45,8 @@ fs::path path_inside(const fs::path& folder, std::string_view name) {
     if (*normal.begin() == "..") refuse("leads out of it");
 
     std::error_code problem;
-    const fs::path full = folder / normal, root = folder.empty() ? fs::path(".") : folder;
+    fs::path full = folder / normal;
+    const fs::path root = folder.empty() ? fs::path(".") : folder;
     const fs::path resolved = fs::weakly_canonical(root / normal, problem);
     // A link without a target is left as it is, and writing through it would make the target.
     const bool leads_out = problem || !lies_inside(resolved, fs::weakly_canonical(root)) ||

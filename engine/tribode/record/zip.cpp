@@ -142,35 +142,22 @@ std::string zip_archive(const std::vector<ZipEntry>& entries) {
         const std::string packed = deflated(bytes);
         const auto* data = reinterpret_cast<const Bytef*>(bytes.data());
         const std::uint64_t sum = crc32_z(0, data, bytes.size()), place = out.size();
-        append_little_endian(out, {{4, 0x04034b50},
-                                   {2, version},
-                                   {2, utf8_names},
-                                   {2, deflate_method},
-                                   {2, 0},
-                                   {2, first_date},
-                                   {4, sum},
-                                   {4, packed.size()},
-                                   {4, bytes.size()},
-                                   {2, name.size()},
-                                   {2, 0}});
-        out += name + packed;
-        append_little_endian(directory, {{4, 0x02014b50},
-                                         {2, made_on_unix},
-                                         {2, version},
-                                         {2, utf8_names},
-                                         {2, deflate_method},
-                                         {2, 0},
-                                         {2, first_date},
-                                         {4, sum},
-                                         {4, packed.size()},
-                                         {4, bytes.size()},
-                                         {2, name.size()},
-                                         {2, 0},
-                                         {2, 0},
-                                         {2, 0},
-                                         {2, 0},
-                                         {4, mode},
-                                         {4, place}});
+        std::string both; // what the headers of the entry and of the directory have in common
+        append_little_endian(both, {{2, version},
+                                    {2, utf8_names},
+                                    {2, deflate_method},
+                                    {2, 0},
+                                    {2, first_date},
+                                    {4, sum},
+                                    {4, packed.size()},
+                                    {4, bytes.size()},
+                                    {2, name.size()},
+                                    {2, 0}});
+        append_little_endian(out, {{4, 0x04034b50}});
+        out += both + name + packed;
+        append_little_endian(directory, {{4, 0x02014b50}, {2, made_on_unix}});
+        directory += both;
+        append_little_endian(directory, {{2, 0}, {2, 0}, {2, 0}, {4, mode}, {4, place}});
         directory += name;
     }
     const std::uint64_t begin = out.size(), count = entries.size();

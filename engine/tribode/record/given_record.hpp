@@ -1,0 +1,29 @@
+#pragma once
+#include "tribode/base/json.hpp"
+#include "tribode/record/record_file.hpp"
+#include "tribode/record/table.hpp"
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+// A record as the command line, Lua or Python gives it: a file, or the columns themselves.
+struct GivenRecord {
+    std::filesystem::path file; // empty: the table
+    Table table;                // its source begins messages
+
+    std::string name() const { return file.empty() ? table.source : file.string(); }
+
+    // Of a file the columns that read_record() finds. A table is complete, but for t, which then begins at 0.
+    Table read(const RecordOptions& options, const std::vector<std::string>& wanted, double sample_time) const;
+
+    // SHA-256 of the file, or of the names and values of the columns.
+    std::string hash() const;
+
+    // {"file", "sha256"}, for a manifest.
+    Json json() const { return {{"file", name()}, {"sha256", hash()}}; }
+};
+
+} // namespace tribode
