@@ -15,7 +15,7 @@
 -- held          friction    1 while dry friction holds the axis, else 0
 -- measured      encoder     [m]
 -- u             controller  thrust reference [N]; without a controller an input of the whole
--- fed_back      friction_feedback  the share of the modelled friction that the drive adds [N]; without it an input
+-- fed_back      friction_feedback  the share of the modeled friction that the drive adds [N]; without it an input
 -- r, exc        -           inputs of the whole: reference [m], excitation [N]
 local tb = require "tribode"
 local amplifier = require "servo.amplifier"
@@ -113,7 +113,7 @@ local function settings_of(machine, options)
 end
 
 -- The parts of a machine: plant, friction, amplifier, encoder; forces and controller where it has them.
--- options: seed of the noise (default 0), friction_feedback (the share that the drive adds of the modelled friction,
+-- options: seed of the noise (default 0), friction_feedback (the share that the drive adds of the modeled friction,
 -- default 0: then there is no such part). Errors: a fitted start, a band-limited input with a delay, an unknown option.
 function servo.parts(machine, options)
   options = options or {}
@@ -140,9 +140,9 @@ function servo.parts(machine, options)
   end
   if share > 0 then
     if not machine.controller then error("servo.parts: friction_feedback needs a controller, which adds it", 0) end
-    local modelled = machine.friction or {}
+    local modeled = machine.friction or {}
     parts.friction_feedback = friction_feedback {
-      share = share, period = m.period, viscous = modelled.viscous or 0, elements = modelled.elements or {},
+      share = share, period = m.period, viscous = modeled.viscous or 0, elements = modeled.elements or {},
     }
   end
   return parts

@@ -26,7 +26,6 @@
 #include <cmath>
 #include <complex>
 #include <fmt/format.h>
-#include <mutex>
 #include <nanobind/stl/complex.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
@@ -46,12 +45,6 @@ using Self = nb::pointer_and_handle<Type>;
 Json options_of(nb::handle options, const char* function) {
     Json json = to_json(options, function);
     return json.is_null() ? Json::object() : json;
-}
-
-// HDF5 as Debian builds it is for one thread at a time.
-std::mutex& file_mutex() {
-    static std::mutex mutex;
-    return mutex;
 }
 
 // ---- errors ------------------------------------------------------------------------------------------------------
@@ -250,18 +243,16 @@ SimulationResult run_simulation(const MachineModel& machine, std::optional<Signa
     SimulationOptions run_options;
     read_options(run_options, fields);
     fields.finish();
-    Table table;
+    GivenRecord given;
+    given.table.source = function;
     const auto add = [&](const char* name, const std::optional<Signal>& signal) {
-        if (signal) table.add(name, "", finite_numbers(*signal, function, name));
+        if (signal) given.table.add(name, "", finite_numbers(*signal, function, name));
     };
     add("u", u);
     add("r", r);
     add("exc", exc);
     add("y", y);
-    std::vector<double> t(table.rows());
-    for (std::size_t k = 0; k < t.size(); ++k) t[k] = static_cast<double>(k) * machine.sample_time;
-    table.add("t", "s", std::move(t));
-    const DriveRecord record = DriveRecord::from_table(table, machine, function);
+    const DriveRecord record = DriveRecord::of(given, {}, machine);
     EngineCall call(progress, 1);
     return call.run([&](const RunControl& control) {
         const auto start = std::chrono::steady_clock::now();
@@ -407,40 +398,31 @@ FrequencyResponse(frequency_hz, value): arrays of equal length; frequencies asce
         });
 }
 
-struct Sweep {
-    SweepResult result;
-    bool improved, add_on;
-};
-
 void add_sweep(nb::module_& m) {
-    nb::class_<Sweep>(m, "Sweep", "A sine sweep of a machine in closed loop.")
+    nb::class_<SweepResult>(m, "Sweep", "A sine sweep of a machine in closed loop.")
         .def_prop_ro(
             "responses",
-            [](const Sweep& self) {
+            [](const SweepResult& self) {
                 nb::dict responses;
-                for (std::size_t a = 0; a < analysis_count; ++a) {
-                    responses[nb::cast(analysis_names[a])] = self.result.response(a);
-                }
-                if (self.improved) responses["Improved"] = self.result.improved();
-                if (self.add_on) responses["Add-on"] = self.result.add_on();
+                for (auto& [name, response] : self.responses()) responses[nb::cast(name)] = std::move(response);
                 return responses;
             },
             "The FrequencyResponse of each analysis by its name: FRA-1 (thrust to position), FRA-2 (with friction "
             "compensation), Proposed (friction model-based)")
         .def_prop_ro(
-            "loop_gain", [](const Sweep& self) { return self.result.loop_gain(); },
+            "loop_gain", [](const SweepResult& self) { return self.loop_gain(); },
             "Loop gain of the closed loop, opened at u")
         .def_prop_ro(
-            "table", [](const Sweep& self) { return self.result.table(); },
+            "table", [](const SweepResult& self) { return self.table(); },
             "One row a frequency, with coherence, distortion and settling time")
         .def_prop_ro(
-            "warnings", [](const Sweep& self) { return self.result.warnings(); },
+            "warnings", [](const SweepResult& self) { return self.warnings(); },
             "Frequencies that failed or did not settle")
         .def_prop_ro(
-            "statistics", [](const Sweep& self) { return to_dict(statistics_of(self.result.statistics())); },
+            "statistics", [](const SweepResult& self) { return to_dict(statistics_of(self.statistics())); },
             "Counts of steps, evaluations and events")
-        .def("__repr__", [](const Sweep& self) {
-            return fmt::format("<tribode.Sweep: {} frequencies>", self.result.points.size());
+        .def("__repr__", [](const SweepResult& self) {
+            return fmt::format("<tribode.Sweep: {} frequencies>", self.points.size());
         });
     m.def(
         "sweep",
@@ -458,7 +440,7 @@ void add_sweep(nb::module_& m) {
                 throw EndedEarly(fmt::format("interrupted after {} of {} frequencies", result.points.size(),
                                              options.frequency_hz.size()));
             }
-            return Sweep{std::move(result), options.improved, options.friction_feedback > 0};
+            return result;
         },
         "machine"_a, "options"_a, "workers"_a, "checkpoint"_a, "progress"_a.none());
     m.def(
@@ -506,17 +488,8 @@ Table read_record_file(nb::handle path, nb::handle columns, nb::handle scale) {
     const std::string file = to_path(path);
     const RecordOptions options = record_options(columns, scale, "tribode.read_record");
     EngineCall call(nb::none(), 1);
-    return call.run([&](const RunControl&) {
-        const std::lock_guard lock(file_mutex());
-        return read_record(file, options).table;
-    });
+    return call.run([&](const RunControl&) { return read_record(file, options).table; });
 }
-
-// A record to diagnose: a file, or columns.
-struct GivenRecord {
-    std::string file;
-    Table table; // where there is no file
-};
 
 GivenRecord given_record(nb::handle data, const std::string& where) {
     if (is_path(data)) return {to_path(data), {}};
@@ -525,17 +498,8 @@ GivenRecord given_record(nb::handle data, const std::string& where) {
 
 Measurement measurement_of(const GivenRecord& record, const MachineModel& machine, const RecordOptions& options,
                            std::vector<std::string>& hashes) {
-    const std::lock_guard lock(file_mutex());
-    if (!record.file.empty()) {
-        hashes.push_back(sha256(read_file(record.file)));
-        return read_measurement(record.file, machine, options);
-    }
-    std::string bytes;
-    for (const auto& column : record.table.columns) {
-        bytes += column.name;
-        bytes.append(reinterpret_cast<const char*>(column.values.data()), column.values.size() * sizeof(double));
-    }
-    hashes.push_back(sha256(bytes));
+    hashes.push_back(record.hash());
+    if (!record.file.empty()) return read_measurement(record.file, machine, options);
     return measurement_from_table(record.table, machine, record.table.source);
 }
 
@@ -628,32 +592,22 @@ nb::dict analysis_of(const MeasuredAnalysis& analysis) {
 nb::dict run_fra(const MachineModel& machine, const nb::list& data, nb::handle columns, nb::handle scale,
                  nb::handle options_given, const std::string& folder, nb::handle progress) {
     constexpr const char* function = "tribode.fra";
-    const RecordOptions names = record_options(columns, scale, function);
+    FraRequest request;
+    request.machine = machine;
+    request.columns = record_options(columns, scale, function);
     const Json json = options_of(options_given, function);
     FieldReader fields(json, function);
-    MeasuredFraOptions options;
-    options.methods = fields.texts("methods", options.methods);
-    options.delay = fields.optional_number("delay_s", "s", Allowed::non_negative);
-    options.delay_order = static_cast<int>(fields.integer("delay_order", 1, 10, options.delay_order));
-    options.sine.harmonics = static_cast<int>(fields.integer("harmonics", 1, 50, options.sine.harmonics));
-    options.sine.periods = fields.integer("periods", 0, 1'000'000, options.sine.periods);
-    if (fields.has("modes")) options.modes = static_cast<int>(fields.integer("modes", 0, 20, 2));
-    options.fit_min_hz = fields.optional_number("fit_min_hz", "Hz", Allowed::positive);
-    options.fit_max_hz = fields.optional_number("fit_max_hz", "Hz", Allowed::positive);
+    read_options(request.options, fields);
     fields.finish();
-    options.check();
-    std::vector<GivenRecord> given;
-    for (const nb::handle record : data) given.push_back(given_record(record, fmt::format("data[{}]", given.size())));
-    if (given.empty()) throw InputError(fmt::format("{}: data is empty, must have a measured record", function));
+    for (const nb::handle record : data) {
+        request.records.push_back(given_record(record, fmt::format("data[{}]", request.records.size())));
+    }
+    if (request.records.empty()) {
+        throw InputError(fmt::format("{}: data is empty, must have a measured record", function));
+    }
     EngineCall call(progress, 1);
     const MeasuredFra fra = call.run([&](const RunControl& control) {
-        std::vector<Table> records;
-        for (auto& record : given) {
-            const std::lock_guard lock(file_mutex());
-            records.push_back(record.file.empty() ? record.table
-                                                  : read_record(record.file, names, fra_columns()).table);
-        }
-        MeasuredFra result = measure_fra(machine, records, options);
+        MeasuredFra result = measure_fra(request);
         if (!folder.empty()) {
             RunFolder files(folder);
             write_measured_fra(result, files, control);
@@ -682,11 +636,7 @@ void add_files(nb::module_& m) {
         [](nb::handle path) {
             const std::string folder = to_path(path);
             EngineCall call(nb::none(), 1);
-            return to_dict(call.run([&](const RunControl&) {
-                const std::lock_guard lock(file_mutex());
-                return merged_batch(folder);
-            }),
-                           Lists::arrays);
+            return to_dict(call.run([&](const RunControl&) { return merged_batch(folder); }), Lists::arrays);
         },
         "path"_a);
 }
@@ -766,6 +716,7 @@ void add_options(nb::module_& m) {
         options["simulate"] = rows_of<SimulationOptions>();
         options["sweep"] = rows_of<SweepOptions>();
         options["fit_modal"] = rows_of<ModalFitOptions>();
+        options["fra"] = rows_of<MeasuredFraOptions>();
         options["diagnose"] = rows_of<DiagnosisOptions>();
         options["run"] = rows_of<SystemRunOptions>();
         return options;

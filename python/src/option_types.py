@@ -51,7 +51,7 @@ lines = [
     "",
 ]
 tables = _tribode.options()
-for function in ("simulate", "sweep", "fit_modal", "diagnose", "run"):
+for function in ("simulate", "sweep", "fit_modal", "fra", "diagnose", "run"):
     title = "".join(part.title() for part in function.split("_"))
     lines.append(f"class {title}Options(TypedDict, total=False):")
     fields = list(FURTHER.get(function, []))

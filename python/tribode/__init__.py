@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from typing_extensions import Unpack
 
-    from ._options import DiagnoseOptions, FitModalOptions, RunOptions, SimulateOptions, SweepOptions
+    from ._options import DiagnoseOptions, FitModalOptions, FraOptions, RunOptions, SimulateOptions, SweepOptions
 
     FilePath = Union[str, os.PathLike[str]]
     MachineLike = Union[Machine, FilePath, Mapping[str, Any]]
@@ -228,7 +228,6 @@ def sweep(
 def fit_modal(response: FrequencyResponse, **options: Unpack[FitModalOptions]) -> dict[str, Any]:
     """Fits a rigid body and vibration modes to a FrequencyResponse.
 
-    Options: f_min_hz and f_max_hz (the band, default 20 to 200 Hz), modes (default 2), robust_scale.
     Returns a dict: k0, k1, f1_hz, zeta1, k2, ... in SI units,
     standard_errors with the same keys, residual_rms, converged, message.
     """
@@ -289,13 +288,12 @@ def fra(
     scale: Mapping[str, float] | None = None,
     folder: FilePath | None = None,
     progress: Progress = False,
-    **options: Any,
+    **options: Unpack[FraOptions],
 ) -> dict[str, Any]:
     """Measures frequency responses from records, as `tribode fra` does (docs/measured-frequency-response.md).
 
     data: the path of a record, a mapping from names to arrays (t, u, y and, in closed loop, r or exc), or a list of
-    them. folder: where report, plots and files go; by default nothing is written. Options: methods (of fra1, fra2,
-    proposed, improved, bla), delay_s, delay_order, harmonics, periods, modes, fit_min_hz, fit_max_hz.
+    them. folder: where report, plots and files go; by default nothing is written.
 
     Returns a dict: analyses, by their names a dict of arrays (frequency_hz, value, std_gain_db, std_phase_deg,
     coherence, ...) and the FrequencyResponse; fits, the contents of fit.json; records and notes, sentences; delay_s.
@@ -325,7 +323,7 @@ def diagnose(
 
     data, validate: the path of a record, or a mapping from names to arrays (t, u, y and, in closed loop, r); data may
     be a list of them. Without validate, the last third of the first record is kept for validation. folder: where
-    report, plots and files go (needs gnuplot); by default nothing is written. Options: max_effects.
+    report, plots and files go (needs gnuplot); by default nothing is written.
 
     Returns the contents of diagnosis.json (docs/diagnosis.md) and: machine, the Machine with the effects; records and
     validation, for each record a dict of arrays t, u_measured, y_measured, u_before, y_before, u_after, y_after, and

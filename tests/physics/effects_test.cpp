@@ -42,7 +42,7 @@ std::vector<double> by_hand(const std::vector<double>& u, const std::function<do
     return position;
 }
 
-// Steps of 5 us leave errors far below the tolerance of erk over 0.5 s and some millimetres.
+// Steps of 5 us leave errors far below the tolerance of erk over 0.5 s and some millimeters.
 constexpr double hand_bound = 1e-12;
 
 TEST(Effects, smooth_forces_move_a_mass_as_a_small_program_says) {

@@ -7,7 +7,7 @@ local sweep = tb.sweep { machine = machine, frequency_hz = { 20, 40 }, friction_
 assert(#sweep.responses["Add-on"].real == 2 and #sweep.loop_gain.real == 2)
 assert(tb.sweep { machine = machine, frequency_hz = { 20 } }.responses["Add-on"] == nil)
 
--- A push makes the modelled friction act: with it fed back the table goes farther.
+-- A push makes the modeled friction act: with it fed back the table goes farther.
 local push = {}
 for k = 1, 200 do push[k] = k <= 40 and 12 or 0 end
 local function farthest(share)

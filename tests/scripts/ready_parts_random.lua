@@ -1,4 +1,4 @@
--- Random rows of masses with springs, dry friction on the ground and between neighbours, impacts on one another and on
+-- Random rows of masses with springs, dry friction on the ground and between neighbors, impacts on one another and on
 -- a wall: `exact` and the solvers with tolerances move them alike, and nothing goes through anything.
 --
 --   tribode run tests/scripts/ready_parts_random.lua [-D seed=7] [-D count=100]

@@ -16,7 +16,7 @@ std::string read(const std::filesystem::path& file);
 std::vector<std::filesystem::path> files_below(const std::filesystem::path& folder,
                                                const std::set<std::string>& extensions);
 
-// README.md and its neighbours, and every page below docs/ and tests/.
+// README.md and its neighbors, and every page below docs/ and tests/.
 std::vector<std::filesystem::path> pages();
 
 } // namespace tribode::structure

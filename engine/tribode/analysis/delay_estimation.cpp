@@ -11,7 +11,7 @@ namespace tribode {
 
 namespace {
 
-constexpr double turn = 2 * std::numbers::pi;
+using std::numbers::pi;
 
 void check(const FrequencyResponse& fra1, const FrequencyResponse& fra2) {
     if (fra1.frequency_hz != fra2.frequency_hz) {
@@ -24,8 +24,8 @@ double delay_at(double frequency_hz, std::complex<double> thrust, std::complex<d
     const double excess = std::norm(thrust) - std::norm(friction);
     if (!(excess > 0)) return std::numeric_limits<double>::quiet_NaN();
     const double s = friction.real() + std::sqrt(friction.real() * friction.real() + excess);
-    const std::complex<double> aligned = (friction - s) / thrust * std::polar(1.0, turn * frequency_hz * expected);
-    return expected - std::arg(aligned) / (turn * frequency_hz);
+    const std::complex<double> aligned = (friction - s) / thrust * std::polar(1.0, 2 * pi * frequency_hz * expected);
+    return expected - std::arg(aligned) / (2 * pi * frequency_hz);
 }
 
 double median(std::vector<double> values) {
@@ -42,7 +42,7 @@ FrequencyResponse proposed_response(const FrequencyResponse& fra1, const Frequen
     FrequencyResponse response{fra1.frequency_hz, {}};
     for (std::size_t i = 0; i < fra1.size(); ++i) {
         const std::complex<double> thrust = 1.0 / fra1.value[i], friction = thrust - 1.0 / fra2.value[i];
-        response.value.push_back(1.0 / (thrust * std::polar(1.0, -turn * fra1.frequency_hz[i] * delay) - friction));
+        response.value.push_back(1.0 / (thrust * std::polar(1.0, -2 * pi * fra1.frequency_hz[i] * delay) - friction));
     }
     return response;
 }

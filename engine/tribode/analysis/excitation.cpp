@@ -19,9 +19,6 @@ namespace {
 
 using std::numbers::pi;
 
-// exp(j 2 pi cycles), whole turns taken off before the multiplication.
-std::complex<double> turned(double cycles) { return std::polar(1.0, 2 * pi * (cycles - std::floor(cycles))); }
-
 double rms_about(std::span<const double> x, std::size_t first, const FreeSine& sine, double sample_time) {
     double sum = 0;
     for (std::size_t i = 0; i < x.size(); ++i) {

@@ -11,11 +11,10 @@ namespace tribode {
 
 namespace {
 
-constexpr double turn = 2 * std::numbers::pi;
 constexpr double degrees = 180 / std::numbers::pi;
 
-// The value shifted by whole turns of 360 into (centre - 180, centre + 180].
-double near(double phase_deg, double centre) { return phase_deg - 360 * std::ceil((phase_deg - centre) / 360 - 0.5); }
+// The value shifted by whole turns of 360 into (center - 180, center + 180].
+double near(double phase_deg, double center) { return phase_deg - 360 * std::ceil((phase_deg - center) / 360 - 0.5); }
 
 // Value at x0 of the least-squares line through the points.
 double line_at(double x0, const std::vector<double>& x, const std::vector<double>& y) {
@@ -67,7 +66,8 @@ std::complex<double> FrequencyResponse::at(double frequency) const {
 
 FrequencyResponse FrequencyResponse::remove_delay(double seconds) const {
     FrequencyResponse without = *this;
-    for (std::size_t i = 0; i < size(); ++i) without.value[i] *= std::polar(1.0, turn * frequency_hz[i] * seconds);
+    for (std::size_t i = 0; i < size(); ++i)
+        without.value[i] *= std::polar(1.0, 2 * std::numbers::pi * frequency_hz[i] * seconds);
     return without;
 }
 

@@ -15,10 +15,9 @@ struct FrequencyResponse {
 
     std::vector<double> gain_db() const; // 20 log10 of the magnitude
 
-    // Unwrapped: the first phase lies within 180 deg of `first_near`, (-360, 0] by default, which holds a
-    // free mass
-    // (-180) as well as one that friction holds like a spring (near 0); from there each step is taken the
-    // shorter way. A step of a resonance is always shorter than 180 deg without delay; where the grid is so
+    // Unwrapped [deg]: the first phase lies within 180 deg of `first_near`, (-360, 0] by default, which holds a
+    // free mass (-180) as well as one that friction holds like a spring (near 0); from there each step is taken
+    // the shorter way. A step of a resonance is always shorter than 180 deg without delay; where the grid is so
     // coarse that the delay adds the rest, remove the delay first.
     std::vector<double> phase_deg(double first_near = -180) const;
 

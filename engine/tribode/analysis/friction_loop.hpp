@@ -10,7 +10,7 @@
 
 namespace tribode {
 
-// The loop of a servo system whose modelled friction is fed back (docs/friction-compensation.md), made linear at one
+// The loop of a servo system whose modeled friction is fed back (docs/friction-compensation.md), made linear at one
 // amplitude a of a sinusoidal motion: rolling friction is its describing function N(a), a spring of stiffness sum K_i at
 // a = 0. With the thrust u opened, C the controller, G(a) the sampled response of plant and friction together, p the share
 // that is fed back, and N_h(a) the friction model with the velocity (1 - z^-1)/Ts,

@@ -1,4 +1,5 @@
 #include "tribode/analysis/measured_response.hpp"
+#include "tribode/analysis/spectrum.hpp"
 #include "tribode/base/error.hpp"
 
 #include <Eigen/Dense>
@@ -24,8 +25,6 @@ using Spectrum = std::vector<Complex>;
 constexpr double most_variance = 0.1; // of a value: above, gain and phase are known to 2 dB and 13 deg only
 
 const char* const too_uncertain = "noise, distortion or a transient are too large: a standard deviation above 2 dB";
-
-Complex turned(double cycles) { return std::polar(1.0, 2 * pi * (cycles - std::floor(cycles))); }
 
 // Phasor of a sum over the samples. Time counts from the first one: a transient that begins there is smooth over frequency, and
 // with any other origin it would turn from line to line.
@@ -327,7 +326,7 @@ std::optional<SineWindow> best_window(const MeasuredSignals& signals, const Sine
         const auto input = signals.inputs.front();
         const Precision p = window->precision(input, window->fit(input));
         const double bias =
-            std::hypot(left_over(p, options.remove_transients),
+            std::hypot(left_over(p, !options.keep_transients),
                        slow.left(static_cast<double>(window->window().count) / static_cast<double>(segment.count)));
         tried.push_back({p.variance + bias * bias, std::move(window)});
     }
@@ -368,12 +367,12 @@ Observation observe(const MeasuredSignals& signals, const SineSegment& segment, 
         const SineFit fit = window->fit(input);
         o.input_harmonics.push_back(fit.harmonics);
         const Precision p = window->precision(input, fit);
-        const bool removed = options.remove_transients && stands_out(p);
+        const bool removed = !options.keep_transients && stands_out(p);
         o.inputs.push_back(removed ? fit.fundamental() / (1.0 - p.transient) : fit.fundamental());
         o.variance.push_back(p.variance + (removed ? p.transient_variance : 0.0));
         o.transient.push_back(std::abs(p.transient));
         o.bias.push_back(
-            std::hypot(left_over(p, options.remove_transients), SlowTransient(signals, input, segment).left(share)));
+            std::hypot(left_over(p, !options.keep_transients), SlowTransient(signals, input, segment).left(share)));
     }
     try {
         o.coherence =

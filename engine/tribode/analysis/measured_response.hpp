@@ -65,10 +65,10 @@ struct Observation {
 };
 
 struct SineOptions {
-    int harmonics = 5;             // fitted, for the distortion
-    long periods = 0;              // the last ones of each segment; 0: as many as have settled
-    bool remove_transients = true; // see below
-    double tolerance = 2e-3;       // relative, of what may be left of a transient in a point that is called settled
+    int harmonics = 5;            // fitted, for the distortion
+    long periods = 0;             // the last ones of each segment; 0: as many as have settled
+    bool keep_transients = false; // do not remove them, see below
+    double tolerance = 2e-3;      // relative, of what may be left of a transient in a point that is called settled
 };
 
 // One observation per segment, over whole periods at its end.

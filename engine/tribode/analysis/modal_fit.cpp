@@ -220,9 +220,9 @@ std::vector<std::complex<double>> responses(const std::vector<Point>& points, co
     return values;
 }
 
-double squared_log_ratio(std::complex<double> measured, std::complex<double> modelled) {
+double squared_log_ratio(std::complex<double> measured, std::complex<double> modeled) {
     // As norm(log(ratio)), which takes great care near abs(ratio) = 1, where nothing depends on it here.
-    const auto ratio = measured / modelled;
+    const auto ratio = measured / modeled;
     const double gain = 0.5 * std::log(std::norm(ratio)), phase = std::arg(ratio);
     return gain * gain + phase * phase;
 }
@@ -270,7 +270,7 @@ std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& 
     const ModalModel base_model = to_model(fit.logarithms);
     const std::vector<std::complex<double>> base = responses(points, base_model);
     double gain = base_model.rigid_gain;
-    for (const ModalModel::Mode& mode : base_model.modes) gain += mode.gain;
+    for (const VibrationMode& mode : base_model.modes) gain += mode.gain;
 
     struct Candidate {
         double cost, omega, zeta, share;
@@ -319,8 +319,8 @@ std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& 
 // do not move. For normal errors the median is sigma sqrt(2 ln 2).
 double robust_deviation(const std::vector<Point>& points, const ModalModel& model) {
     std::vector<double> squares;
-    const std::vector<std::complex<double>> modelled = responses(points, model);
-    for (std::size_t i = 0; i < points.size(); ++i) squares.push_back(squared_log_ratio(points[i].value, modelled[i]));
+    const std::vector<std::complex<double>> modeled = responses(points, model);
+    for (std::size_t i = 0; i < points.size(); ++i) squares.push_back(squared_log_ratio(points[i].value, modeled[i]));
     const auto middle = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
     std::ranges::nth_element(squares, middle);
     return std::sqrt(*middle / (2 * std::numbers::ln2));
@@ -422,7 +422,7 @@ Fit search(const std::vector<Point>& points, int modes, int& iterations) {
     return fit;
 }
 
-// The fit repeated with the scale read from its own residuals, until that stands still.
+// The fit repeated with the scale read from its own residuals, until that no longer changes.
 Fit refine_with_scale(const std::vector<Point>& points, Fit fit, double& scale, int& iterations) {
     constexpr int max_iterations = 200, max_rounds = 20;
     const bool from_data = scale == 0;
@@ -463,9 +463,9 @@ ModalModel parameter_errors(const ModalModel& model, const std::vector<double>& 
 }
 
 double residual_rms(const std::vector<Point>& points, const ModalModel& model) {
-    const std::vector<std::complex<double>> modelled = responses(points, model);
+    const std::vector<std::complex<double>> modeled = responses(points, model);
     double sum = 0;
-    for (std::size_t i = 0; i < points.size(); ++i) sum += squared_log_ratio(points[i].value, modelled[i]);
+    for (std::size_t i = 0; i < points.size(); ++i) sum += squared_log_ratio(points[i].value, modeled[i]);
     return std::sqrt(sum / static_cast<double>(points.size()));
 }
 
@@ -479,7 +479,7 @@ std::string advice(const ModalFitResult& result, const std::vector<double>& erro
             return "modal fit: the data between " + to_text(options.f_min_hz) + " and " + to_text(options.f_max_hz) +
                    " Hz do not determine all parameters of " + std::to_string(options.modes) +
                    " modes; try fewer modes";
-    for (const ModalModel::Mode& mode : result.model.modes)
+    for (const VibrationMode& mode : result.model.modes)
         if (mode.freq_hz < options.f_min_hz || mode.freq_hz > options.f_max_hz)
             return "modal fit: a mode was put at " + to_text(mode.freq_hz) + " Hz, outside the band of " +
                    to_text(options.f_min_hz) + " to " + to_text(options.f_max_hz) +

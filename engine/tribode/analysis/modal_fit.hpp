@@ -48,7 +48,7 @@ struct ModalFitResult {
 // each mode already there split in two, are refined with all parameters free, and the one of least cost
 // stays. Frequencies keep within a factor of two of the band, dampings between 1e-6 and 5, gains between 1e-6
 // and 1e3 of the total; the standard error of a parameter at such a bound is infinite. Last, the scale of the
-// robust loss is read from the residuals and the fit repeated until the scale stands still.
+// robust loss is read from the residuals and the fit repeated until the scale no longer changes.
 //
 // Standard errors: covariance of the M-estimator [Huber 1981, section 7.6], (J^T J)^-1 times the mean square
 // of the influence over the square of its mean slope; with plain least squares the usual residual variance.

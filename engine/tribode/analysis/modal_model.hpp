@@ -1,4 +1,6 @@
 #pragma once
+#include "tribode/plant/vibration_mode.hpp"
+
 #include <complex>
 #include <vector>
 
@@ -11,14 +13,8 @@ namespace tribode {
 // Far above all modes P(s) -> (k0 + sum_j k_j)/s^2; with all gains positive and little damping there is one
 // anti-resonance below each mode.
 struct ModalModel {
-    struct Mode {
-        double gain = 0;    // k_j [m/(N s^2)]
-        double freq_hz = 0; // f_j [Hz]
-        double zeta = 0;    // damping ratio [-]
-    };
-
     double rigid_gain = 0; // k0 [m/(N s^2)], the inverse of the mass
-    std::vector<Mode> modes;
+    std::vector<VibrationMode> modes;
 
     // P(j 2 pi f) [m/N]; infinite at f = 0 where there is a rigid gain.
     std::complex<double> response(double frequency_hz) const;

@@ -14,7 +14,7 @@ namespace tribode {
 
 namespace {
 
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
 
 // Rows in which the result and all factors are finite.
 std::vector<std::size_t> whole_rows(const FactorColumns& factors, std::span<const double> values) {
@@ -92,7 +92,7 @@ SobolIndices sobol_indices(std::span<const double> values, std::size_t factors, 
     }
     const auto indices = [&](const Eigen::VectorXd& sums) -> Eigen::VectorXd {
         const double mean = sums[0] / (2 * n), variance = sums[1] / (2 * n) - mean * mean;
-        return sums.tail(static_cast<Eigen::Index>(2 * d)) / n / (variance > 0 ? variance : nan);
+        return sums.tail(static_cast<Eigen::Index>(2 * d)) / n / (variance > 0 ? variance : unknown);
     };
     const Eigen::VectorXd sums = share.rowwise().sum();
     const Eigen::VectorXd best = indices(sums);
@@ -113,7 +113,7 @@ SobolIndices sobol_indices(std::span<const double> values, std::size_t factors, 
     for (std::size_t i = 0; i < 2 * d; ++i) {
         const auto at = static_cast<Eigen::Index>(i);
         const double error =
-            replicates > 1 ? std::sqrt((squares[at] - total[at] * total[at] / count) / (count - 1)) : nan;
+            replicates > 1 ? std::sqrt((squares[at] - total[at] * total[at] / count) / (count - 1)) : unknown;
         (i < d ? result.first : result.total).push_back(best[at]);
         (i < d ? result.first_error : result.total_error).push_back(error);
     }
@@ -135,9 +135,9 @@ StandardizedRegression standardized_regression(const FactorColumns& factors, std
     };
     StandardizedRegression result;
     result.rows = rows.size();
-    result.coefficients.assign(factors.size(), nan);
-    result.standard_errors.assign(factors.size(), nan);
-    result.r_squared = nan;
+    result.coefficients.assign(factors.size(), unknown);
+    result.standard_errors.assign(factors.size(), unknown);
+    result.r_squared = unknown;
 
     Eigen::VectorXd y = column_of(values);
     std::vector<std::size_t> varied;

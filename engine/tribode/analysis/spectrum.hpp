@@ -1,9 +1,17 @@
 #pragma once
+#include <cmath>
+#include <complex>
 #include <cstddef>
+#include <numbers>
 #include <optional>
 #include <vector>
 
 namespace tribode {
+
+// exp(j 2 pi cycles), whole turns taken off before the multiplication.
+inline std::complex<double> turned(double cycles) {
+    return std::polar(1.0, 2 * std::numbers::pi * (cycles - std::floor(cycles)));
+}
 
 // Amplitude spectrum of a piece of a signal: mean removed, Hann window w,
 //

@@ -162,7 +162,7 @@ class Problem {
     Eigen::VectorXd low_, high_;
 };
 
-double median(std::vector<double> values) {
+double upper_median(std::vector<double> values) {
     const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
     std::nth_element(values.begin(), middle, values.end());
     return *middle;
@@ -246,7 +246,7 @@ WeightedFit fit_weighted(const std::vector<MeasuredPoint>& points, const Weighte
     start.modes = options.modes;
     const ModalModel first = fit_modal_model(response.remove_delay(options.delay.value_or(0)), start).model;
 
-    const double usual = known.empty() ? 0 : median(known);
+    const double usual = known.empty() ? 0 : upper_median(known);
     std::vector<Datum> data;
     for (std::size_t i = 0; i < response.size(); ++i) {
         // Below rounding no variance is true.

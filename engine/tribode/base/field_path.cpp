@@ -15,7 +15,7 @@ std::vector<PathStep> path_steps(const std::string& path, const std::string& whe
         const std::size_t end = std::min(path.find('.', start), path.size());
         std::string_view text = std::string_view(path).substr(start, end - start);
         PathStep step;
-        if (const auto bracket = text.find('['); bracket != text.npos) {
+        if (const auto bracket = text.find('['); bracket != std::string_view::npos) {
             const std::string_view index = text.substr(bracket + 1);
             if (index == "*]") {
                 step.every = true;

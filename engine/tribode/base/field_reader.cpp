@@ -37,7 +37,7 @@ std::string refusal(double x, std::string_view unit, Allowed allowed) {
     return fmt::format("= {}{}{}, {}", to_text(x), unit.empty() ? "" : " ", unit, requirement(allowed));
 }
 
-// A value as it stands in a message: short, never a whole table.
+// A value as it is shown in a message: short, never a whole table.
 std::string shown(const Json& value) {
     if (value.is_object()) return "a table";
     if (value.is_array()) return "a list";
@@ -156,7 +156,7 @@ std::string FieldReader::text(std::string_view key, std::string_view fallback) {
 
 std::string FieldReader::choice(std::string_view key, const std::vector<std::string>& names, std::string_view fallback,
                                 Alias alias) {
-    const std::string name = text(key, fallback);
+    std::string name = text(key, fallback);
     if (!alias.name.empty() && name == alias.name) return std::string(alias.means);
     if (std::find(names.begin(), names.end(), name) == names.end()) {
         fail(key, fmt::format("= \"{}\", must be one of {}", name, name_list(names, alias)));

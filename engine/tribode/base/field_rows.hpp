@@ -17,6 +17,7 @@ struct FieldRow {
     std::string values;   // what is allowed: "> 0", "text", "one of ..."
     std::string fallback; // "required", "none" or the default
     About about;
+    std::vector<std::string> words = {}; // where only these are allowed, or lists of them
 };
 
 // Makes a row for each field, those of structs in lists, absent tables and all kinds of a variant too.
@@ -71,6 +72,7 @@ class FieldLister {
             if (name == about.alias.means) quoted.back() += fmt::format(" (also `\"{}\"`)", about.alias.name);
         }
         add(key, "", fmt::format("{}", fmt::join(quoted, ", ")), fmt::format("`\"{}\"`", value), about);
+        rows.back().words = names;
     }
     template <class Enum>
     requires std::is_enum_v<Enum>
@@ -81,6 +83,7 @@ class FieldLister {
                  const About& about = {}) {
         add(key, "", fmt::format("list of `\"{}\"`", fmt::join(names, "\"`, `\"")),
             fmt::format("{{ \"{}\" }}", fmt::join(values, "\", \"")), about);
+        rows.back().words = names;
     }
     void numbers(std::string_view key, const std::vector<double>& values, std::string_view unit, Allowed allowed,
                  std::size_t, const About& about = {}) {

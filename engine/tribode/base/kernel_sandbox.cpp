@@ -105,7 +105,7 @@ fs::path in_home(const char* variable, const char* beside_home) {
         const char* value = std::getenv(name);
         return value && *value == '/' ? fs::path(value) : fs::path();
     };
-    if (const fs::path own = set(variable); !own.empty()) return own;
+    if (fs::path own = set(variable); !own.empty()) return own;
     const fs::path home = set("HOME");
     return home.empty() ? fs::path() : home / beside_home;
 }

@@ -9,7 +9,8 @@ namespace tribode {
 
 namespace {
 
-const std::vector<std::string> kind_names = {"uniform", "log_uniform", "normal", "lognormal", "triangular", "choice"};
+const std::vector<std::string> distribution_names = {"uniform",   "log_uniform", "normal",
+                                                     "lognormal", "triangular",  "choice"};
 
 // The quantile of the standard normal distribution between two bounds. The side with the smaller tail is counted from
 // its own end: far out, 1 - p has no digits left.
@@ -28,8 +29,9 @@ double truncated_quantile(double p, double low, double high) {
 Distribution Distribution::read(FieldReader& fields, std::size_t choices) {
     constexpr double infinity = std::numeric_limits<double>::infinity();
     Distribution result;
-    const std::string name = fields.choice("distribution", kind_names, choices > 0 ? "choice" : "uniform");
-    result.kind_ = static_cast<Kind>(std::find(kind_names.begin(), kind_names.end(), name) - kind_names.begin());
+    const std::string name = fields.choice("distribution", distribution_names, choices > 0 ? "choice" : "uniform");
+    result.kind_ = static_cast<Kind>(std::find(distribution_names.begin(), distribution_names.end(), name) -
+                                     distribution_names.begin());
 
     const bool logarithmic = result.kind_ == Kind::log_uniform || result.kind_ == Kind::lognormal;
     const Allowed allowed = logarithmic ? Allowed::positive : Allowed::finite;

@@ -13,8 +13,8 @@ namespace tribode {
 
 namespace {
 
-const std::vector<std::string> kind_names = {"grid",  "list",     "monte_carlo",  "latin_hypercube",
-                                             "sobol", "saltelli", "one_at_a_time"};
+const std::vector<std::string> design_names = {"grid",  "list",     "monte_carlo",  "latin_hypercube",
+                                               "sobol", "saltelli", "one_at_a_time"};
 const std::vector<std::string> scramble_names = {"none", "shift", "owen"};
 
 constexpr long max_points = 1L << 53; // an index is then exact as a number of Lua and of a table
@@ -83,8 +83,8 @@ void Design::read_points(FieldReader& fields) {
 Design Design::from_description(const Json& description, const std::string& where) {
     FieldReader fields(description, where);
     Design design;
-    const std::string kind = fields.choice("design", kind_names, "");
-    design.kind_ = static_cast<Kind>(std::find(kind_names.begin(), kind_names.end(), kind) - kind_names.begin());
+    const std::string kind = fields.choice("design", design_names, "");
+    design.kind_ = static_cast<Kind>(std::find(design_names.begin(), design_names.end(), kind) - design_names.begin());
     const bool random = design.kind_ == Kind::monte_carlo || design.kind_ == Kind::latin_hypercube ||
                         design.kind_ == Kind::sobol || design.kind_ == Kind::saltelli;
     design.description_ = {{"design", kind}};

@@ -197,7 +197,7 @@ std::string submit(const fs::path& folder, const SlurmArray& array) {
     // The last line, since a site may print a greeting; with a cluster's name: 123;cluster.
     const auto text = trim(result.text);
     const auto line = text.substr(text.rfind('\n') + 1);
-    const std::string job(line.substr(0, line.find(';')));
+    std::string job(line.substr(0, line.find(';')));
     jobs[job] = array.offset;
     std::string list;
     for (const auto& [number, offset] : jobs) list += fmt::format("{} {}\n", number, offset);

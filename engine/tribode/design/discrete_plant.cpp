@@ -19,7 +19,7 @@ DiscretePlant::Section rigid_section(double gain, double ts) { return {gain * ts
 //     b1 = k/w^2 (1 - e^-a (C + a S)),  b2 = k/w^2 e^-a (e^-a - C + a S),  a1 = -2 e^-a C,  a2 = e^-2a
 //
 // 1 - e^-a C is split into (1 - e^-a) + e^-a (1 - C), which keeps its digits for slow modes.
-DiscretePlant::Section mode_section(const ModalModel::Mode& mode, double ts) {
+DiscretePlant::Section mode_section(const VibrationMode& mode, double ts) {
     const double w = 2 * pi * mode.freq_hz, a = mode.zeta * w * ts;
     const double q = (1 - mode.zeta * mode.zeta) * w * ts * w * ts, root = std::sqrt(std::abs(q));
     const double half = q >= 0 ? std::sin(root / 2) : std::sinh(root / 2);

@@ -18,7 +18,7 @@ struct Impulse {
     double share; // of the whole
 };
 
-std::vector<Impulse> shaper(const ModalModel::Mode& mode, int derivatives) {
+std::vector<Impulse> shaper(const VibrationMode& mode, int derivatives) {
     if (!(mode.zeta < 1)) {
         throw InputError(fmt::format("input shaping: the mode at {} Hz has zeta = {}, must be below 1",
                                      to_text(mode.freq_hz), to_text(mode.zeta)));

@@ -10,7 +10,7 @@ namespace tribode {
 // What the driven point of a machine went through in a record, and the force that the model lacks there, by the paper's
 // effective thrust read backwards:
 //
-//     d = P^-1 y + f(y, v) - Fm        P: rigid body and modes; f: the modelled friction; Fm: the delayed, lagged thrust
+//     d = P^-1 y + f(y, v) - Fm        P: rigid body and modes; f: the modeled friction; Fm: the delayed, lagged thrust
 //
 // All signals are low-passed alike, without phase (below `bandwidth`), so that encoder rounding does not fool the second
 // derivative. The same is done to a simulated record and taken off: what hold, sampling and filter leave is in both.
@@ -26,7 +26,7 @@ struct ResidualForce {
     Signal thrust;                  // Fm [N]
     Signal thrust_rate;             // Fm' [N/s]
     Signal reference_thrust;        // u [N], not filtered
-    Signal friction;                // modelled [N]
+    Signal friction;                // modeled [N]
     Signal force;                   // d, measured less simulated [N]: what pushes the machine and not the model
 };
 
@@ -55,7 +55,7 @@ struct Clues {
 
     double typical_force() const;                        // [N]
     double max_force() const { return 20 * max_thrust; } // that no plausible machine comes near [N]
-    bool has_friction() const;                           // modelled friction that can vary
+    bool has_friction() const;                           // modeled friction that can vary
     // A start, but no nearer to zero than what the first differences see.
     static double at_least(double least, double value);
     double noticeable(double start) const { return at_least(0.02 * typical_force(), start); }

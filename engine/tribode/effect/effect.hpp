@@ -37,7 +37,7 @@ struct EffectParameter {
 enum class DrawnAgainst { position, velocity, time, thrust, distance_since_reversal, frequency };
 std::string_view name_of(DrawnAgainst axis);
 
-// A kind of effect: something a servo axis may have. All that is known of it stands in one file of effect/kinds/, as a
+// A kind of effect: something a servo axis may have. All that is known of it is in one file of effect/kinds/, as a
 // constant of the file's name; the list of them is made from the names of the files.
 struct EffectKind {
     std::string name;

@@ -420,10 +420,8 @@ Plot differences(const Comparison& c) {
         for (std::size_t k = 0; k < m.trace.x.size(); ++k) {
             difference.push_back(std::abs(m.trace.x[k] - c.exact.trace.x[k]));
         }
-        return Series{.name = m.name,
-                      .x = {ms.begin(), ms.begin() + static_cast<std::ptrdiff_t>(difference.size())},
-                      .y = std::move(difference),
-                      .width = 1};
+        const auto end = ms.begin() + static_cast<std::ptrdiff_t>(difference.size());
+        return Series{.name = m.name, .x = {ms.begin(), end}, .y = std::move(difference), .width = 1};
     };
     const std::string label = "Difference to " + c.exact.name + " [m]";
     Panel fixed{.x_label = "", .y_label = label, .y_log = true};
@@ -448,7 +446,7 @@ Plot hysteresis(const Comparison& c) {
     Panel whole{.x_label = "Position [um]", .y_label = "Friction [N]"};
     Panel close{.x_label = "Position [um]", .y_label = "Friction [N]"};
     const std::size_t begin = reversals.size() >= 3 ? reversals[reversals.size() - 3] : 0;
-    const std::size_t centre = reversals.size() >= 2 ? reversals[reversals.size() - 2] : v.size() / 2;
+    const std::size_t center = reversals.size() >= 2 ? reversals[reversals.size() - 2] : v.size() / 2;
     const auto cut = [&](const MethodResult& m, std::size_t from, std::size_t to, double width, const char* color) {
         Series series{.name = m.name, .style = SeriesStyle::line_points, .color = color, .width = width};
         for (std::size_t k = from; k < std::min(to, m.trace.x.size()); ++k) {
@@ -461,7 +459,7 @@ Plot hysteresis(const Comparison& c) {
     const auto add = [&](const MethodResult& m, double width, const char* color) {
         whole.series.push_back(cut(m, begin, v.size(), width, color));
         whole.series.back().style = SeriesStyle::line;
-        close.series.push_back(cut(m, centre - std::min(centre, reach), centre + reach, width, color));
+        close.series.push_back(cut(m, center - std::min(center, reach), center + reach, width, color));
     };
     add(c.exact, 2.5, "#000000");
     for (const auto* m : shown(c)) add(*m, 1.4, "");

@@ -76,7 +76,7 @@ class SinglePoint {
         std::optional<std::array<std::complex<double>, 2>> previous;
         // The first window must have begun.
         for (double t = std::max(earliest - length, length);; t += length) {
-            const RunOutcome outcome = advance_to(t);
+            RunOutcome outcome = advance_to(t);
             if (!outcome.ok()) return outcome;
             const ServoTrace& seen = run_.trace();
             const std::size_t end = seen.y.size();
@@ -218,6 +218,8 @@ SweepResult run_sweep(const MachineModel& machine, const SweepOptions& options, 
     });
 
     SweepResult result;
+    result.with_improved = options.improved;
+    result.with_add_on = options.friction_feedback > 0;
     for (auto& point : points) {
         if (point) result.points.push_back(std::move(*point));
     }
@@ -256,10 +258,7 @@ SweepSignals run_single_frequency(const MachineModel& machine, const SweepOption
 
 ModalModel modal_model_of(const MachineModel& machine) {
     const ServoPlant::Parameters plant = machine.axis().plant; // as it is, with its effects
-    ModalModel model;
-    model.rigid_gain = plant.rigid_gain;
-    for (const auto& mode : plant.modes) model.modes.push_back({mode.gain, mode.freq_hz, mode.zeta});
-    return model;
+    return {plant.rigid_gain, plant.modes};
 }
 
 FrequencyResponse SweepResult::response(std::size_t analysis) const {
@@ -270,6 +269,14 @@ FrequencyResponse SweepResult::response(std::size_t analysis) const {
         response.value.push_back(point.response[analysis]);
     }
     return response;
+}
+
+std::vector<std::pair<std::string, FrequencyResponse>> SweepResult::responses() const {
+    std::vector<std::pair<std::string, FrequencyResponse>> all;
+    for (std::size_t a = 0; a < analysis_count; ++a) all.emplace_back(analysis_names[a], response(a));
+    if (with_improved) all.emplace_back("Improved", improved());
+    if (with_add_on) all.emplace_back("Add-on", add_on());
+    return all;
 }
 
 FrequencyResponse SweepResult::improved() const {

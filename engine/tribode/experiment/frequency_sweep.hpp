@@ -13,6 +13,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace tribode {
@@ -53,7 +54,7 @@ struct SweepOptions {
     double delay = 1.38e-3;         // L of the delay model C [s]
     int delay_order = 4;            // of its Pade approximant, eq. (19)
     bool improved = false;          // make the analysis "Improved" too
-    double friction_feedback = 0;   // p: share of the modelled friction that is added to u (ClosedLoop)
+    double friction_feedback = 0;   // p: share of the modeled friction that is added to u (ClosedLoop)
     // fh of the analyses, not of the feedback; none: the machine's own
     std::optional<FrictionModel> friction_model;
     // An encoder step is 1e-7 m; tighter tolerances do not show in the responses (docs/decisions/0005).
@@ -113,10 +114,13 @@ struct SweepPoint {
 struct SweepResult {
     std::vector<SweepPoint> points; // of every frequency, in order; fewer where the sweep was interrupted
     bool complete = false;
+    bool with_improved = false, with_add_on = false; // whether these analyses were asked for
 
     FrequencyResponse response(std::size_t analysis) const; // of the points that ended well
     FrequencyResponse improved() const;                     // empty where it was not asked for
     FrequencyResponse add_on() const;                       // empty where no friction is fed back
+    // Those that were asked for, by their names, in the order of the paper.
+    std::vector<std::pair<std::string, FrequencyResponse>> responses() const;
     // Loop gain L of the closed loop, opened at u, at the amplitude each frequency had: with A the phasor of the
     // excitation and U that of u, U = A/(1 + L).
     FrequencyResponse loop_gain() const;

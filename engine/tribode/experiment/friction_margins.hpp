@@ -23,7 +23,7 @@ std::complex<double> controller_response(const MachineModel& machine, double fre
 // machine has no PID controller.
 FrictionLoop friction_loop_of(const MachineModel& machine);
 
-// The loop of a machine at one amplitude of the motion, with a share of the modelled friction fed back.
+// The loop of a machine at one amplitude of the motion, with a share of the modeled friction fed back.
 struct FrictionMargins {
     StabilityMargins margins; // from 0.05 Hz to the Nyquist frequency; of meaning where the loop is stable
     bool stable = false;

@@ -267,6 +267,13 @@ void note_what_is_missing(const MachineModel& machine, const MeasuredFraOptions&
     }
 }
 
+void require_allowed(const MeasuredFraOptions& options) {
+    const Json given = options_json(options);
+    FieldReader fields(given, "a frequency response");
+    MeasuredFraOptions read;
+    read_options(read, fields);
+}
+
 } // namespace
 
 std::string title_of_method(const std::string& method) {
@@ -275,13 +282,12 @@ std::string title_of_method(const std::string& method) {
     return titles.at(static_cast<std::size_t>(place));
 }
 
-void MeasuredFraOptions::check() const {
-    for (const auto& method : methods) {
-        if (std::ranges::find(fra_methods, method) != fra_methods.end()) continue;
-        throw InputError(fmt::format("methods: \"{}\" is not known{}", method, suggestion(method, fra_methods)));
+MeasuredFra measure_fra(const FraRequest& request) {
+    std::vector<Table> tables;
+    for (const auto& record : request.records) {
+        tables.push_back(record.read(request.columns, fra_columns(), request.machine.sample_time));
     }
-    if (methods.empty()) throw InputError("methods: none is given");
-    if (modes && *modes < 0) throw InputError(fmt::format("{} modes, must not be negative", *modes));
+    return measure_fra(request.machine, tables, request.options);
 }
 
 const std::vector<std::string>& fra_columns() {
@@ -296,7 +302,7 @@ const MeasuredAnalysis* MeasuredFra::find(const std::string& method) const {
 
 MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& tables,
                         const MeasuredFraOptions& options) {
-    options.check();
+    require_allowed(options);
     if (tables.empty()) throw InputError("a frequency response needs at least one record");
     MeasuredFra fra;
     fra.delay = options.delay.value_or(delay_of(machine));

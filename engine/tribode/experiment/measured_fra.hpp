@@ -1,9 +1,10 @@
 #pragma once
 #include "tribode/analysis/measured_response.hpp"
 #include "tribode/analysis/weighted_modal_fit.hpp"
-#include "tribode/base/field_reader.hpp"
+#include "tribode/base/options.hpp"
 #include "tribode/base/run_control.hpp"
 #include "tribode/machine/machine_model.hpp"
+#include "tribode/record/given_record.hpp"
 #include "tribode/record/run_folder.hpp"
 #include "tribode/record/table.hpp"
 
@@ -33,7 +34,29 @@ struct MeasuredFraOptions {
     // Band of the fits; none: 0.01 to 0.1 of the sampling rate, as in the paper, or all where too few frequencies lie there.
     std::optional<double> fit_min_hz, fit_max_hz;
 
-    void check() const; // throws InputError on a method that is not known
+    static void describe(auto& o, auto& fields) {
+        fields.choices("methods", o.methods, fra_methods, "[the analyses](measured-frequency-response.md)");
+        fields.number("delay_s", o.delay, "s", Allowed::non_negative,
+                      "dead time of the delay model; default: half a sample of hold, delays and lag of the machine");
+        fields.integer("delay_order", o.delay_order, 1, 10, "order of its Padé approximant");
+        fields.integer("harmonics", o.sine.harmonics, 1, 50, "number of fitted harmonics of single sines");
+        fields.integer("periods", o.sine.periods, 0, 1'000'000'000,
+                       "the last periods of each single sine that are used; 0: all that have settled");
+        fields.flag("keep_transients", o.sine.keep_transients, "do not remove transients from single sines");
+        fields.integer("modes", o.modes, 0, 20, "modes of the fitted model; default: as many as the machine has");
+        fields.number("fit_min_hz", o.fit_min_hz, "Hz", Allowed::non_negative,
+                      "lower end of the band of the fit; default: 0.01 of the sampling rate");
+        fields.number("fit_max_hz", o.fit_max_hz, "Hz", Allowed::positive,
+                      "upper end of the band of the fit; default: 0.1 of the sampling rate");
+    }
+};
+
+// What the command line, Lua and Python ask for.
+struct FraRequest {
+    MachineModel machine;
+    std::vector<GivenRecord> records;
+    RecordOptions columns; // of records that are files
+    MeasuredFraOptions options;
 };
 
 struct MeasuredAnalysis {
@@ -63,6 +86,9 @@ struct MeasuredFra {
 // the sampling rate, a multisine without whole periods.
 MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& records,
                         const MeasuredFraOptions& options);
+
+// The same of a request, whose records are read first.
+MeasuredFra measure_fra(const FraRequest& request);
 
 // The columns that it can use: t, r, exc, u, y.
 const std::vector<std::string>& fra_columns();

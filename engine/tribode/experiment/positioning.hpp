@@ -36,9 +36,10 @@ struct PositioningOptions {
         fields.flag("friction_compensation", o.friction_compensation,
                     "compensation by the friction model, driven by r*");
         fields.table("friction_model", o.friction_model, "as for `tb.sweep`; default the machine's own");
-        fields.number("friction_feedback", o.friction_feedback, "", Allowed::non_negative,
-                      "share of the machine's elements and viscous friction that is fed back from the detected position; "
-                      "not zero: in place of the compensation by r*");
+        fields.number(
+            "friction_feedback", o.friction_feedback, "", Allowed::non_negative,
+            "share of the machine's elements and viscous friction that is fed back from the detected position; "
+            "not zero: in place of the compensation by r*");
         fields.number("velocity_feedforward", o.velocity_feedforward, "", Allowed::non_negative,
                       "with a cascade: share of the reference's velocity that its velocity loop does not brake");
         fields.number("band_m", o.band, "m", Allowed::positive, "settled within ± this");

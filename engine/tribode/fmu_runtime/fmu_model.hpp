@@ -59,7 +59,7 @@ class Run {
     virtual EventResult handle_events();
 };
 
-// What stands in resources/model.json: a machine or a system of equations, and how it is to be solved.
+// The content of resources/model.json: a machine or a system of equations, and how it is to be solved.
 class Model {
   public:
     virtual ~Model() = default;

@@ -57,7 +57,7 @@ double number_of(const Json& value) {
 }
 
 // The names of the numbers of a point; texts and tables of it reach `run`, but no table of results.
-std::vector<std::string> names_of(const Json& point) {
+std::vector<std::string> names_of_point(const Json& point) {
     std::vector<std::string> names;
     for (const auto& [name, value] : point.items()) {
         if (is_number(value)) names.push_back(name);
@@ -69,7 +69,7 @@ std::vector<double> parameters_of(const Json& point, const std::vector<std::stri
     if (!point.is_object()) {
         throw InputError(fmt::format("tb.batch: points: point {} must be a table of named fields", index));
     }
-    if (const auto found = names_of(point); found != names) {
+    if (const auto found = names_of_point(point); found != names) {
         throw InputError(fmt::format("tb.batch: points: point {} has the numbers ({}), point 1 has ({}); all must have "
                                      "the same",
                                      index, fmt::join(found, ", "), fmt::join(names, ", ")));
@@ -236,7 +236,7 @@ int describe_batch(lua_State* lua, ScriptRun& run) {
     points.push_point(lua, 1);
     const Json first = to_json(lua, -1, "tb.batch: points: point 1");
     if (!first.is_object()) throw InputError("tb.batch: points: point 1 must be a table of named fields");
-    batch.parameters = names_of(first);
+    batch.parameters = names_of_point(first);
     lua_settop(lua, 0);
 
     LuaState& state = run.lua();

@@ -41,6 +41,23 @@ Table table_of(FieldReader& fields, const char* key) {
     return table;
 }
 
+GivenRecord given_file(const ScriptContext& script, const std::string& file) {
+    const auto path = script.run.find_file(file);
+    script.run.check_data(path);
+    script.run.note_read(path);
+    return {path, {}};
+}
+
+GivenRecord given_lists(FieldReader& fields, const std::vector<std::string>& names, std::string source) {
+    GivenRecord given;
+    given.table.source = std::move(source);
+    for (const auto& name : names) {
+        auto values = fields.numbers(name, "", Allowed::finite, {});
+        if (!values.empty()) given.table.add(name, "", std::move(values));
+    }
+    return given;
+}
+
 Record record_of(const ScriptContext& script, FieldReader& fields, const char* file_key,
                  const std::vector<std::string>& wanted) {
     const auto path = script.run.find_file(fields.text(file_key));

@@ -4,7 +4,7 @@
 #include "tribode/base/field_reader.hpp"
 #include "tribode/experiment/servo_recorder.hpp"
 #include "tribode/machine/machine_model.hpp"
-#include "tribode/record/record_file.hpp"
+#include "tribode/record/given_record.hpp"
 #include "tribode/record/table.hpp"
 #include "tribode/script/lua_function.hpp"
 #include "tribode/solver/run_outcome.hpp"
@@ -16,6 +16,11 @@ namespace tribode {
 MachineModel machine_of(FieldReader& fields); // the key `machine`
 FrequencyResponse response_of(FieldReader& fields, const char* key = "response");
 Table table_of(FieldReader& fields, const char* key); // a list of {name =, unit =, values =}
+
+// A file of the script's own folders, or of those that it may read.
+GivenRecord given_file(const ScriptContext& script, const std::string& file);
+// The lists u, y, ... of a table; those that are not there are left out.
+GivenRecord given_lists(FieldReader& fields, const std::vector<std::string>& names, std::string source);
 
 // The record that the options `file_key`, columns and scale name, where the script may read it.
 Record record_of(const ScriptContext& script, FieldReader& fields, const char* file_key,

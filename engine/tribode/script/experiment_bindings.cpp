@@ -16,19 +16,11 @@ namespace {
 // The input of a run: a file, or lists u, or r and exc, one entry a sample; y where the start is fitted.
 DriveRecord drive_of(const ScriptContext& script, FieldReader& fields, const MachineModel& machine,
                      const char* function) {
-    if (fields.has("input")) {
-        const Table table = record_of(script, fields, "input", DriveRecord::columns()).table;
-        return DriveRecord::from_table(table, machine, table.source);
+    if (!fields.has("input")) {
+        return DriveRecord::of(given_lists(fields, {"u", "r", "exc", "y"}, function), {}, machine);
     }
-    Table table;
-    for (const char* name : {"u", "r", "exc", "y"}) {
-        const auto values = fields.numbers(name, "", Allowed::finite, {});
-        if (!values.empty()) table.add(name, "", values);
-    }
-    std::vector<double> t(table.rows());
-    for (std::size_t k = 0; k < t.size(); ++k) t[k] = static_cast<double>(k) * machine.sample_time;
-    table.add("t", "s", std::move(t));
-    return DriveRecord::from_table(table, machine, function);
+    const GivenRecord given = given_file(script, fields.text("input"));
+    return DriveRecord::of(given, RecordOptions::read(fields), machine);
 }
 
 std::vector<FieldRow> drive_rows() {
@@ -44,12 +36,21 @@ std::vector<FieldRow> drive_rows() {
     return rows;
 }
 
+std::vector<FieldRow> simulation_rows() {
+    std::vector<FieldRow> rows = option_rows<SimulationOptions>(drive_rows());
+    rows.push_back({"sensitivities", "", "list of texts", "none",
+                    "by what the run is differentiated ([sensitivities](sensitivities.md)), such as "
+                    "`\"friction.coulomb\"`; with `exact` only"});
+    return rows;
+}
+
 Json simulate_machine(const ScriptContext& script, const Json& arguments) {
     FieldReader fields(arguments, "tb.simulate");
     const MachineModel machine = machine_of(fields);
     const DriveRecord record = drive_of(script, fields, machine, "tb.simulate");
     SimulationOptions options;
     read_options(options, fields);
+    options.sensitivities = fields.texts("sensitivities", {});
     fields.finish();
     const Simulation result = simulate(machine, record, options, script.run.control());
     if (result.outcome.end == RunEnd::interrupted) throw EndedEarly(result.outcome.message);
@@ -64,6 +65,10 @@ Json simulate_machine(const ScriptContext& script, const Json& arguments) {
     json["ok"] = result.outcome.ok();
     json["message"] = result.outcome.message;
     json["statistics"] = to_json(result.statistics);
+    if (!result.sensitivities.empty()) json["sensitivities"] = Json::object();
+    for (const auto& by : result.sensitivities) {
+        json["sensitivities"][by.name] = {{"u", by.u}, {"y", by.y}, {"x", by.x}, {"v", by.v}};
+    }
     json["events"] = Json::array();
     for (const auto& event : result.events) {
         json["events"].push_back({{"t", event.t},
@@ -116,9 +121,7 @@ Json sweep(const ScriptContext& script, const Json& arguments) {
                                      result.points.size(), options.frequency_hz.size()));
     }
     Json json{{"columns", columns_of(result.table())}};
-    for (std::size_t a = 0; a < analysis_count; ++a) json["responses"][analysis_names[a]] = to_json(result.response(a));
-    if (options.improved) json["responses"]["Improved"] = to_json(result.improved());
-    if (options.friction_feedback > 0) json["responses"]["Add-on"] = to_json(result.add_on());
+    for (const auto& [name, response] : result.responses()) json["responses"][name] = to_json(response);
     json["loop_gain"] = to_json(result.loop_gain());
     json["warnings"] = result.warnings();
     json["statistics"] = to_json(result.statistics());
@@ -209,7 +212,7 @@ const std::vector<LuaFunction>& experiment_functions() {
     static const std::vector<LuaFunction> functions = {
         {"simulate", simulate_machine, "`tb.simulate{ machine =, … }`",
          "runs a machine from rest, one sample per entry of the input ([options and result](#tbsimulate))",
-         [] { return option_rows<SimulationOptions>(drive_rows()); }},
+         simulation_rows},
         {"compare", compare_methods, "`tb.compare{ machine =, … }`",
          "runs the same machine under the same input with every method, one after another ([options and "
          "result](#tbcompare))",

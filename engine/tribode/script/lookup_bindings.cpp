@@ -12,7 +12,7 @@ namespace tribode {
 
 namespace {
 
-using Held = std::shared_ptr<const LookupTable>;
+using HeldTable = std::shared_ptr<const LookupTable>;
 
 LookupTable::Points read_points(const Json& options, bool two) {
     const char* function = two ? "tb.table2" : "tb.table1";
@@ -73,7 +73,7 @@ double number(lua_State* lua, int index, const std::string& what) {
 }
 
 // table(x) or table(x, y).
-int look_up(lua_State* lua, Symbols& symbols, const Held& table) {
+int look_up(lua_State* lua, Symbols& symbols, const HeldTable& table) {
     const bool two = table->variables() == 2;
     const auto what = [&](int variable) {
         return fmt::format("{}: argument {}", table->name(), two && variable == 1 ? "y" : "x");

@@ -3,7 +3,7 @@
 namespace tribode {
 
 // From now on a machine may have forces written in Lua (effect own_force). Each run has a Lua state of its own for
-// them, shut in as scripts are, without access to any file.
+// them, sandboxed as scripts are, without access to any file.
 void enable_lua_forces();
 
 } // namespace tribode

@@ -35,9 +35,9 @@ void* allocate(void* user, void* block, std::size_t old_size, std::size_t new_si
 // The arguments of the running function: one table as it is, anything else as a list.
 Json read_arguments(lua_State* lua, const std::string& name) {
     const int count = lua_gettop(lua);
-    if (count == 1 && lua_istable(lua, 1)) return to_json(lua, 1, name + ": options");
+    if (count == 1 && lua_istable(lua, 1)) return tribode::to_json(lua, 1, name + ": options");
     Json list = Json::array();
-    for (int i = 1; i <= count; ++i) list.push_back(to_json(lua, i, fmt::format("{}: argument {}", name, i)));
+    for (int i = 1; i <= count; ++i) list.push_back(tribode::to_json(lua, i, fmt::format("{}: argument {}", name, i)));
     return list;
 }
 
@@ -169,6 +169,11 @@ void LuaState::set_global(const std::string& name, double value) {
         lua_setglobal(lua, name.c_str());
         return 0;
     });
+}
+
+void LuaState::go_on() {
+    host_->ended.reset();
+    watch_instructions(lua_.get());
 }
 
 const std::string& LuaState::traceback() const { return host_->traceback; }

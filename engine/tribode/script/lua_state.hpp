@@ -30,7 +30,7 @@ struct ScriptLimits {
     std::shared_ptr<ScriptUse> used = nullptr;       // of the state that starts another; null: counts begin at zero
 };
 
-// One Lua program with the engine's functions in the module `tribode`, shut in by default:
+// One Lua program with the engine's functions in the module `tribode`, sandboxed by default:
 //
 //  - libraries: base, string, table, math, utf8, coroutine; of os only clock, date, difftime, time; of io
 //    only close, lines, open, stderr, stdout, type, write; of debug only traceback. Program text only, no
@@ -81,6 +81,8 @@ class LuaState {
     // return a number for each result, or fails, with its line.
     Numbers compile(std::string_view body, const std::vector<std::string>& arguments, const std::string& chunk_name);
     void set_global(const std::string& name, double value);
+    // After a limit or a stop request has ended what ran: the state may be used again.
+    void go_on();
 
     // The chain of calls at the last uncaught error; empty where there was none.
     const std::string& traceback() const;

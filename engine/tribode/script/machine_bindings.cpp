@@ -67,9 +67,11 @@ Json change_machine(const Json& arguments) {
 
 const std::vector<LuaFunction>& machine_functions() {
     static const std::vector<LuaFunction> functions = {
-        {"machine", load_machine, "`tb.machine \"FILE\"`, `tb.machine{ file =, argument = }`, `tb.machine{ mass_kg =, … }`",
+        {"machine", load_machine,
+         "`tb.machine \"FILE\"`, `tb.machine{ file =, argument = }`, `tb.machine{ mass_kg =, … }`",
          "reads and checks a machine description (`.lua` or `.json`, [fields](machine-description.md)), or checks one "
-         "given as a table; implausible values cause a warning; `mass_kg` becomes `rigid_gain_per_kg`. `argument` is passed "
+         "given as a table; implausible values cause a warning; `mass_kg` becomes `rigid_gain_per_kg`. `argument` is "
+         "passed "
          "to a Lua file as `...`. A relative name is searched in the working folder, then in the folder of the "
          "run, then next to the ready `models/` and `scripts/`"},
         {"plant_parameters", plant_parameters, "`tb.plant_parameters{ machine = }`",

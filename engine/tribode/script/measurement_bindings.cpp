@@ -43,36 +43,22 @@ Json to_json(const std::vector<MeasuredPoint>& points) {
 }
 
 // Names of files, and tables with the lists u, y and, where the loop was closed, r or exc.
-std::vector<Table> records_of(const ScriptContext& script, FieldReader& fields, const MachineModel& machine) {
-    const RecordOptions options = RecordOptions::read(fields);
+std::vector<GivenRecord> records_of(const ScriptContext& script, FieldReader& fields) {
     const Json& list = fields.value("records");
     if (!list.is_array() || list.empty()) {
         fields.fail("records", "must be a list of files or of tables with the lists u, y and r or exc");
     }
-    std::vector<Table> records;
+    std::vector<GivenRecord> records;
     for (const auto& entry : list) {
         if (entry.is_string()) {
-            const auto path = script.run.find_file(entry.get<std::string>());
-            script.run.check_data(path);
-            records.push_back(read_record(path, options, fra_columns()).table);
-            script.run.note_read(path);
+            records.push_back(given_file(script, entry.get<std::string>()));
             continue;
         }
-        FieldReader one(entry, fmt::format("{}[{}]", fields.name_of("records"), records.size() + 1));
-        Table table;
-        table.source = fmt::format("records[{}]", records.size() + 1);
-        for (const auto& name : fra_columns()) {
-            const auto values = one.numbers(name, "", Allowed::finite, {});
-            if (!values.empty()) table.add(name, "", values);
-        }
+        const std::string place = fmt::format("records[{}]", records.size() + 1);
+        FieldReader one(entry, fields.name_of(place));
+        records.push_back(given_lists(one, fra_columns(), place));
         for (const char* other : {"x", "v", "f", "ok", "message", "statistics", "events"}) one.value(other);
         one.finish();
-        if (!table.find("t")) {
-            std::vector<double> t(table.rows());
-            for (std::size_t k = 0; k < t.size(); ++k) t[k] = static_cast<double>(k) * machine.sample_time;
-            table.add("t", "s", std::move(t));
-        }
-        records.push_back(std::move(table));
     }
     return records;
 }
@@ -80,25 +66,20 @@ std::vector<Table> records_of(const ScriptContext& script, FieldReader& fields, 
 Json measure(const ScriptContext& script, const Json& arguments) {
     ScriptRun& run = script.run;
     FieldReader fields(arguments, "tb.fra");
-    const MachineModel machine = machine_of(fields);
-    const std::vector<Table> records = records_of(script, fields, machine);
-    MeasuredFraOptions options;
-    options.methods = fields.texts("methods", options.methods);
-    options.delay = fields.optional_number("delay_s", "s", Allowed::non_negative);
-    if (fields.has("modes")) options.modes = static_cast<int>(fields.integer("modes", 0, 20, 0));
-    options.fit_min_hz = fields.optional_number("fit_min_hz", "Hz", Allowed::non_negative);
-    options.fit_max_hz = fields.optional_number("fit_max_hz", "Hz", Allowed::positive);
-    options.sine.periods = fields.integer("periods", 0, 1'000'000'000, 0);
-    options.sine.remove_transients = !fields.boolean("keep_transients", false);
+    FraRequest request;
+    request.machine = machine_of(fields);
+    request.columns = RecordOptions::read(fields);
+    request.records = records_of(script, fields);
+    read_options(request.options, fields);
     const std::string report = fields.text("report", "");
     fields.finish();
-    const MeasuredFra fra = measure_fra(machine, records, options);
+    const MeasuredFra fra = measure_fra(request);
     if (!report.empty()) {
         RunFolder folder(run.folder().path(report));
         write_measured_fra(fra, folder, run.control());
         for (const auto& [name, hash] : folder.files()) run.folder().add(report + "/" + name);
     }
-    run.note_work({{"function", "fra"}, {"machine", machine.hash()}, {"records", fra.records}});
+    run.note_work({{"function", "fra"}, {"machine", request.machine.hash()}, {"records", fra.records}});
     Json json{{"records", fra.records}, {"notes", fra.notes}, {"delay_s", fra.delay}, {"text", fra.text()}};
     for (const auto& analysis : fra.analyses) {
         json["responses"][analysis.method] = to_json(analysis.points);
@@ -142,12 +123,19 @@ const std::vector<LuaFunction>& measurement_functions() {
     static const std::vector<LuaFunction> functions = {
         {"fra", measure, "`tb.fra{ machine =, records = {…}, … }`",
          "frequency responses of measured records with their uncertainty, as `tribode fra` ([how](measured-"
-         "frequency-response.md)). `records`: files, or tables with the lists `u`, `y` and `exc` or `r`. "
-         "Options: `columns`, `scale`, `methods` (default `{ \"fra1\", \"fra2\", \"proposed\" }`), `delay_s`, "
-         "`modes`, `fit_min_hz`, `fit_max_hz`, `periods`, `keep_transients`, `report` (a folder for the files "
-         "of the command). Returns `responses` by method (`frequency_hz, real, imag, gain_db, phase_deg, "
-         "std_gain_db, std_phase_deg, coherence, odd_distortion_db, even_distortion_db, settled`, and "
-         "`missing`), `fits` by method, `records`, `notes`, `delay_s`, `text`"},
+         "frequency-response.md), [options](#tbfra)). Returns `responses` by method (`frequency_hz, real, imag, "
+         "gain_db, "
+         "phase_deg, std_gain_db, std_phase_deg, coherence, odd_distortion_db, even_distortion_db, settled`, and "
+         "`missing`), `fits` by method, `records`, `notes`, `delay_s`, `text`",
+         [] {
+             std::vector<FieldRow> rows = {
+                 machine_row(),
+                 {"records", "", "list", "required",
+                  "files, or tables with the lists `u`, `y` and, if the loop was closed, `exc` or `r`"}};
+             for (auto& row : column_rows()) rows.push_back(std::move(row));
+             rows.push_back({"report", "", "text", "none", "a folder for the files of `tribode fra`"});
+             return option_rows<MeasuredFraOptions>(std::move(rows));
+         }},
         {"frf", response_between,
          "`tb.frf{ input = {…}, output = {…}, sample_time_s =, excitation = input, window_samples = 0 }`",
          "the response between any two signals by averaged cross spectra; in a closed loop with the "

@@ -293,7 +293,7 @@ int stable_sort(lua_State* lua) {
 }
 
 // Field `name` of the table on top becomes `function`, with the old value for call_replaced. [-0, +0]
-void replace(lua_State* lua, const char* name, lua_CFunction function) {
+void replace_function(lua_State* lua, const char* name, lua_CFunction function) {
     lua_getfield(lua, -1, name);
     push_function(lua, function);
     lua_setfield(lua, -2, name);
@@ -303,10 +303,10 @@ void replace(lua_State* lua, const char* name, lua_CFunction function) {
 
 void order_tables(lua_State* lua) {
     lua_pushglobaltable(lua);
-    replace(lua, "pairs", ordered_pairs);
-    replace(lua, "next", ordered_next);
+    replace_function(lua, "pairs", ordered_pairs);
+    replace_function(lua, "next", ordered_next);
     lua_getfield(lua, -1, "table");
-    replace(lua, "sort", stable_sort);
+    replace_function(lua, "sort", stable_sort);
     lua_pop(lua, 2);
 }
 

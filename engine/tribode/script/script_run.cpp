@@ -18,6 +18,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <fmt/format.h>
+#include <lua.hpp>
 #include <sstream>
 #include <sys/stat.h>
 
@@ -203,10 +204,10 @@ std::filesystem::path ScriptRun::home() {
 }
 
 std::filesystem::path ScriptRun::find_file(const std::string& name) const {
-    const std::filesystem::path path = name;
+    std::filesystem::path path = name;
     if (path.empty() || std::filesystem::exists(path)) return path;
     for (const auto& folder : {folder_.folder(), script_folder()}) {
-        if (const auto there = folder / path; std::filesystem::exists(there)) return there;
+        if (auto there = folder / path; std::filesystem::exists(there)) return there;
     }
     return ready_file(name);
 }
@@ -229,7 +230,7 @@ void ScriptRun::check_data(const std::filesystem::path& file) const {
 }
 
 std::filesystem::path ScriptRun::ready_file(const std::string& name) {
-    const std::filesystem::path path = name;
+    std::filesystem::path path = name;
     if (path.empty() || std::filesystem::exists(path)) return path;
     const bool ready = *path.begin() == "models" || *path.begin() == "scripts";
     return ready ? home() / path : path;
@@ -302,12 +303,19 @@ Json ScriptRun::options(const Json& defaults) {
 }
 
 void ScriptRun::run_script() {
-    if (request_.text) {
-        lua_.set_up([](lua_State* lua) { return set_script_folder(lua, "."), 0; });
-        lua_.run_text(without_first_comment(*request_.text), request_.script.string());
-    } else {
-        lua_.run_file(request_.script);
-    }
+    // What it returns is for those who require it: a system, for one.
+    lua_.set_up([&](lua_State* lua) {
+        const auto& script = request_.script;
+        if (request_.text) {
+            set_script_folder(lua, ".");
+            load_text(lua, without_first_comment(*request_.text), script.string());
+        } else {
+            set_script_folder(lua, script.has_parent_path() ? script.parent_path() : ".");
+            load_file(lua, script);
+        }
+        lua_call(lua, 0, 0);
+        return 0;
+    });
     if (!options_asked_ && !request_.defines.empty()) {
         throw InputError(fmt::format("-D {}: the script takes no options (it does not call tb.options)",
                                      request_.defines.begin()->first));

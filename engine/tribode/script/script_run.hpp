@@ -61,6 +61,10 @@ class ScriptRun {
     // Runs the script and writes the manifest, also where the script ends early or fails. Throws what the script does.
     void execute();
 
+    // Of a program that is written while it runs: adds a line, and ends it.
+    void add_text(const std::string& line) { request_.text = request_.text.value_or("") + line + "\n"; }
+    void finish() { write_manifest("done"); }
+
     // Runs the script, for the batch that it describes. Throws InputError where it describes none.
     ScriptBatch& read_batch();
     ScriptBatch& batch() { return *batch_; } // once it was read

@@ -42,9 +42,9 @@ bool is_utf8(const std::string& text) {
     }
 }
 
-class Reader {
+class ValueReader {
   public:
-    Reader(lua_State* lua, const std::string& name)
+    ValueReader(lua_State* lua, const std::string& name)
         : lua_(lua),
           name_(name),
           max_bytes_(host_of(lua).limits.memory_bytes),
@@ -219,7 +219,7 @@ void push_value(lua_State* lua, const Json& value, int level) {
 
 Json to_json(lua_State* lua, int index, const std::string& name) {
     if (!lua_checkstack(lua, 3)) throw InputError(fmt::format("{} is nested too deeply", name));
-    return Reader(lua, name).value(index, nullptr);
+    return ValueReader(lua, name).value(index, nullptr);
 }
 
 void push(lua_State* lua, const Json& value) { push_value(lua, value, 0); }

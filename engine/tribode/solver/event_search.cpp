@@ -228,29 +228,29 @@ void EventSearch::bound_by_samples(double low, double high, const DiscreteState&
     }
 }
 
-// The first fall in [low, high] of the guards that are open there; they are not below zero at low.
+// The first crossing in [low, high] of the guards that are open there; they are not below zero at low.
 std::optional<double> EventSearch::search(std::size_t level, double low, double high, const DiscreteState& d,
                                           std::vector<GuardId>& crossed) {
     if (--pieces_left_ <= 0) return std::nullopt;
     Piece& here = piece(level);
     bound(here, low, high, d);
     auto& open = here.open;
-    // A guard that is above zero, or that does not decrease, does not fall.
+    // A guard that is above zero, or that does not decrease, does not cross.
     std::erase_if(open, [&](GuardId guard) { return bounds_[guard].value.low > 0 || bounds_[guard].rate.low >= 0; });
     if (!open.empty() && level >= tightened_from) tighten(open, low, high, d);
     if (!open.empty()) {
-        const auto falls_throughout = [&](GuardId guard) { return bounds_[guard].rate.high <= 0; };
-        const bool decided = std::all_of(open.begin(), open.end(), falls_throughout) ||
+        const auto decreases_throughout = [&](GuardId guard) { return bounds_[guard].rate.high <= 0; };
+        const bool decided = std::all_of(open.begin(), open.end(), decreases_throughout) ||
                              (high - low) * step_->h <= 4 * time_resolution(step_->time(high));
         if (decided) {
-            // One that is still falling where it is zero at the very end has crossed there.
+            // One that is still decreasing where it is zero at the very end has crossed there.
             guards_at(high, d);
             std::erase_if(open, [&](GuardId guard) {
                 return g_[guard] > 0 || (g_[guard] == 0 && !(high == 1 && bounds_[guard].rate.high < 0));
             });
         }
         if (decided && !open.empty()) {
-            // Those that fall later than the first by no more than rounding fall with it.
+            // Those that cross later than the first by no more than rounding cross with it.
             std::vector<double> instants;
             for (const GuardId guard : open) instants.push_back(locate(guard, low, high, d));
             const double first = *std::min_element(instants.begin(), instants.end());

@@ -22,25 +22,24 @@ struct StepPolynomial {
     void begin_at(double t); // the same polynomial on [t, t0 + h]
 };
 
-// Finds where guards fall along a step's interpolation, not by their signs at the ends of the step but by bounds of each
-// guard and of its rate of change over the whole of it: where the guard is above zero, or does not decrease, it does not
-// fall; where it decreases throughout, it falls once or not at all; else the interval is halved [Moore 2009]. A system
-// that encloses its guards (HybridSystem::enclose_guards) gives bounds that hold for certain: then no fall is missed,
-// however short, down to a few roundings of the time. For others the bounds come from Chebyshev interpolation of the
-// guard, degree 8, its last coefficients taken as its error: then two falls and rises between its nodes may be missed
-// that leave no trace at them.
+// Finds where guards cross zero downward along a step's interpolation, not by their signs at the ends of the step but by
+// bounds of each guard and of its rate of change over the whole of it. A guard that is above zero, or does not decrease,
+// does not cross; one that decreases throughout crosses once or not at all; else the interval is halved [Moore 2009]. A
+// system that encloses its guards (HybridSystem::enclose_guards) gives rigorous bounds: then no crossing is missed, however
+// short, down to a few roundings of the time. For others the bounds come from Chebyshev interpolation of the guard,
+// degree 8, its last coefficients taken as its error: then two opposite crossings between its nodes may be missed.
 class EventSearch {
   public:
     explicit EventSearch(const HybridSystem& system);
 
-    // Where a search came to: the first instant at which guards are below zero that were not before, or, where nothing
-    // falls, up to where that is certain.
+    // Where a search came to: the first instant at which guards are below zero that were not before, or, where none
+    // crosses, up to where that is certain.
     struct Found {
         double at;
-        bool falls;
+        bool crosses;
     };
 
-    // Of a step, s in [0, 1]. The guards that fall there, to rounding of the time, go to `crossed`, in declared order. A
+    // Of a step, s in [0, 1]. The guards that cross there, to rounding of the time, go to `crossed`, in declared order. A
     // step whose guards take very many pieces to follow is searched in part, so that it can be shortened.
     Found first_crossing(const StepPolynomial& step, const DiscreteState& d, std::vector<GuardId>& crossed);
 
@@ -56,7 +55,7 @@ class EventSearch {
 
     struct Piece {
         std::vector<double> control; // Bernstein coefficients of the states on it, (states x degree + 1)
-        std::vector<GuardId> open;   // guards that may fall on it
+        std::vector<GuardId> open;   // guards that may cross on it
     };
 
     std::optional<double> search(std::size_t level, double low, double high, const DiscreteState& d,
@@ -76,7 +75,7 @@ class EventSearch {
     const StepPolynomial* step_ = nullptr;
     bool only_time_ = false;
     int pieces_left_ = 0;
-    double searched_to_ = 0;    // up to which nothing falls, where pieces_left_ has run out
+    double searched_to_ = 0;    // up to which nothing crosses, where pieces_left_ has run out
     std::vector<Piece> pieces_; // by level
     std::vector<Enclosure> states_, bounds_, enclosed_;
     std::vector<double> x_, g_, samples_; // samples_: (guards x nodes + 1)

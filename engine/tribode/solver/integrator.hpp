@@ -28,8 +28,8 @@ class Integrator {
 
     // One step, to t_stop at most:
     //   stepped     state.t < t_stop
-    //   stopped     state.t == t_stop exactly, and no guard fell
-    //   crossing  state is at the first fall of a guard, as exactly as the method locates it; crossed() tells which
+    //   stopped     state.t == t_stop exactly, and no guard crossed zero
+    //   crossing    state is at the first zero crossing of a guard, as exactly as the method locates it; crossed() tells which
     //   failed      failure() tells why; state is the last good one
     virtual Progress step(double t_stop) = 0;
 

@@ -47,11 +47,11 @@ struct RunStatistics {
     long derivative_evaluations = 0;
     long jacobian_evaluations = 0;
     long guard_evaluations = 0;
-    long events = 0;                // guards that fell
+    long events = 0;                // zero crossings of guards
     long samples = 0;               // clock instants handled
     long restarts = 0;              // of the integrator, by events and samples
     double seconds_integrating = 0; // wall time inside the integrator, from every 64th step
-    double seconds_events = 0;      // the same in guards that fell, sampled blocks, observers
+    double seconds_events = 0;      // the same in events, sampled blocks, observers
 
     // Those that are the same in every run of the same thing, which times are not.
     static constexpr std::pair<const char*, long RunStatistics::*> counts[] = {

@@ -60,7 +60,7 @@ Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, S
       row_begin_(state_.t),
       relative_tolerance_(options.relative_tolerance),
       absolute_tolerance_(options.absolute_tolerance),
-      last_fall_(system.guard_count(), -std::numeric_limits<double>::infinity()),
+      last_crossing_(system.guard_count(), -std::numeric_limits<double>::infinity()),
       begin_(state_.t),
       chatter_begin_(state_.t) {
     if (resolved(options.method, system) == Method::exact) { // it has rounding only
@@ -121,7 +121,7 @@ RunOutcome Simulator::advance(double t_end, bool with_clocks) {
         }
         const double t_stop = std::min(next_instant_, t_end);
 
-        // A guard fell within rounding of the next instant: there is nothing to integrate, and the integrator would
+        // A guard crossed within rounding of the next instant: there is nothing to integrate, and the integrator would
         // refuse so short a step.
         auto progress = Integrator::Progress::stopped;
         step_start_ = state_.t;
@@ -216,7 +216,7 @@ void Simulator::handle_instant(bool guards_fell, bool with_clocks) {
     if (outcome_.ok() && system_.ends_run(state_)) fail(RunEnd::stopped, "");
 }
 
-// Handles the guards that fell, then all that are below zero, until none is.
+// Handles the guards that crossed, then all that are below zero, until none is.
 bool Simulator::settle_guards(std::span<const GuardId> crossed) {
     if (!crossed.empty() && !handle_guards(crossed)) return false;
     const std::size_t max_rounds = 10 + 2 * system_.guard_count();
@@ -247,9 +247,9 @@ bool Simulator::settle_guards(std::span<const GuardId> crossed) {
     return false;
 }
 
-// Whether the guard, which falls now, has been more than rounding and the tolerances above zero since it fell last.
+// Whether the guard, which crosses now, was above zero by more than rounding and the tolerances since its last crossing.
 bool Simulator::went_anywhere(GuardId guard) {
-    const double before = last_fall_[guard];
+    const double before = last_crossing_[guard];
     constexpr double resolved = 4; // fixed steps: fewer show nothing of what a guard does
     if (fixed_step_ > 0) return state_.t - before > resolved * fixed_step_;
     if (same_instant(before, state_.t)) return false;
@@ -265,7 +265,7 @@ bool Simulator::went_anywhere(GuardId guard) {
         statistics_.guard_evaluations += 2;
         return std::abs(height) > std::abs(guards_nearby_[guard] - height);
     };
-    // In the last step, which is enough for what falls on and on.
+    // In the last step, which is enough for what crosses again and again.
     const double from = std::max(before, step_start_);
     return is_away_at(0.5 * (from + state_.t)) || (before < step_start_ && is_away_at(from));
 }
@@ -275,15 +275,15 @@ bool Simulator::handle_guards(std::span<const GuardId> guards) {
     for (const GuardId guard : guards) {
         ++statistics_.events;
         any_went = went_anywhere(guard) || any_went;
-        last_fall_[guard] = state_.t;
+        last_crossing_[guard] = state_.t;
     }
-    if (any_went) falls_without_motion_ = 0;
-    if (falls_without_motion_++ == 0) chatter_begin_ = state_.t;
-    if (falls_without_motion_ > chatter_limit && fixed_step_ == 0 &&
+    if (any_went) crossings_without_motion_ = 0;
+    if (crossings_without_motion_++ == 0) chatter_begin_ = state_.t;
+    if (crossings_without_motion_ > chatter_limit && fixed_step_ == 0 &&
         state_.t - chatter_begin_ > chatter_part * (state_.t - begin_)) {
-        falls_without_motion_ = 0;
+        crossings_without_motion_ = 0;
     }
-    if (falls_without_motion_ > chatter_limit) {
+    if (crossings_without_motion_ > chatter_limit) {
         fail(RunEnd::chattering,
              fmt::format(
                  "{} is chattering at t = {:.9g} s: {} events in a row between which it moves by less than the "

@@ -13,13 +13,13 @@ namespace tribode {
 // Runs a hybrid system. One order of things at one instant t, written x- before and x+ after:
 //
 //     1. where clocks are due, the observer sees the left limit (x-, d-)
-//     2. guards that fell are handled together (HybridSystem::on_crossings); then all guards are looked at again, and
+//     2. guards that crossed zero are handled together (HybridSystem::on_crossings); then all guards are looked at again, and
 //        those below zero handled, round after round, until none is (bounded: a system that never comes to rest is
 //        chattering)
 //     3. the clocks that are due fire in declared order; the observer sees (x+, d+) after each
 //     4. step 2 again, where a sample said that x or the guards have changed
 //     5. the integrator restarts if a handler said that anything it depends on has changed
-//     6. integrate to the next sample instant or the end, stopping at the first guard that falls
+//     6. integrate to the next sample instant or the end, stopping at the first guard that crosses zero
 //
 // An instant at which several clocks meet is one instant: clock instants that differ by rounding only (a few units in
 // the last place) are the same. A guard and a sample at one time are handled in the order above.
@@ -27,6 +27,9 @@ namespace tribode {
 //
 //     Simulator run(system, options);
 //     RunOutcome outcome = run.advance_to(0.5);    // again and again, with growing times
+//
+// For one thread at a time; system and observer must outlive it. The constructor throws InputError where the method cannot
+// run the system; what goes wrong in the run itself is told by the outcome.
 class Simulator {
   public:
     Simulator(const HybridSystem& system, const SolverOptions& options, const RunControl& control = {});
@@ -61,9 +64,9 @@ class Simulator {
     const EventLog& events() const { return events_; }
     RunStatistics statistics() const;
 
-    // Chattering: this many falls in a row, within a small part of the time since the run began, of guards that did not go
-    // anywhere since they fell last. A guard does where it is further above zero, in the step of its fall, than rounding and
-    // the tolerances leave open; with a fixed step, where the falls are more than four steps apart. So bounces that come to an
+    // Chattering: this many crossings in a row, within a small part of the time since the run began, of guards that did not
+    // move since their last crossing. A guard has moved if it is further above zero, in the step of its crossing, than
+    // rounding and the tolerances; with a fixed step, if the crossings are more than four steps apart. So bounces that come to an
     // end (Zeno) and sliding along a surface end a run on any scale of time; a fast switch and a vibration that dies away do
     // not.
     static constexpr long chatter_limit = 500;
@@ -110,10 +113,10 @@ class Simulator {
     long steps_in_a_row_ = 0; // since the last output or sample, at
     double row_begin_;        // [s]
     double relative_tolerance_, absolute_tolerance_;
-    double step_start_ = 0;         // of the last step [s]
-    std::vector<double> last_fall_; // of each guard [s]
-    long falls_without_motion_ = 0;
-    double begin_, chatter_begin_; // of the run and of these falls [s]
+    double step_start_ = 0;             // of the last step [s]
+    std::vector<double> last_crossing_; // of each guard [s]
+    long crossings_without_motion_ = 0;
+    double begin_, chatter_begin_; // of the run and of these crossings [s]
 };
 
 } // namespace tribode

@@ -217,7 +217,7 @@ Integrator::Progress SundialsIntegrator::look_for_crossings(double t_stop) {
             state_->t = at;
             polynomial_.evaluate(found.at, state_->x);
         }
-        crossing_ = found.falls;
+        crossing_ = found.crosses;
         if (crossing_) return Progress::crossing;
         if (ahead_) return Progress::stepped;
     }

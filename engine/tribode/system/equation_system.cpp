@@ -18,7 +18,7 @@ namespace {
 constexpr std::size_t usual_size = 64; // of a work space: more goes to the heap
 
 // The end of a chain, for messages: long expressions are cut.
-std::string shortened(std::string text) {
+std::string shortened(const std::string& text) {
     constexpr std::size_t longest = 60;
     return text.size() <= longest ? text : text.substr(0, longest - 3) + "...";
 }
@@ -263,7 +263,7 @@ EquationSystem::Update EquationSystem::update_of(const std::string& name, const 
     return update;
 }
 
-// What each clock can change; and neighbours that always meet and cause no event become one.
+// What each clock can change; and neighbors that always meet and cause no event become one.
 void EquationSystem::join_clocks() {
     auto& graph = *equations_.graph;
     std::vector<Term> moving = rates_, watched = conditions_;
@@ -836,12 +836,6 @@ bool EquationSystem::carry_out(const Update& update, SystemState& state) const {
 
 // ---- an instant --------------------------------------------------------------------------------------------------
 
-namespace {
-
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
-
-} // namespace
-
 EquationSystem::Instant& EquationSystem::instant_of(SystemState& state) const {
     auto& memory = static_cast<Memory&>(*state.discrete);
     Instant& now = memory.instant.get();
@@ -930,7 +924,7 @@ void EquationSystem::find_rates(Instant& now, double t, std::span<const double> 
 // The margins up to rounding of their terms, of the states and of the time: the states also move within it. With their
 // rates of change, rounding of dx/dt included.
 void EquationSystem::enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates) const {
-    const double ulps = 2 * epsilon, t_rounding = ulps * std::abs(t);
+    const double ulps = 2 * std::numeric_limits<double>::epsilon(), t_rounding = ulps * std::abs(t);
     find_rates(now, t, x);
     const auto about = [](double value, double rounding) { return Interval{value - rounding, value + rounding}; };
     const Enclosure time = {about(t, t_rounding), {1, 1}};

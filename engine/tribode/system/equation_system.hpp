@@ -14,7 +14,7 @@ namespace tribode {
 //
 // Relations. Each a < b and a <= b that depends on t or x, stands in a rate or in the condition of a `when`, and not
 // below no_event, is an event: its value is held between events, and a guard is positive while it is right. Where the
-// guard falls, the value changes. So a branch (select) changes at a located instant and never within a step, and
+// guard crosses zero, the value changes. So a branch (select) changes at a located instant and never within a step, and
 // outputs take relations as they are. A guard is watched only where its relation matters: not in the branch of a select
 // that the discrete state closes, not behind the false half of an `all`. Below a function that has values on one side of
 // zero only, as in sqrt(max(h, 0)), the branch follows its operands at once: held, it would have no value where a step
@@ -26,7 +26,7 @@ namespace tribode {
 //
 // An event. The order of things at one instant is:
 //
-//     the relations whose guards fell change, all together
+//     the relations whose guards crossed change, all together
 //     repeat, at most max_rounds times:
 //         conditions := those of all `when`s
 //         the first `when` in declared order whose condition holds and did not when last looked at: carry it out;
@@ -58,7 +58,7 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
 
     const std::vector<StateVariable>& states() const override { return variables_; }
     const std::vector<SampleClock>& clocks() const override { return clocks_; }
-    // The last one falls where events cause each other without end.
+    // The last one crosses where events cause each other without end.
     std::size_t guard_count() const override { return relations_.size() + (has_endless_guard() ? 1 : 0); }
     SystemState initial_state() const override { return initial_state(0); }
     // Start values, at another time [s], not negative. Throws NoSolution.

@@ -115,6 +115,7 @@ struct Equations {
     std::vector<When> whens;
     std::vector<Clock> clocks;
     std::vector<Contact> contacts;
+    std::vector<std::string> free; // names of parameters and "STATE.start" that may be fitted; empty: all
 
     // All that is evaluated: rates, outputs, conditions, new values and what outside functions read.
     std::vector<Term> terms() const;

@@ -470,7 +470,7 @@ Notation notation_of(Op op) {
     case Op::tan: return {"tan", 0};
     case Op::asin: return {"asin", 0};
     case Op::acos: return {"acos", 0};
-    case Op::atan: return {"atan", 0};
+    case Op::atan:
     case Op::atan2: return {"atan", 0};
     case Op::tanh: return {"tanh", 0};
     case Op::exp: return {"exp", 0};

@@ -113,12 +113,12 @@ MatrixXd differences(const Equations::Function& function, std::vector<double> re
     std::vector<double> above(function.writes.size()), below(function.writes.size());
     for (std::size_t j = 0; j < read.size(); ++j) {
         // The cube root of rounding, where the error of the difference and that of the function are alike.
-        const double centre = read[j], h = 6e-6 * std::max(1.0, std::abs(centre));
-        read[j] = centre + h;
+        const double center = read[j], h = 6e-6 * std::max(1.0, std::abs(center));
+        read[j] = center + h;
         function.call(0, read, above);
-        read[j] = centre - h;
+        read[j] = center - h;
         function.call(0, read, below);
-        read[j] = centre;
+        read[j] = center;
         for (std::size_t i = 0; i < above.size(); ++i) {
             matrix(static_cast<Index>(i), static_cast<Index>(j)) = (above[i] - below[i]) / (2 * h);
         }
@@ -244,7 +244,7 @@ Linearization linearize(const Equations& equations, const OperatingPoint& given)
             fmt::format("{}: the algebraic equations do not determine their variables at this point", equations.name));
     }
     const auto jacobian = [&](const std::vector<Term>& terms, const std::vector<Term>& variables) -> MatrixXd {
-        const MatrixXd direct = local.jacobian(terms, variables);
+        MatrixXd direct = local.jacobian(terms, variables);
         if (algebraic.empty()) return direct;
         return direct - local.jacobian(terms, algebraic) * of_algebraic.solve(local.jacobian(residuals, variables));
     };

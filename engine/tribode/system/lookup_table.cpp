@@ -230,7 +230,7 @@ std::size_t LookupTable::Axis::piece(double u, bool odd) const {
     if (kinks.empty()) return piece_at(u);
     const std::size_t stretch = stretch_at(u);
     if ((stretch % 2 != 0) == odd) return piece_at(u);
-    // The neighbour goes on as far as here: the one whose end is nearer.
+    // The neighbor goes on as far as here: the one whose end is nearer.
     const double before = stretch > 0 ? u - knots[kinks[stretch - 1]] : infinity;
     const double behind = stretch < kinks.size() ? knots[kinks[stretch]] - u : infinity;
     return before <= behind ? kinks[stretch - 1] : kinks[stretch] + 1;
@@ -412,7 +412,7 @@ std::vector<LookupTable::Stretch> LookupTable::stretches(const Axis& axis, const
         if (i > 0 && cuts[i] == cuts[i + 1]) continue;
         list.push_back({axis.piece(std::midpoint(cuts[i], cuts[i + 1]), odd), cuts[i], cuts[i + 1]});
     }
-    // At a cut the neighbour's value counts too, where it is another one.
+    // At a cut the neighbor's value counts too, where it is another one.
     for (const double end : {low, high}) list.push_back({axis.piece(end, odd), end, end});
     return list;
 }

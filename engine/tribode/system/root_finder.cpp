@@ -12,7 +12,6 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr double epsilon = std::numeric_limits<double>::epsilon();
 constexpr Index max_dense = 64;
 constexpr double min_condition = 1e-14; // reciprocal, of the scaled matrix
 
@@ -112,7 +111,7 @@ Root find_root(const RootProblem& problem, VectorXd z) {
             const auto [row, column] = problem.places[k];
             terms(static_cast<Index>(row)) += std::abs(entries[k] * z(static_cast<Index>(column)));
         }
-        const VectorXd rounding = 2 * epsilon * (z.cwiseAbs() + factors.amplify(terms));
+        const VectorXd rounding = 2 * std::numeric_limits<double>::epsilon() * (z.cwiseAbs() + factors.amplify(terms));
         if ((step.cwiseAbs().array() <= rounding.array()).all() ||
             (was_whole && reach <= near && reach >= before / 4)) {
             z += step;

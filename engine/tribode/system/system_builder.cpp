@@ -60,7 +60,7 @@ Expression SystemBuilder::discrete(std::string name, double start, std::string u
 
 // Until equations() it carries its own name in the place of its equation's.
 Expression SystemBuilder::algebraic(std::string name, double guess, std::string unit, double nominal) {
-    const Expression made = state(std::move(name), guess, std::move(unit), nominal);
+    Expression made = state(std::move(name), guess, std::move(unit), nominal);
     equations_.states.back().equation = equations_.states.back().name;
     return made;
 }

@@ -29,7 +29,7 @@ local function driven_block(A, static, inside)
       v, x = speed(duration), place(duration)
       break
     end
-    t = oracle.fall(guard, low, low + step)
+    t = oracle.crossing(guard, low, low + step)
     x = place(t)
     if side == 0 then
       mode = force(t) > 0 and 1 or -1

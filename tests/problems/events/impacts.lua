@@ -34,9 +34,9 @@ local function ball_with_drag(floor)
   local t, y, events = 0, { floor + 1, 0 }, {}
   while true do
     -- Up and down on their own, so that the drag is smooth.
-    local rises, fell = y[2] > 0
-    t, y, fell = oracle.follow(f, function(_, x) return rises and x[2] or x[1] - floor end, t, y, 2.5, 1 / 64)
-    if not fell then break end
+    local rises, crossed = y[2] > 0
+    t, y, crossed = oracle.follow(f, function(_, x) return rises and x[2] or x[1] - floor end, t, y, 2.5, 1 / 64)
+    if not crossed then break end
     if rises then
       y = { y[1], 0 }
     else

@@ -58,9 +58,9 @@ local function converter(name, bias, gain)
       return mode == "freewheel" and s[1] or 1
     end
     local stop = math.min((k + 1) * period, duration)
-    local fell
-    t, y, fell = oracle.follow(f, guard, t, y, stop, period / 8)
-    if fell then
+    local crossed
+    t, y, crossed = oracle.follow(f, guard, t, y, stop, period / 8)
+    if crossed then
       if mode == "on" then
         mode = "freewheel"
         events[#events + 1] = { t, "opens" }

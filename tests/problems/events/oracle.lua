@@ -54,7 +54,7 @@ function oracle.follow(f, guard, t, y, t_end, step)
 end
 
 -- Where the function f(t), above zero at `low`, falls below zero before `high`.
-function oracle.fall(f, low, high)
+function oracle.crossing(f, low, high)
   for _ = 1, 200 do
     local middle = low + (high - low) / 2
     if middle == low or middle == high then break end

@@ -53,7 +53,7 @@ local function rectifier()
       v = voltage(duration)
       break
     end
-    t = oracle.fall(guard, low, low + 1e-4)
+    t = oracle.crossing(guard, low, low + 1e-4)
     v, on = voltage(t), not on
     events[#events + 1] = { t, on and "on" or "off" }
   end
@@ -91,12 +91,12 @@ local function tanks()
   end
   local events, t, y, on, full = {}, 0, { 0.1, 0.1 }, 1, false
   while true do
-    local fell
+    local crossed
     local function f(_, x) return { der(x[1], x[2], on, full) } end
     local function level(x) return on == 1 and high - x[2] or x[2] - low end
     local function room(x) return full and 1 or brim - x[1] end
-    t, y, fell = oracle.follow(f, function(_, x) return math.min(level(x), room(x)) end, t, y, duration, 1)
-    if not fell then break end
+    t, y, crossed = oracle.follow(f, function(_, x) return math.min(level(x), room(x)) end, t, y, duration, 1)
+    if not crossed then break end
     if room(y) < level(y) then
       full, y = true, { brim, y[2] }
       events[#events + 1] = { t, "overflows" }

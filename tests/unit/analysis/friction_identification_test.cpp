@@ -22,7 +22,7 @@ std::vector<double> plain_loop() {
     return y;
 }
 
-// Loops within loops, down to a few micrometres.
+// Loops within loops, down to a few micrometers.
 std::vector<double> nested_loops() {
     std::vector<double> y;
     for (int k = 0; k < 4000; ++k) {

@@ -64,9 +64,9 @@ TEST(MeasuredResponse, TakesATransientOut) {
     }
     SineOptions options;
     options.periods = 32;
-    options.remove_transients = false;
+    options.keep_transients = true;
     const auto kept = measure(sine, options);
-    options.remove_transients = true;
+    options.keep_transients = false;
     const auto removed = measure(sine, options);
     const double before = std::abs(kept.value / true_response - 1.0),
                  after = std::abs(removed.value / true_response - 1.0);

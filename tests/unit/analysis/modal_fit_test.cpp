@@ -45,7 +45,7 @@ ModalFitOptions with_modes(std::size_t modes) {
 
 std::vector<double> parameters(const ModalModel& model) {
     std::vector<double> all = {model.rigid_gain};
-    for (const ModalModel::Mode& mode : model.modes) all.insert(all.end(), {mode.gain, mode.freq_hz, mode.zeta});
+    for (const VibrationMode& mode : model.modes) all.insert(all.end(), {mode.gain, mode.freq_hz, mode.zeta});
     return all;
 }
 

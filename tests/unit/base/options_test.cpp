@@ -15,7 +15,7 @@ struct Leg {
     double paint = 1;
 
     static void describe(auto& l, auto& fields) {
-        fields.required("length_m", l.length, "m", Allowed::positive, About("of one leg").usually(0.1, 2, "in metres"));
+        fields.required("length_m", l.length, "m", Allowed::positive, About("of one leg").usually(0.1, 2, "in meters"));
         fields.number("paint", l.paint, "", Allowed::non_negative);
     }
 };

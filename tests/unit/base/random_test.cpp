@@ -84,7 +84,7 @@ TEST(StandardNormal, HasTheTailsOfTheNormalDistribution) {
     EXPECT_NEAR(static_cast<double>(beyond), expected, bound * std::sqrt(expected));
 }
 
-TEST(StandardNormal, NeighboursInSeedStreamAndIndexAreUncorrelated) {
+TEST(StandardNormal, NeighborsInSeedStreamAndIndexAreUncorrelated) {
     const auto x = normals(1, 1);
     const double most = bound / std::sqrt(static_cast<double>(count));
     EXPECT_LT(std::abs(correlation(x, normals(2, 1))), most);

@@ -116,7 +116,7 @@ TEST(Design, FactorsAreNotCorrelated) {
         }
         EXPECT_LT(std::abs(ab), 5 / std::sqrt(5000)) << kind;
         EXPECT_LT(std::abs(bc), 5 / std::sqrt(5000)) << kind;
-        // The rows of a Sobol sequence are made to differ from their neighbours.
+        // The rows of a Sobol sequence are made to differ from their neighbors.
         const bool evenly = kind == std::string("sobol");
         EXPECT_TRUE(evenly || std::abs(next) < 5 / std::sqrt(5000)) << kind;
     }

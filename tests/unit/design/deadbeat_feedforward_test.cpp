@@ -47,7 +47,7 @@ TEST_P(Deadbeat, TheGainIsOne) {
     EXPECT_NEAR(sum(plant.numerator()) * sum(taps), 1, 1e-12); // rounding of the sums
 }
 
-// Other taps with the same sum cost more: the tap moved to a neighbour, in either direction.
+// Other taps with the same sum cost more: the tap moved to a neighbor, in either direction.
 TEST_P(Deadbeat, NoOtherTapsAreSmoother) {
     const DiscretePlant plant(table, task.sample_time);
     std::vector<double> difference = plant.denominator();

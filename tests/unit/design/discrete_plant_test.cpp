@@ -51,7 +51,7 @@ double largest(const std::vector<double>& values) {
     return most;
 }
 
-class OneMode : public ::testing::TestWithParam<ModalModel::Mode> {};
+class OneMode : public ::testing::TestWithParam<VibrationMode> {};
 
 TEST_P(OneMode, MovesAsTheMatrixExponentialSays) {
     const auto mode = GetParam();
@@ -63,9 +63,9 @@ TEST_P(OneMode, MovesAsTheMatrixExponentialSays) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Dampings, OneMode,
-                         ::testing::Values(ModalModel::Mode{5.27e-3, 82.22, 3.22e-3}, ModalModel::Mode{0.01, 300, 0},
-                                           ModalModel::Mode{0.01, 40, 1}, ModalModel::Mode{0.01, 40, 2.5},
-                                           ModalModel::Mode{0.01, 1, 0.02}));
+                         ::testing::Values(VibrationMode{5.27e-3, 82.22, 3.22e-3}, VibrationMode{0.01, 300, 0},
+                                           VibrationMode{0.01, 40, 1}, VibrationMode{0.01, 40, 2.5},
+                                           VibrationMode{0.01, 1, 0.02}));
 
 TEST(DiscretePlant, ARigidBodyMovesAsTheMatrixExponentialSays) {
     const auto thrust = random_thrust(200);

@@ -61,7 +61,7 @@ TEST(MeasuredFra, IsTheSweepOverTheSameWindows) {
     measure.methods = {"fra1", "fra2", "proposed", "improved"};
     measure.delay = options.delay;
     measure.sine.periods = 10;
-    measure.sine.remove_transients = false;
+    measure.sine.keep_transients = true;
     const MeasuredFra fra = measure_fra(machine, records, measure);
     ASSERT_EQ(fra.analyses.size(), 4u);
     for (std::size_t a = 0; a < 4; ++a) {
@@ -151,7 +151,7 @@ TEST(MeasuredFra, RefusesWhatCannotBeAnalyzed) {
     expect_part(refusal(machine, log_of(machine, sine(960, 30, 1000, machine.sample_time))), "alias");
     MeasuredFraOptions unknown;
     unknown.methods = {"fra3"};
-    expect_part(refusal(machine, good, unknown), "\"fra3\" is not known");
+    expect_part(refusal(machine, good, unknown), "methods has \"fra3\", must have some of fra1");
 }
 
 } // namespace

@@ -218,7 +218,7 @@ TEST(MachineFields, ImplausibleValuesAreWarnedOf) {
         return fmt::format("{}", fmt::join(all, "\n"));
     };
     EXPECT_EQ(warnings({{"encoder_resolution_m", 1}}),
-              "x.json: encoder_resolution_m = 1 m is implausible, 1e-14 to 0.001 is usual; it is in metres");
+              "x.json: encoder_resolution_m = 1 m is implausible, 1e-14 to 0.001 is usual; it is in meters");
     EXPECT_EQ(warnings({{"encoder_resolution_m", 0}}), "");
     EXPECT_EQ(warnings({{"rigid_gain_per_kg", 12}}),
               "x.json: rigid_gain_per_kg = 12 m/(N s^2) is implausible, 1e-06 to 10 is usual; it is the inverse of the "

@@ -259,8 +259,8 @@ TEST(MachineModel, NotesAreIgnoredAtEveryLevel) {
 
 TEST(MachineModel, AMachineThatCannotMoveIsRefused) {
     for (const char* text : {"{}", R"({"rigid_gain_per_kg": 0, "modes": []})"}) {
-        EXPECT_EQ(problem_of([&] { parsed(text); }),
-                  "input: x.json: rigid_gain_per_kg is zero or missing and there is no mode: nothing could move");
+        EXPECT_EQ(problem_of([&] { parsed(text); }), "input: x.json: rigid_gain_per_kg is zero or missing (or give "
+                                                     "mass_kg) and there is no mode: nothing could move");
     }
     EXPECT_NO_THROW(parsed(R"({"modes": [{"gain": 1, "freq_hz": 10, "zeta": 0.1}]})"));
 }

@@ -319,7 +319,7 @@ TEST(ServoSystemNoise, OfTheForceIsANewOneEachSample) {
     EXPECT_NEAR(rms(f), 0.3, 0.015);
     EXPECT_EQ(forces(11), f);
     EXPECT_NE(forces(12), f);
-    // Neighbours and the sensor's noise are independent: five standard deviations.
+    // Neighbors and the sensor's noise are independent: five standard deviations.
     const auto y = detected(ServoSystem(noisy_body(), no_thrust(), 11), many);
     const double most = 5 / std::sqrt(static_cast<double>(many));
     const double scale = 1 / static_cast<double>(many);

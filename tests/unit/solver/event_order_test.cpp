@@ -26,8 +26,8 @@ class Events : public testing::TestWithParam<Method> {};
 INSTANTIATE_TEST_SUITE_P(Methods, Events, testing::Values(Method::erk, Method::adams, Method::bdf, Method::ida),
                          method_of);
 
-// x' = 1 from 0. At t = 1 guard 0 falls (its zero is exactly there), clocks 0 and 1 are due, and the sample
-// of clock 1 makes guard 1 fall.
+// x' = 1 from 0. At t = 1 guard 0 crosses (its zero is exactly there), clocks 0 and 1 are due, and the sample
+// of clock 1 makes guard 1 cross.
 TEST_P(Events, an_instant_is_left_limit_guards_clocks_in_declared_order_and_guards_again) {
     Log log;
     FunctionSystem system;
@@ -61,7 +61,7 @@ TEST_P(Events, an_instant_is_left_limit_guards_clocks_in_declared_order_and_guar
     EXPECT_EQ(run.state().t, 1.0);
 }
 
-// A jump of x at a sample is seen by the integrator although nothing fell.
+// A jump of x at a sample is seen by the integrator although no guard crossed.
 TEST_P(Events, the_motion_goes_on_from_the_right_limit) {
     FunctionSystem system = decay();
     system.sample_clocks = {{"doubler", 0.5, 0.5}};
@@ -126,7 +126,7 @@ TEST_P(Events, each_fall_is_found_once_however_the_clocks_cut_the_time) {
     for (const double period : {0.1, 0.25, 1.0 / 3, 0.5, 10.0}) {
         FunctionSystem system = oscillator();
         system.sample_clocks = {{"idle", period, 0.0}};
-        // Turned round at each fall, so that the guard falls at every zero of cos t.
+        // Turned round at each crossing, so that the guard crosses at every zero of cos t.
         system.start_memory = {1};
         system.guard = {[](double, auto x, auto& d) { return d[0] * x[0]; }};
         system.crossing = [](GuardId, double, auto&, auto& d) {
@@ -142,7 +142,7 @@ TEST_P(Events, each_fall_is_found_once_however_the_clocks_cut_the_time) {
     }
 }
 
-// The guard falls at a sample instant, or so near that only rounding tells: one event, one sample, and the
+// The guard crosses at a sample instant, or so near that only rounding tells: one event, one sample, and the
 // run goes on.
 TEST_P(Events, a_fall_at_a_sample_instant_or_within_rounding_of_it_is_one_event) {
     for (const double shift : {0.0, 1e-17, -1e-17, 5e-17, -5e-17, 2e-16, -2e-16, 1e-15, -1e-15, 1e-13, -1e-13}) {
@@ -191,7 +191,7 @@ TEST_P(EventsOfEveryMethod, a_thermostat_keeps_between_its_levels_with_the_perio
     ASSERT_TRUE(run.advance_to(5.0).ok());
     const double phase = std::log(11.0 / 9.0); // heating and cooling take equally long
     ASSERT_EQ(run.events().size(), static_cast<std::size_t>(5.0 / phase));
-    // The fixed step handles a fall up to a step of 1 ms late, each time anew.
+    // The fixed step handles a crossing up to a step of 1 ms late, each time anew.
     const double each = GetParam() == Method::fixed ? 1e-3 : 1e-9;
     for (std::size_t n = 0; n < run.events().size(); ++n) {
         const auto count = static_cast<double>(n + 1);
@@ -216,7 +216,7 @@ TEST_P(EventsOfEveryMethod, a_sliding_system_ends_as_chattering_and_names_the_gu
     const RunOutcome outcome = run.advance_to(1.0);
     EXPECT_EQ(outcome.end, RunEnd::chattering);
     EXPECT_NE(outcome.message.find("guard 1 is chattering"), std::string::npos) << outcome.message;
-    // With a fixed step each fall takes two of them.
+    // With a fixed step each crossing takes two of them.
     EXPECT_NEAR(outcome.t, system.start[0],
                 GetParam() == Method::fixed ? 8e-8 * static_cast<double>(Simulator::chatter_limit) : 1e-9);
     // The outcome stays.

@@ -1,4 +1,4 @@
-// The exact integrator on small affine systems with a closed form, and the search for the first fall of a polynomial.
+// The exact integrator on small affine systems with a closed form, and the search for the first zero crossing of a polynomial.
 #include "affine_system.hpp"
 #include "function_system.hpp"
 #include "tribode/base/error.hpp"
@@ -77,7 +77,7 @@ TEST(FirstCrossing, touching_zero_from_above_is_no_fall) {
     EXPECT_EQ(first_crossing_below_zero(with_roots({0.5, 0.5, 0.75, 0.75}, 1)), none);
     EXPECT_EQ(first_crossing_below_zero(Polynomial{1, -2, 1}), none); // at the end
     EXPECT_EQ(first_crossing_below_zero(Polynomial{0, 0, 1}), none);  // at the beginning
-    // A little above zero is no fall whatever the rounding, a touch before a fall does not hide it.
+    // A little above zero is no crossing whatever the rounding, a touch before a crossing does not hide it.
     for (double lift = 1e-15; lift < 1e-3; lift *= 10) {
         Polynomial p = with_roots({0.375, 0.375, -0.5, 2}, -1);
         p[0] += lift;
@@ -106,11 +106,11 @@ TEST(FirstCrossing, two_roots_near_each_other_are_told_apart) {
 }
 
 TEST(FirstCrossing, the_degree_may_be_thirty) {
-    Polynomial p(31, 0.0); // 1 - 2^30 s^30 falls at 1/2
+    Polynomial p(31, 0.0); // 1 - 2^30 s^30 crosses at 1/2
     p[0] = 1;
     p[30] = -std::ldexp(1.0, 30);
     EXPECT_NEAR(first_crossing_below_zero(p), 0.5, 1e-15);
-    // cos(9 s) in powers of s, as the series of an oscillation gives them, falls at pi/18 and not at 5 pi/18 first.
+    // cos(9 s) in powers of s, as the series of an oscillation gives them, crosses at pi/18 and not at 5 pi/18 first.
     Polynomial wave(31, 0.0);
     double term = 1;
     for (int n = 0; n <= 30; n += 2) {
@@ -141,12 +141,12 @@ Scan scan(const Polynomial& p) {
     return result;
 }
 
-// Random polynomials of all degrees: no fall is missed, and where one is found the sign does change there.
+// Random polynomials of all degrees: no crossing is missed, and where one is found the sign does change there.
 TEST(FirstCrossing, is_that_of_a_fine_scan_on_thousands_of_random_polynomials) {
     std::mt19937_64 random(11);
     std::normal_distribution<double> normal;
     std::uniform_real_distribution<double> uniform(0, 1);
-    int falls = 0, missed_by_the_scan = 0;
+    int crossings = 0, missed_by_the_scan = 0;
     for (int draw = 0; draw < 4000; ++draw) {
         const std::size_t degree = 1 + random() % 30;
         Polynomial p;
@@ -174,7 +174,7 @@ TEST(FirstCrossing, is_that_of_a_fine_scan_on_thousands_of_random_polynomials) {
             EXPECT_EQ(seen.first_below, none) << "draw " << draw;
             continue;
         }
-        ++falls;
+        ++crossings;
         ASSERT_GE(s, 0) << "draw " << draw;
         ASSERT_LE(s, 1) << "draw " << draw;
         // Nothing clearly below before it, and it is a zero: by rounding of the value and of s.
@@ -183,8 +183,8 @@ TEST(FirstCrossing, is_that_of_a_fine_scan_on_thousands_of_random_polynomials) {
         // Behind it the polynomial is below zero: at once, unless it is back before the next point of the scan.
         if (seen.first_below - s > 1.0 / 2000) ++missed_by_the_scan;
     }
-    EXPECT_GT(falls, 1500);
-    EXPECT_LT(missed_by_the_scan, falls / 20); // short falls are rare, and there are some
+    EXPECT_GT(crossings, 1500);
+    EXPECT_LT(missed_by_the_scan, crossings / 20); // short ones are rare, and there are some
     EXPECT_GT(missed_by_the_scan, 0);
 }
 
@@ -252,7 +252,7 @@ TEST(ExactIntegrator, leaps_take_fewer_evaluations_and_come_to_the_same) {
     }
     EXPECT_NEAR(reached[0], reached[2], 2e-15); // damped: a few roundings of numbers below one
     EXPECT_NEAR(reached[1], reached[3], 2e-15);
-    EXPECT_LT(evaluations[0], 2100);  // one a leap
+    EXPECT_LT(evaluations[0], 2100);  // one a propagated step
     EXPECT_GT(evaluations[1], 10000); // one a term
 }
 
@@ -437,7 +437,7 @@ TEST(ExactIntegrator, a_fall_in_a_substep_is_found) {
     AffineSystem system;
     system.start = {1, 0};
     system.a = {{0, 100}, {-100, 0}};
-    system.guard = {{{1, 0}, 0}}; // falls where 100 t = pi/2
+    system.guard = {{{1, 0}, 0}}; // crosses where 100 t = pi/2
     system.crossing = [](GuardId, SystemState& state) {
         state.x = {1, 0};
         return EventEffect::restart;
@@ -453,18 +453,18 @@ TEST(ExactIntegrator, a_fall_in_a_substep_is_found) {
 TEST(ExactIntegrator, the_earliest_of_several_guards_falls_alone) {
     AffineSystem system = affine_oscillator();
     system.guard = {{{1, 0}, -0.1}, {{1, 0}, -0.5}, {{1, 0}, 2}};
-    std::vector<std::pair<GuardId, double>> fell;
+    std::vector<std::pair<GuardId, double>> crossed;
     system.crossing = [&](GuardId id, SystemState& state) {
-        fell.emplace_back(id, state.t);
+        crossed.emplace_back(id, state.t);
         state.x = {1, 0}; // anew
         return EventEffect::restart;
     };
     Simulator run(system, exact);
     ASSERT_TRUE(run.advance_to(10).ok());
-    ASSERT_EQ(fell.size(), 9u); // every pi/3
-    for (std::size_t i = 0; i < fell.size(); ++i) {
-        EXPECT_EQ(fell[i].first, 1u);
-        EXPECT_NEAR(fell[i].second, static_cast<double>(i + 1) * std::numbers::pi / 3, 1e-14);
+    ASSERT_EQ(crossed.size(), 9u); // every pi/3
+    for (std::size_t i = 0; i < crossed.size(); ++i) {
+        EXPECT_EQ(crossed[i].first, 1u);
+        EXPECT_NEAR(crossed[i].second, static_cast<double>(i + 1) * std::numbers::pi / 3, 1e-14);
     }
 }
 
@@ -489,7 +489,7 @@ TEST(ExactIntegrator, guards_that_fall_together_are_handled_together_in_declared
     EXPECT_EQ(run.events()[1].t, 0.5);
 }
 
-// The guard comes to zero at a sample instant: it falls once, and the sample is taken once.
+// The guard comes to zero at a sample instant: it crosses once, and the sample is taken once.
 TEST(ExactIntegrator, a_fall_at_a_sample_instant_happens_once) {
     for (const double period : {0.125, 0.1}) { // with and without rounding
         AffineSystem system;
@@ -538,7 +538,7 @@ TEST(ExactIntegrator, a_guard_that_all_but_touches_zero_does_not_fall) {
     }
 }
 
-// A leap goes over a step only where no guard can fall: a fall of a moment, long after leaps have become the rule.
+// A step is propagated only where no guard can cross: a short crossing, long after propagated steps have become the rule.
 TEST(ExactIntegrator, no_fall_is_leapt_over) {
     AffineSystem system = affine_oscillator();
     const double depth = 1e-9; // below zero for 2 acos(1 - depth) = 9e-5 s, twice in 8 s
@@ -546,15 +546,15 @@ TEST(ExactIntegrator, no_fall_is_leapt_over) {
     system.a = {{0, 1, 0}, {-1, 0, 0}, {0, 0, 0}};
     system.guard = {{{0, 1, 0}, 1 - depth}};
     system.sample_clocks = {{"tick", 0.3, 0.0}};
-    std::vector<double> fell;
+    std::vector<double> crossed;
     system.crossing = [&](GuardId, SystemState& state) {
-        fell.push_back(state.t);
+        crossed.push_back(state.t);
         return EventEffect::none; // goes on: the guard stays below for its moment
     };
     Simulator run(system, exact);
     const RunOutcome outcome = run.advance_to(2 * std::numbers::pi * 3);
-    ASSERT_FALSE(fell.empty()) << outcome.message;
-    EXPECT_NEAR(fell.front(), std::numbers::pi - std::acos(1 - depth), 1e-11); // 1e-16 over the slope there, 5e-5
+    ASSERT_FALSE(crossed.empty()) << outcome.message;
+    EXPECT_NEAR(crossed.front(), std::numbers::pi - std::acos(1 - depth), 1e-11); // 1e-16 over the slope there, 5e-5
 }
 
 TEST(ExactIntegrator, a_solution_that_grows_without_bound_ends_the_run) {

@@ -161,7 +161,7 @@ TEST_P(RunContinuity, a_copy_of_the_state_does_not_change_with_the_run) {
 }
 
 TEST_P(RunContinuity, everything_due_up_to_the_end_is_handled_when_a_run_stops) {
-    // The guard falls within the last step before an end that is no sample instant.
+    // The guard crosses within the last step before an end that is no sample instant.
     FunctionSystem system;
     system.start = {1.0};
     system.start_memory = {1};
