@@ -2,7 +2,8 @@
 --
 --   tribode run scripts/systems.lua -D system=stick_slip
 --
--- Results, for each system: NAME.csv, the plot NAME (png, svg); summary.json with events, steps and solver.
+-- Results, for each system: NAME.csv, the plot NAME (png, svg) with the instants of the events where they are not too many
+-- to tell apart; summary.json with events, steps and solver.
 
 local tb = require "tribode"
 
@@ -72,7 +73,12 @@ for _, name in ipairs(names) do
         columns[j] = by_name[column]
         series[j] = { name = column, x = run.t, y = run.values[column] }
       end
-      panels[i] = { x_label = i == #case.panels and "Time [s]" or "", y_label = label(columns), series = series }
+      panels[i] = {
+        x_label = i == #case.panels and "Time [s]" or "",
+        y_label = label(columns),
+        series = series,
+        events = #run.events <= 60 and run.events or nil,
+      }
     end
     tb.plot { file = name, panels = panels }
     tb.write_csv { file = name .. ".csv", columns = run.columns }

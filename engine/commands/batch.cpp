@@ -1,6 +1,7 @@
 #include "commands/command.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/kernel_sandbox.hpp"
+#include "tribode/base/quantity.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/batch/merge.hpp"
 #include "tribode/batch/slurm.hpp"
@@ -97,8 +98,9 @@ struct BatchCommand final : Command {
         for (const auto& warning : planned.warnings) std::fprintf(stderr, "tribode: warning: %s\n", warning.c_str());
         std::string text = fmt::format("{} points in {} shards", planned.points, planned.shards);
         if (planned.seconds_per_point > 0) {
-            text += fmt::format(", {:.3g} ms a point, {:.3g} s in all on one core", 1e3 * planned.seconds_per_point,
-                                planned.seconds_per_point * static_cast<double>(planned.points));
+            const double all = planned.seconds_per_point * static_cast<double>(planned.points);
+            text += fmt::format(", {} a point, {} in all on one core",
+                                format_quantity(planned.seconds_per_point, "s", 3), format_quantity(all, "s", 3));
         }
         common.note(text + fmt::format("; tribode batch run {}\n", plan.folder.string()),
                     {{"folder", plan.folder.string()},

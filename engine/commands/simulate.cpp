@@ -1,6 +1,7 @@
 #include "commands/command.hpp"
 #include "commands/option_flags.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/base/quantity.hpp"
 #include "tribode/record/csv.hpp"
 #include "tribode/record/output_file.hpp"
 #include "tribode/script/conversions.hpp"
@@ -56,9 +57,10 @@ struct SimulateCommand final : Command {
             common.note(
                 fmt::format(
                     "{} samples with {}: {} events, {} steps ({} rejected), {} derivative evaluations, {} restarts, "
-                    "{:.3g} s integrating, {:.3g} s in events and samples\n",
+                    "{} integrating, {} in events and samples\n",
                     result.trace.t.size(), name_of(result.method), n.events, n.steps, n.rejected_steps,
-                    n.derivative_evaluations, n.restarts, n.seconds_integrating, n.seconds_events),
+                    n.derivative_evaluations, n.restarts, format_quantity(n.seconds_integrating, "s", 3),
+                    format_quantity(n.seconds_events, "s", 3)),
                 {{"file", output},
                  {"samples", result.trace.t.size()},
                  {"solver", name_of(result.method)},

@@ -1,5 +1,6 @@
 #include "tribode/diagnosis/diagnosis_files.hpp"
 #include "tribode/analysis/spectrum.hpp"
+#include "tribode/base/quantity.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/diagnosis/disagreement.hpp"
 #include "tribode/effect/effect.hpp"
@@ -30,14 +31,14 @@ std::string sentence(const Diagnosis& d) {
     std::vector<std::string> names;
     for (const auto& effect : d.effects) names.push_back(effect.name);
     const Gap& gap = *d.validation_gap;
+    const auto size = [](double value) { return format_quantity(value, "m", 3); };
     const std::string shrink =
-        fmt::format("on the validation record the gap decreases from {:.3g} to {:.3g} um rms, where noise and "
-                    "rounding leave {:.3g} um",
-                    1e6 * gap.before, 1e6 * gap.after, 1e6 * gap.floor);
+        fmt::format("on the validation record the gap decreases from {} to {} rms, where noise and rounding leave {}",
+                    size(gap.before), size(gap.after), size(gap.floor));
     if (d.verdict == "nothing_missing") {
         return fmt::format("Nothing is missing that these records can show: measured and simulated position differ by "
-                           "{:.3g} um rms, noise and rounding leave {:.3g} um.",
-                           1e6 * gap.before, 1e6 * gap.floor);
+                           "{} rms, noise and rounding leave {}.",
+                           size(gap.before), size(gap.floor));
     }
     if (d.verdict == "unknown_effect") {
         return fmt::format("Something is missing that is none of the known effects; the nearest, {}, explains {:.0f} % "
@@ -56,10 +57,10 @@ std::string sentence(const Diagnosis& d) {
         return fmt::format("A part of what is missing is {}; {}.", fmt::join(names, " and "), shrink);
     if (names.size() == 1 && effect_kind(names.front()).is_rounding) {
         // Positions are simulated without rounding: it is the floor that differs.
-        return fmt::format("What is missing is {}: with it noise and rounding leave {:.3g} um rms on the "
-                           "validation record, as described {:.3g} um, and measured minus simulated position is "
-                           "{:.3g} um.",
-                           names.front(), 1e6 * gap.floor, 1e6 * d.validation.front().described_floor, 1e6 * gap.after);
+        return fmt::format(
+            "What is missing is {}: with it noise and rounding leave {} rms on the validation record, as "
+            "described {}, and measured minus simulated position is {}.",
+            names.front(), size(gap.floor), size(d.validation.front().described_floor), size(gap.after));
     }
     return fmt::format("What is missing is {}; {}.", fmt::join(names, " and "), shrink);
 }
@@ -175,8 +176,25 @@ Plot spectrum_plot(const Compared& c, bool named, double sample_time) {
 Plot force_plot(const Residuals& residuals) {
     const auto& [before, after, named] = residuals;
     Plot plot;
-    plot.title = fmt::format("Force that the model lacks, below {:g} Hz; noise leaves {:.2g} N rms of it",
-                             before.bandwidth, before.noise);
+    plot.title =
+        fmt::format("Force that the model lacks, below {:g} Hz, and twice its standard errors; noise leaves {} rms "
+                    "of it",
+                    before.bandwidth, format_quantity(before.noise, "N", 2));
+    const auto add_curves = [](Panel& panel, const std::string& name, const ForceCurve& curve, double scale,
+                               const char* color) {
+        const auto add = [&](const char* direction, const std::vector<double>& mean, const std::vector<double>& error,
+                             SeriesStyle style) {
+            Series series{
+                .name = name + direction, .x = scaled(curve.at, scale), .y = mean, .style = style, .color = color};
+            for (std::size_t i = 0; i < mean.size(); ++i) {
+                series.low.push_back(mean[i] - 2 * error[i]);
+                series.high.push_back(mean[i] + 2 * error[i]);
+            }
+            panel.series.push_back(std::move(series));
+        };
+        add(", forward", curve.forward, curve.forward_error, SeriesStyle::line_points);
+        add(", backward", curve.backward, curve.backward_error, SeriesStyle::points);
+    };
     struct Axis {
         Coordinate coordinate;
         const char* label;
@@ -191,14 +209,8 @@ Plot force_plot(const Residuals& residuals) {
         Panel panel;
         panel.x_label = label;
         panel.y_label = "Force [N]";
-        const ForceCurve was = force_curve(before, coordinate, 80);
-        panel.series = {{"before, forward", scaled(was.at, scale), was.forward, SeriesStyle::line, red},
-                        {"before, backward", scaled(was.at, scale), was.backward, SeriesStyle::dashed, red}};
-        if (named) {
-            const ForceCurve is = force_curve(after, coordinate, 80);
-            panel.series.push_back({"after, forward", scaled(is.at, scale), is.forward, SeriesStyle::line, blue});
-            panel.series.push_back({"after, backward", scaled(is.at, scale), is.backward, SeriesStyle::dashed, blue});
-        }
+        add_curves(panel, "before", force_curve(before, coordinate, 80), scale, red);
+        if (named) add_curves(panel, "after", force_curve(after, coordinate, 80), scale, blue);
         plot.panels.push_back(std::move(panel));
     }
     Panel spectrum;
@@ -326,7 +338,8 @@ ReportTable parameter_table(const NamedEffect& effect) {
         for (const auto& [name, number] : errors) {
             if (name == path && number > 0) error = number;
         }
-        table.rows.push_back({path, value, error, effect_kind(effect.name).unit_of(path)});
+        const auto [factor, unit] = prefixed_unit(value, effect_kind(effect.name).unit_of(path));
+        table.rows.push_back({path, factor * value, factor * error, unit});
     }
     return table;
 }
@@ -532,8 +545,13 @@ void write_diagnosis(const Diagnosis& d, const Json& summary, RunFolder& folder,
 std::string diagnosis_text(const Json& summary) {
     std::string text = fmt::format("{}\n", summary["verdict"].get<std::string>());
     for (const auto& effect : summary["effects"]) {
-        text += fmt::format("  {} {}  probability {:.2f}\n", effect["name"].get<std::string>(),
-                            effect["parameters"].dump(), effect["probability"].get<double>());
+        const std::string name = effect["name"];
+        text += fmt::format("  {}  probability {:.2f}\n", name, effect["probability"].get<double>());
+        std::vector<std::pair<std::string, double>> values;
+        flatten(effect["parameters"], "", values);
+        for (const auto& [path, value] : values) {
+            text += fmt::format("    {} = {}\n", path, format_quantity(value, effect_kind(name).unit_of(path)));
+        }
         for (const auto& rival : effect["rivals"]) {
             text += fmt::format("    or {}  probability {:.2g}\n", rival["name"].get<std::string>(),
                                 rival["probability"].get<double>());
@@ -541,8 +559,9 @@ std::string diagnosis_text(const Json& summary) {
     }
     for (const char* record : {"ident", "validate"}) {
         const Json& gap = summary["gap"][record];
-        text += fmt::format("  gap on {}: {:.3g} m before, {:.3g} m after, {:.3g} m floor\n", record,
-                            gap["before"].get<double>(), gap["after"].get<double>(), gap["floor"].get<double>());
+        const auto size = [&](const char* which) { return format_quantity(gap[which].get<double>(), "m", 3); };
+        text += fmt::format("  gap on {}: {} before, {} after, {} floor\n", record, size("before"), size("after"),
+                            size("floor"));
     }
     if (summary["out_of_time"].get<bool>()) text += "  the budget of time ended the search\n";
     return text;

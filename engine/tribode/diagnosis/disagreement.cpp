@@ -135,11 +135,16 @@ ForceCurve force_curve(const ResidualForce& r, Coordinate coordinate, std::size_
     const auto [low, high] = std::minmax_element(x.begin(), x.end());
     const double width = (*high - *low) / static_cast<double>(bins);
     if (!(width > 0)) return curve;
+    // A signal within a band has two independent values per period of its highest frequency.
+    const double independent_share = std::min(1.0, 2 * r.bandwidth * r.sample_time);
+    constexpr double none = std::numeric_limits<double>::quiet_NaN();
     struct Bin {
-        double sum = 0;
-        std::size_t count = 0;
-        double mean() const {
-            return count ? sum / static_cast<double>(count) : std::numeric_limits<double>::quiet_NaN();
+        double sum = 0, squares = 0, count = 0;
+        double mean() const { return count > 0 ? sum / count : none; }
+        double standard_error(double share) const {
+            const double independent = share * count;
+            return independent < 2 ? none
+                                   : std::sqrt(std::max(squares / count - mean() * mean(), 0.0) / (independent - 1));
         }
     };
     std::vector<Bin> forward(bins), backward(bins);
@@ -151,12 +156,15 @@ ForceCurve force_curve(const ResidualForce& r, Coordinate coordinate, std::size_
         if (std::abs(r.velocity[k]) <= still) continue;
         Bin& here = (r.velocity[k] > 0 ? forward : backward)[bin];
         here.sum += r.force[k];
+        here.squares += r.force[k] * r.force[k];
         ++here.count;
     }
     for (std::size_t i = 0; i < bins; ++i) {
         curve.at.push_back(*low + width * (static_cast<double>(i) + 0.5));
         curve.forward.push_back(forward[i].mean());
         curve.backward.push_back(backward[i].mean());
+        curve.forward_error.push_back(forward[i].standard_error(independent_share));
+        curve.backward_error.push_back(backward[i].standard_error(independent_share));
     }
     return curve;
 }

@@ -20,9 +20,12 @@ struct GapShare {
 };
 std::vector<GapShare> gap_shares(const Compared& record);
 
-// What is left over as a force, over one coordinate: mean and spread in bins, apart by direction of motion.
+// What is left over as a force, over one coordinate: means in bins with their standard errors, apart by direction of
+// motion.
 struct ForceCurve {
-    std::vector<double> at, forward, backward; // bin centres; mean force [N], NaN where a bin is empty
+    std::vector<double> at;                            // bin centers
+    std::vector<double> forward, backward;             // mean force [N], NaN where a bin is empty
+    std::vector<double> forward_error, backward_error; // [N]; NaN where a bin has less than two independent values
 };
 enum class Coordinate { position, velocity, time, since_reversal, thrust };
 ForceCurve force_curve(const ResidualForce& residual, Coordinate coordinate, std::size_t bins);

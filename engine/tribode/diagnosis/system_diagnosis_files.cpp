@@ -1,4 +1,5 @@
 #include "tribode/diagnosis/system_diagnosis_files.hpp"
+#include "tribode/base/quantity.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/diagnosis/system_record.hpp"
 #include "tribode/diagnosis/system_report.hpp"
@@ -100,9 +101,11 @@ std::string system_diagnosis_text(const SystemDiagnosis& d) {
         text += fmt::format("  {} in {}, probability {:.2f}: {}\n", effect.name, effect.equation, effect.probability,
                             effect.expression);
         for (std::size_t i = 0; i < effect.values.size(); ++i) {
-            text += fmt::format("    {} = {:.4g}", effect.parameters[i], effect.values[i]);
-            if (std::isfinite(effect.standard_errors[i])) text += fmt::format(" +- {:.2g}", effect.standard_errors[i]);
-            text += effect.units[i].empty() ? "\n" : fmt::format(" {}\n", effect.units[i]);
+            const auto [factor, unit] = prefixed_unit(effect.values[i], effect.units[i]);
+            const double error = factor * effect.standard_errors[i];
+            text += fmt::format("    {} = {}", effect.parameters[i], format_quantity(factor * effect.values[i], ""));
+            if (std::isfinite(error)) text += fmt::format(" +- {}", format_quantity(error, "", 2));
+            text += unit.empty() ? "\n" : fmt::format(" {}\n", unit);
         }
         for (const auto& [name, probability] : effect.rivals) {
             text += fmt::format("    or {}: {:.2f}\n", name, probability);

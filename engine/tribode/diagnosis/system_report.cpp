@@ -1,4 +1,5 @@
 #include "tribode/diagnosis/system_report.hpp"
+#include "tribode/base/quantity.hpp"
 #include "tribode/diagnosis/system_record.hpp"
 
 #include <algorithm>
@@ -12,10 +13,6 @@ namespace {
 
 constexpr const char* red = "#d55e00";
 constexpr const char* green = "#009e73";
-
-std::string with_unit(double value, const std::string& unit) {
-    return unit.empty() ? fmt::format("{:.3g}", value) : fmt::format("{:.3g} {}", value, unit);
-}
 
 std::string label(const std::string& name, const std::string& unit) {
     return unit.empty() ? name : fmt::format("{} [{}]", name, unit);
@@ -110,11 +107,17 @@ Plot maps(const SystemDiagnosis& d, const SystemComparison& one) {
     return plot;
 }
 
+// Name, value, standard error and unit, which has the prefix that the value needs.
+std::vector<ReportTable::Cell> value_row(const std::string& name, double value, double error, const std::string& unit) {
+    const PrefixedUnit prefixed = prefixed_unit(value, unit);
+    return {name, prefixed.factor * value, prefixed.factor * error, prefixed.unit};
+}
+
 // "overflow in der(x1): ..., a = 0.2 +- 0.01 1/s"
 std::string described(const SystemEffect& effect) {
     std::string text = fmt::format("{} in {}", effect.name, effect.equation);
     for (std::size_t i = 0; i < effect.values.size(); ++i) {
-        text += fmt::format(", {} = {}", effect.parameters[i], with_unit(effect.values[i], effect.units[i]));
+        text += fmt::format(", {} = {}", effect.parameters[i], format_quantity(effect.values[i], effect.units[i], 3));
     }
     return text;
 }
@@ -127,7 +130,8 @@ ReportSection what_is_missing(const SystemDiagnosis& d) {
         table.caption = fmt::format("{} in {}: {}", effect.name, effect.equation, effect.expression);
         table.columns = {{"parameter"}, {"value"}, {"standard error"}, {"unit"}};
         for (std::size_t i = 0; i < effect.values.size(); ++i) {
-            table.rows.push_back({effect.parameters[i], effect.values[i], effect.standard_errors[i], effect.units[i]});
+            table.rows.push_back(
+                value_row(effect.parameters[i], effect.values[i], effect.standard_errors[i], effect.units[i]));
         }
         what.blocks.push_back(table);
         if (effect.rivals.empty()) {
@@ -164,7 +168,7 @@ ReportSection values(const SystemDiagnosis& d) {
     ReportTable table;
     table.caption = "Parameters of the model as it was given";
     table.columns = {{"name"}, {"value"}, {"standard error"}, {"unit"}};
-    for (const auto& one : d.free) table.rows.push_back({one.name, one.value, one.standard_error, one.unit});
+    for (const auto& one : d.free) table.rows.push_back(value_row(one.name, one.value, one.standard_error, one.unit));
     section.blocks.push_back(table);
     section.blocks.push_back(Paragraph{
         fmt::format("Inputs are {}. Standard errors count as many samples as the remaining errors leave independent.",
@@ -212,13 +216,13 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
     if (d.verdict == "nothing_missing") {
         return fmt::format("Nothing is missing that these records can show: the model as given leaves {} rms, noise "
                            "{}.",
-                           with_unit(gap.before, unit), with_unit(gap.floor, unit));
+                           format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3));
     }
     if (d.effects.empty()) {
         std::string text =
             fmt::format("Something is missing that is none of the terms in the library: the model differs from the "
                         "validation record by {} rms, noise would leave {}.",
-                        with_unit(gap.before, unit), with_unit(gap.floor, unit));
+                        format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3));
         if (d.nearest) {
             text += fmt::format(" Nearest is {}, which explains {:.0f} % of the gap.", d.nearest->first,
                                 100 * d.nearest->second);
@@ -227,9 +231,9 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
     }
     std::vector<std::string> names;
     for (const auto& effect : d.effects) names.push_back(described(effect));
-    const std::string sizes =
-        fmt::format("The gap on the validation record decreases from {} to {} rms, noise leaves {}.",
-                    with_unit(gap.before, unit), with_unit(gap.after, unit), with_unit(gap.floor, unit));
+    const std::string sizes = fmt::format(
+        "The gap on the validation record decreases from {} to {} rms, noise leaves {}.",
+        format_quantity(gap.before, unit, 3), format_quantity(gap.after, unit, 3), format_quantity(gap.floor, unit, 3));
     const char* begin = d.verdict == "effect_found" ? "What is missing is"
                         : d.verdict == "undecided"  ? "Likeliest, but not decided by these records, is"
                         : d.verdict == "partial"    ? "A part of what is missing is"

@@ -2,6 +2,7 @@
 #include "tribode/analysis/sine_fit.hpp"
 #include "tribode/analysis/spectrum.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/base/quantity.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/record/csv.hpp"
 #include "tribode/solver/fixed_step_integrator.hpp"
@@ -340,15 +341,16 @@ std::vector<std::string> Comparison::findings() const {
         if (!m.outcome.ok()) {
             texts.push_back(fmt::format("{} ends early: {}.", m.name, m.outcome.message));
         } else if (m.diverged) {
-            texts.push_back(fmt::format("{} diverges: its position goes {:.2g} m astray.", m.name, m.max_difference));
+            texts.push_back(fmt::format("{} diverges: its position goes {} astray.", m.name,
+                                        format_quantity(m.max_difference, "m", 2)));
         }
         if (m.stable_stiffness && *m.stable_stiffness == 0) {
             texts.push_back(fmt::format("{} is unstable for this machine even without friction.", m.name));
         } else if (m.stable_stiffness && *m.stable_stiffness < friction_stiffness) {
-            texts.push_back(
-                fmt::format("{} is unstable above a stiffness of {:.3g} N/m at the driven point; all friction "
-                            "elements in stick have {:.3g} N/m.",
-                            m.name, *m.stable_stiffness, friction_stiffness));
+            texts.push_back(fmt::format(
+                "{} is unstable above a stiffness of {} at the driven point; all friction elements in stick "
+                "have {}.",
+                m.name, format_quantity(*m.stable_stiffness, "N/m", 3), format_quantity(friction_stiffness, "N/m", 3)));
         }
         if (m.events_missed + m.events_extra > 0 && !m.diverged) {
             texts.push_back(fmt::format("{} misses {} of {} stick-slip transitions and has {} that do not exist: it "

@@ -1,6 +1,7 @@
 #include "tribode/record/plot.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/field_reader.hpp"
+#include "tribode/base/quantity.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/record/output_file.hpp"
 #include "tribode/record/run_folder.hpp"
@@ -13,9 +14,9 @@
 #include <cstring>
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <limits>
 #include <map>
 #include <poll.h>
-#include <set>
 #include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -31,7 +32,7 @@ namespace {
 constexpr std::array palette = {"#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f7f",
                                 "#332288", "#882255", "#999933", "#000000", "#44aa99", "#ee3377", "#8c564b"};
 
-const std::vector<std::string> style_names = {"line", "dashed", "points", "line_points", "steps", "band"};
+const std::vector<std::string> style_names = {"line", "dashed", "points", "line_points", "steps", "band", "instants"};
 
 // A text in gnuplot's double quotes: letters, digits, blanks and what is not ASCII as they are, control characters as blanks,
 // everything else by its octal number. So nothing in a text ends its quotes or its line (gnuplot reads lines as C strings),
@@ -62,6 +63,9 @@ bool shown(const Panel& panel, double x, double y) {
     return std::isfinite(x) && std::isfinite(y) && (!panel.x_log || x > 0) && (!panel.y_log || y > 0);
 }
 
+// The y of instants, which any axis can show.
+constexpr double anywhere = 1;
+
 } // namespace
 
 const std::string& name_of(SeriesStyle style) { return style_names[static_cast<std::size_t>(style)]; }
@@ -74,6 +78,7 @@ Range shown_range(const Panel& panel, bool of_x) {
     }
     double low = INFINITY, high = -INFINITY;
     for (const auto& series : panel.series) {
+        if (series.style == SeriesStyle::instants) continue; // marks on what the others show
         for (std::size_t i = 0; i < series.x.size(); ++i) {
             const auto include = [&](double y) {
                 if (!shown(panel, series.x[i], y)) return;
@@ -118,8 +123,6 @@ int shown_height(const Plot& plot) {
 }
 
 Plot with_readable_units(Plot plot) {
-    const std::set<std::string_view> scaled_units = {"m",   "s", "N", "m/s", "m/s^2", "N/m", "N s/m", "N m",
-                                                     "rad", "V", "A", "W",   "rad/s", "Pa",  "J",     "m/N"};
     struct Axis {
         double largest = 0;
         bool linear = true;
@@ -129,7 +132,7 @@ Plot with_readable_units(Plot plot) {
         const auto open = label.rfind('[');
         if (open == std::string_view::npos || !label.ends_with("]")) return {};
         const auto unit = label.substr(open + 1, label.size() - open - 2);
-        return scaled_units.contains(unit) ? unit : std::string_view{};
+        return takes_prefix(unit) ? unit : std::string_view{};
     };
     std::map<std::string, Axis> axes; // by label
     for (const auto& panel : plot.panels) {
@@ -154,12 +157,9 @@ Plot with_readable_units(Plot plot) {
             if (found == axes.end() || !found->second.linear) continue;
             const double largest = found->second.largest;
             if (!(largest > 0) || (largest >= 0.01 && largest < 1e5)) continue;
-            const int third = static_cast<int>(std::floor(std::log10(largest) / 3 + 1e-9));
-            if (third < -5 || third > 3) continue;
-            const char* prefix =
-                std::array{"f", "p", "n", "u", "m", "", "k", "M", "G"}[static_cast<std::size_t>(third + 5)];
-            const double factor = std::pow(10.0, -3 * third);
-            if (!own.empty()) own.insert(own.rfind('[') + 1, prefix);
+            const PrefixedUnit prefixed = prefixed_unit(largest, unit_of(label), 15);
+            const double factor = prefixed.factor;
+            if (!own.empty()) own.replace(own.rfind('[') + 1, std::string::npos, prefixed.unit + "]");
             const auto scale = [&](std::vector<double>& values) {
                 for (double& value : values) value *= factor;
             };
@@ -201,6 +201,15 @@ std::string datablock(const std::string& name, const Panel& panel, const Series&
         append_text(text, value);
         text += ' ';
     };
+    if (series.style == SeriesStyle::instants) {
+        const Range heights = shown_range(panel, false);
+        for (const double x : series.x) {
+            if (!shown(panel, x, anywhere)) continue;
+            for (const double value : {x, heights[0], 0.0, heights[1] - heights[0]}) append(value);
+            text += '\n';
+        }
+        return text + "EOD\n";
+    }
     const bool segments = is_segments(panel, series);
     for (std::size_t i = 0; i < series.x.size(); ++i) {
         if (shown(panel, series.x[i], series.y[i])) {
@@ -301,6 +310,7 @@ std::string curve(const std::string& block, const Panel& panel, const Series& se
                  : "";
         return fmt::format("{}${} using 1:2 with lines {} {}", area, block, line, title);
     }
+    case SeriesStyle::instants: return fmt::format("${} with vectors nohead dt (3,4) {} {}", block, line, title);
     case SeriesStyle::line: break;
     }
     // gnuplot joins the end of a wide segment with the beginning of the next one by a wedge; arrows stand alone.
@@ -558,6 +568,23 @@ Plot plot_from_json(const Json& json, const std::string& where) {
         if (ends.size() != 2 || !(ends[0] < ends[1])) fields.fail(key, "must be {lowest, highest}");
         return Range{ends[0], ends[1]};
     };
+    // A series for each name, in the order in which they come first.
+    const auto add_events = [](FieldReader& entry, Panel& panel) {
+        std::vector<Series> kinds;
+        entry.each("events", [&](FieldReader& event) {
+            const double t = event.number("t", "s", Allowed::finite);
+            std::string name = event.text(event.has("kind") ? "kind" : "name");
+            if (event.has("element")) event.integer("element", 0, std::numeric_limits<int>::max(), 0);
+            auto kind = std::find_if(kinds.begin(), kinds.end(), [&](const Series& one) { return one.name == name; });
+            if (kind == kinds.end()) {
+                kinds.push_back({.name = std::move(name), .style = SeriesStyle::instants, .width = 1.1});
+                kind = kinds.end() - 1;
+            }
+            kind->x.push_back(t);
+            kind->y.push_back(anywhere);
+        });
+        for (auto& kind : kinds) panel.series.push_back(std::move(kind));
+    };
     FieldReader fields(json, where);
     Plot plot;
     plot.title = fields.text("title", "");
@@ -589,12 +616,17 @@ Plot plot_from_json(const Json& json, const std::string& where) {
             Series series;
             series.name = curve_fields.text("name", "");
             series.x = values(curve_fields, "x");
-            series.y = values(curve_fields, "y");
-            series.low = values(curve_fields, "low");
-            series.high = values(curve_fields, "high");
             const std::string style = curve_fields.choice("style", style_names, "line");
             series.style = static_cast<SeriesStyle>(std::find(style_names.begin(), style_names.end(), style) -
                                                     style_names.begin());
+            if (series.style == SeriesStyle::instants) {
+                series.y.assign(series.x.size(), anywhere);
+                series.width = 1.1;
+            } else {
+                series.y = values(curve_fields, "y");
+                series.low = values(curve_fields, "low");
+                series.high = values(curve_fields, "high");
+            }
             series.color = curve_fields.text("color", "");
             const bool hex = series.color.size() == 7 && series.color[0] == '#' &&
                              series.color.find_first_not_of("0123456789abcdefABCDEF", 1) == std::string::npos;
@@ -604,6 +636,7 @@ Plot plot_from_json(const Json& json, const std::string& where) {
             series.width = curve_fields.number("width", "points", Allowed::positive, series.width);
             panel.series.push_back(std::move(series));
         });
+        add_events(entry, panel);
         plot.panels.push_back(std::move(panel));
     });
     fields.finish();

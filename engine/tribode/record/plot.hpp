@@ -10,8 +10,8 @@
 namespace tribode {
 
 // steps: a value holds until the next one, as of a sampled signal or a relay. band: the area between low and high, with
-// the line of y over it.
-enum class SeriesStyle { line, dashed, points, line_points, steps, band };
+// the line of y over it. instants: a thin line from bottom to top of the panel at each x, as of events; y is not shown.
+enum class SeriesStyle { line, dashed, points, line_points, steps, band, instants };
 const std::string& name_of(SeriesStyle style);
 
 struct Series {
@@ -76,8 +76,9 @@ int shown_height(const Plot& plot);
 // "... [um]". Axes with the same label keep the same unit. Drawings show this.
 Plot with_readable_units(Plot plot);
 
-// A plot as a table with the fields above (styles: "line", "dashed", "points", "line_points", "steps", "band"); `where` begins the
-// messages. Throws InputError.
+// A plot as a table with the fields above (styles: "line", "dashed", "points", "line_points", "steps", "band", "instants"); a panel
+// may also have `events`, { { t =, name = } or { t =, element =, kind = }, ... }, which become instants, a series for each
+// name. `where` begins the messages. Throws InputError.
 Plot plot_from_json(const Json& json, const std::string& where);
 
 } // namespace tribode

@@ -1,6 +1,7 @@
 #include "tribode/record/report.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/field_reader.hpp"
+#include "tribode/base/quantity.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/record/json_file.hpp"
 #include "tribode/record/output_file.hpp"
@@ -274,15 +275,16 @@ struct Page {
         if (!table.caption.empty()) text += "<caption>" + escaped(table.caption) + "</caption>\n";
         text += "<thead><tr>";
         std::vector<const char*> classes;
+        std::vector<double> factors;
         for (std::size_t c = 0; c < table.columns.size(); ++c) {
             // A column that holds a number is one of numbers; texts in it ("never") go with them.
             const bool numbers = std::any_of(table.rows.begin(), table.rows.end(),
                                              [&](const auto& row) { return std::holds_alternative<double>(row[c]); });
             classes.push_back(numbers ? " class=\"n\"" : "");
-            const auto& column = table.columns[c];
-            text +=
-                fmt::format("<th scope=\"col\"{}>{}{}</th>", classes[c], escaped(column.name),
-                            column.unit.empty() ? "" : "<span class=\"unit\">[" + escaped(column.unit) + "]</span>");
+            const auto [factor, unit] = shown_unit(table, c);
+            factors.push_back(factor);
+            text += fmt::format("<th scope=\"col\"{}>{}{}</th>", classes[c], escaped(table.columns[c].name),
+                                unit.empty() ? "" : "<span class=\"unit\">[" + escaped(unit) + "]</span>");
         }
         text += "</tr></thead>\n<tbody>\n";
         for (const auto& row : table.rows) {
@@ -291,7 +293,7 @@ struct Page {
                 // A short text stays in one line; a table that becomes too wide scrolls.
                 const auto* words = std::get_if<std::string>(&row[c]);
                 const char* kind = *classes[c] || !words || words->size() > 30 ? classes[c] : " class=\"s\"";
-                text += fmt::format("<td{}>{}</td>", kind, cell(row[c], table.columns[c].decimals));
+                text += fmt::format("<td{}>{}</td>", kind, cell(row[c], table.columns[c], factors[c]));
             }
             text += "</tr>\n";
         }
@@ -313,11 +315,23 @@ struct Page {
         return text;
     }
 
-    static std::string cell(const ReportTable::Cell& cell, int decimals) {
+    // The unit of a column of numbers that would need many digits, or few after many zeros: that of its largest one.
+    static PrefixedUnit shown_unit(const ReportTable& table, std::size_t c) {
+        const auto& column = table.columns[c];
+        double largest = 0;
+        for (const auto& row : table.rows) {
+            const auto* value = std::get_if<double>(&row[c]);
+            if (value && std::isfinite(*value)) largest = std::max(largest, std::abs(*value));
+        }
+        const bool readable = column.decimals >= 0 || (largest >= 0.01 && largest < 1e5);
+        return readable ? PrefixedUnit{1, column.unit} : prefixed_unit(largest, column.unit);
+    }
+
+    static std::string cell(const ReportTable::Cell& cell, const ReportTable::Column& column, double factor) {
         if (const auto* text = std::get_if<std::string>(&cell)) return escaped(*text);
-        const double value = std::get<double>(cell);
+        const double value = factor * std::get<double>(cell);
         if (!std::isfinite(value)) return "–";
-        return decimals < 0 ? fmt::format("{:.4g}", value) : fmt::format("{:.{}f}", value, decimals);
+        return column.decimals < 0 ? fmt::format("{:.4g}", value) : fmt::format("{:.{}f}", value, column.decimals);
     }
 
     // A file name as part of an address: a name like `javascript:x` must stay a file beside the page.

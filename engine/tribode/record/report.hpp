@@ -27,8 +27,9 @@ struct Preformatted {
 struct ReportTable {
     struct Column {
         std::string name;
-        std::string unit;  // in brackets below the name; "" for none
-        int decimals = -1; // of its numbers, 0 to 15; -1: four significant digits
+        std::string unit; // in brackets below the name; "" for none
+        int decimals =
+            -1; // of its numbers, 0 to 15; -1: four significant digits, in a unit with a prefix if they need one
     };
     // A number that is not finite is shown as a dash. Columns of numbers are aligned to the right.
     using Cell = std::variant<std::string, double>;

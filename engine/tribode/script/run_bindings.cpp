@@ -1,5 +1,6 @@
 #include "tribode/base/error.hpp"
 #include "tribode/base/field_reader.hpp"
+#include "tribode/base/quantity.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/script/lua_function.hpp"
 
@@ -47,6 +48,18 @@ Json run_script(const ScriptContext& context, const Json& arguments) {
 }
 
 Json options(const ScriptContext& script, const Json& defaults) { return script.run.options(defaults); }
+Json format(const Json& arguments) {
+    const double value = argument(arguments, 0, "tb.format");
+    const auto given = [&](std::size_t i) { return arguments.size() > i && !arguments[i].is_null(); };
+    if (given(1) && !arguments[1].is_string()) throw InputError("tb.format: argument 2 must be a unit, as a text");
+    const double digits = given(2) ? argument(arguments, 2, "tb.format") : 4;
+    if (!(digits >= 1 && digits <= 15 && digits == std::floor(digits))) {
+        throw InputError(
+            fmt::format("tb.format: argument 3 = {}, must be a whole number from 1 to 15", to_text(digits)));
+    }
+    return format_quantity(value, given(1) ? arguments[1].get<std::string>() : "", static_cast<int>(digits));
+}
+
 Json linear(const Json& arguments) { return spaced(arguments, "tb.linspace", false); }
 Json logarithmic(const Json& arguments) { return spaced(arguments, "tb.logspace", true); }
 
@@ -68,6 +81,10 @@ const std::vector<LuaFunction>& run_functions() {
         {"linspace", linear, "`tb.linspace(from, to, count)`",
          "list of numbers with equal differences, both ends included"},
         {"logspace", logarithmic, "`tb.logspace(from, to, count)`", "the same with equal ratios"},
+        {"format", format, "`tb.format(value, unit, digits)`",
+         "a number as one reads it, for `print` and reports: four significant digits (or `digits`), and a prefix to "
+         "the "
+         "unit where it takes one: `tb.format(1.23e-5, \"m\")` is \"12.3 um\""},
     };
     return functions;
 }

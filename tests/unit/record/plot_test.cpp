@@ -61,6 +61,37 @@ TEST(Plot, NamesStandAtTheYAxis) {
               "input: tb.plot: panels[1].y_names do not go with a logarithmic axis");
 }
 
+TEST(Plot, EventsBecomeInstantsByName) {
+    const TemporaryFolder folder;
+    const Json figure = Json::parse(R"({"panels": [{"x_label": "Time [s]", "y_log": true,
+        "series": [{"name": "h", "x": [0, 4e-3], "y": [1, 100]}],
+        "events": [{"t": 1e-3, "name": "impact"}, {"t": 2e-3, "name": "rest"}, {"t": 9e-3, "name": "impact"},
+                   {"t": 3e-3, "element": 2, "kind": "stick"}]}]})");
+    const Plot plot = plot_from_json(figure, "tb.plot");
+    const auto& series = plot.panels[0].series;
+    ASSERT_EQ(series.size(), 4u);
+    EXPECT_EQ(series[1].name, "impact");
+    EXPECT_EQ(series[1].x, (std::vector<double>{1e-3, 9e-3}));
+    EXPECT_EQ(series[3].name, "stick");
+    EXPECT_EQ(series[1].style, SeriesStyle::instants);
+    // They mark what is shown, and do not widen it; their times get the prefix of the axis.
+    EXPECT_LT(shown_range(plot.panels[0], true)[1], 5e-3);
+    EXPECT_LT(shown_range(plot.panels[0], false)[1], 200);
+    const Plot readable = with_readable_units(plot);
+    EXPECT_EQ(readable.panels[0].x_label, "Time [ms]");
+    EXPECT_DOUBLE_EQ(readable.panels[0].series[1].x[0], 1);
+    draw_plot(folder / "with", plot);
+    Plot without = plot;
+    without.panels[0].series.resize(1);
+    draw_plot(folder / "without", without);
+    EXPECT_NE(read_file(folder / "with.svg"), read_file(folder / "without.svg"));
+    EXPECT_NE(read_file(folder / "with.svg").find("impact"), std::string::npos);
+    EXPECT_NE(problem_of([] {
+                  plot_from_json({{"panels", {{{"events", {{{"t", 1}}}}}}}}, "tb.plot");
+              }).find("name"),
+              std::string::npos);
+}
+
 TEST(Plot, AMapColoursItsCells) {
     const TemporaryFolder folder;
     const Json figure = Json::parse(R"({"panels": [{"y_log": true, "map": {"label": "Force [N]", "x_edges": [0, 1, 3],

@@ -49,7 +49,7 @@
       s.key.setAttribute("aria-pressed", "true");
       const swatch = element("span", s.style === "points" ? "swatch dots" : "swatch");
       if (s.style === "points") swatch.style.background = s.color;
-      else swatch.style.borderTop = `${Math.max(2, s.width)}px ${s.style === "dashed" ? "dashed" : "solid"} ${s.color}`;
+      else swatch.style.borderTop = `${Math.max(2, s.width)}px ${s.style === "dashed" ? "dashed" : s.style === "instants" ? "dotted" : "solid"} ${s.color}`;
       s.value = element("span", s.ascends ? "value" : "value pair");
       s.key.append(swatch, element("bdi", "", s.name), s.value);
       s.key.addEventListener("click", () => {
@@ -84,6 +84,18 @@
         const positive = (v, log) => v !== null && (!log || v > 0);
         const shown = (i, y) => positive(s.x[i], spec.xlog) && positive(y[i], spec.ylog);
         const at = (i, y) => [u.valToPos(s.x[i], "x", true), u.valToPos(y[i], "y", true)];
+        if (s.style === "instants") {
+          ctx.setLineDash([3 * ratio, 4 * ratio]);
+          ctx.beginPath();
+          for (let i = 0; i < s.x.length; i++) {
+            if (!positive(s.x[i], spec.xlog)) continue;
+            const px = u.valToPos(s.x[i], "x", true);
+            ctx.moveTo(px, u.bbox.top);
+            ctx.lineTo(px, u.bbox.top + u.bbox.height);
+          }
+          ctx.stroke();
+          continue;
+        }
         if (s.low && s.style === "band") {
           // Piece by piece, along the high ends and back along the low ones.
           ctx.globalAlpha = 0.25;
@@ -152,7 +164,7 @@
         if (!s.key) continue;
         const i = on && s.shown ? nearest(u, s, x) : -1;
         s.value.textContent = i < 0 ? "" :
-          s.ascends ? `: ${text(s.y[i], 5)}` : `: (${text(s.x[i], 5)}, ${text(s.y[i], 5)})`;
+          s.style === "instants" ? `: ${text(s.x[i], 5)}` : s.ascends ? `: ${text(s.y[i], 5)}` : `: (${text(s.x[i], 5)}, ${text(s.y[i], 5)})`;
       }
     };
 
