@@ -252,7 +252,7 @@ SimulationResult run_simulation(const MachineModel& machine, std::optional<Signa
     add("r", r);
     add("exc", exc);
     add("y", y);
-    const DriveRecord record = DriveRecord::of(given, {}, machine);
+    const DriveRecord record = DriveRecord::of(std::move(given), {}, machine);
     EngineCall call(progress, 1);
     return call.run([&](const RunControl& control) {
         const auto start = std::chrono::steady_clock::now();

@@ -270,7 +270,7 @@ TEST_F(Completion, TheStubForEditorsHasEveryFunctionOfTheModule) {
     EXPECT_EQ(ending.out, "same\n") << ending.err;
     const std::string stub = text_of(folder / "stub.lua");
     EXPECT_TRUE(stub.starts_with("---@meta tribode\n"));
-    EXPECT_NE(stub.find("---@field quick? any\n"), std::string::npos);
+    EXPECT_NE(stub.find("---@field quick? boolean\n"), std::string::npos);
     EXPECT_NE(stub.find("\nfunction tb.linspace(from, to, count, ...) end\n"), std::string::npos);
     EXPECT_NE(stub.find("---@field solver? \"auto\"|\"exact\"|"), std::string::npos);
     EXPECT_NE(stub.find("---@field relative_tolerance? number"), std::string::npos);

@@ -28,10 +28,10 @@ struct DriveRecord {
     // Columns t, then u (open loop) or r and exc (closed loop; one of the two may be absent and is zero then). Where a
     // record has u and r, the machine's closed_loop decides. Throws InputError on other columns, on a time column that
     // is not uniform with the machine's sample time, and on what the machine cannot do.
-    static DriveRecord from_table(const Table& table, const MachineModel& machine, const std::string& where);
+    static DriveRecord from_table(Table table, const MachineModel& machine, const std::string& where);
 
     // The same of a record that is given as a file or as columns, which may lack t.
-    static DriveRecord of(const GivenRecord& record, const RecordOptions& options, const MachineModel& machine);
+    static DriveRecord of(GivenRecord record, const RecordOptions& options, const MachineModel& machine);
 };
 
 // What is asked of a simulation, besides the machine and the record: by the command line and by scripts.

@@ -7,9 +7,13 @@
 namespace tribode {
 
 Table GivenRecord::read(const RecordOptions& options, const std::vector<std::string>& wanted,
-                        double sample_time) const {
+                        double sample_time) const& {
+    return GivenRecord(*this).read(options, wanted, sample_time);
+}
+
+Table GivenRecord::read(const RecordOptions& options, const std::vector<std::string>& wanted, double sample_time) && {
     if (!file.empty()) return read_record(file, options, wanted).table;
-    Table complete = table;
+    Table complete = std::move(table);
     if (!complete.find("t")) {
         std::vector<double> t(complete.rows());
         for (std::size_t k = 0; k < t.size(); ++k) t[k] = static_cast<double>(k) * sample_time;

@@ -17,7 +17,9 @@ struct GivenRecord {
     std::string name() const { return file.empty() ? table.source : file.string(); }
 
     // Of a file the columns that read_record() finds. A table is complete, but for t, which then begins at 0.
-    Table read(const RecordOptions& options, const std::vector<std::string>& wanted, double sample_time) const;
+    Table read(const RecordOptions& options, const std::vector<std::string>& wanted, double sample_time) const&;
+    // The same without a copy: the table is taken out.
+    Table read(const RecordOptions& options, const std::vector<std::string>& wanted, double sample_time) &&;
 
     // SHA-256 of the file, or of the names and values of the columns.
     std::string hash() const;

@@ -5,6 +5,7 @@
 #include <cctype>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <map>
 #include <set>
 
 namespace tribode {
@@ -43,8 +44,230 @@ std::string type_of(const std::string& values) {
     for (const char* number : {"any", "> 0", "≥ 0", "between"}) {
         if (values.starts_with(number)) return "number";
     }
+    if (values == "table of texts") return "table<string, string>";
     return "any";
 }
+
+// The types of arguments that have no row in a table of options, by their names: a name means the same in all functions but
+// those named `function.name`. Arguments of conditions and of parts are not here: they are symbolic or numbers.
+const std::map<std::string_view, std::string_view> argument_types = {
+    {"file", "string"},
+    {"folder", "string"},
+    {"script", "string"},
+    {"text", "string"},
+    {"title", "string"},
+    {"unit", "string"},
+    {"which", "\"greatest\"|\"least\""},
+    {"scramble", "\"owen\"|\"shift\"|\"none\""},
+    {"quick", "boolean"},
+    {"ranks", "boolean"},
+    {"base_count", "integer"},
+    {"bins", "integer"},
+    {"count", "integer"},
+    {"delay_order", "integer"},
+    {"digits", "integer"},
+    {"decimate.factor", "integer"},
+    {"index", "integer"},
+    {"order", "integer"},
+    {"periods", "integer"},
+    {"points.first", "integer"},
+    {"replicates", "integer"},
+    {"seed", "integer"},
+    {"stream", "integer"},
+    {"window_samples", "integer"},
+    {"at_hz", "number"},
+    {"confidence", "number"},
+    {"corner_hz", "number"},
+    {"delay_s", "number"},
+    {"excitation_hz", "number"},
+    {"expected_s", "number"},
+    {"f_max_hz", "number"},
+    {"f_min_hz", "number"},
+    {"format.value", "number"},
+    {"friction_feedback", "number"},
+    {"from", "number"},
+    {"period_s", "number"},
+    {"sample_time_s", "number"},
+    {"share", "number"},
+    {"to", "number"},
+    {"loop_margins.amplitude_m", "number"},
+    {"loop_gain.amplitude_m", "number[]"},
+    {"frequency_hz", "number[]"},
+    {"friction_force.position", "number[]"},
+    {"frf.excitation", "number[]"},
+    {"frf.input", "number[]"},
+    {"frf.output", "number[]"},
+    {"probabilities", "number[]"},
+    {"values", "number[]"},
+    {"table1.x", "number[]"},
+    {"table1.y", "number[]"},
+    {"table2.x", "number[]"},
+    {"table2.y", "number[]"},
+    {"z", "number[][]"},
+    {"least_squares.columns", "number[][]"},
+    {"columns", "tribode.column[]"},
+    {"read_record.columns", "table<string, string>"},
+    {"scale", "table<string, number>"},
+    {"fra1", "tribode.response"},
+    {"fra2", "tribode.response"},
+    {"response", "tribode.response"},
+    {"system", "tribode.system"},
+    {"attributes", "table"},
+    {"design", "table"},
+    {"fields", "table"},
+    {"machine", "table"},
+    {"machine.file", "string|table"},
+    {"model", "table<string, any>"},
+    {"run.options", "table"},
+    {"elements", "table[]"},
+    {"panels", "table[]"},
+    {"points", "table[]"},
+    {"records", "(string|table)[]"},
+    {"sections", "table[]"},
+    {"tables", "table[]"},
+    {"factors", "table[]"},
+    {"sobol_indices.factors", "string[]"},
+};
+
+std::string type_of_argument(const std::string& function, const std::string& name) {
+    auto found = argument_types.find(function + "." + name);
+    if (found == argument_types.end()) found = argument_types.find(name);
+    return found == argument_types.end() || function.starts_with("parts.") ? "any" : std::string(found->second);
+}
+
+// What functions return; of those that are not here the reference says what is in the table.
+const std::map<std::string_view, std::string_view> result_types = {
+    {"version", "string"},
+    {"quick", "boolean"},
+    {"format", "string"},
+    {"phase_delay", "number"},
+    {"standard_normal", "number"},
+    {"decimate", "number[]"},
+    {"derivative", "number[]"},
+    {"friction_force", "number[]"},
+    {"linspace", "number[]"},
+    {"logspace", "number[]"},
+    {"low_pass", "number[]"},
+    {"list_folder", "string[]"},
+    {"delay_model_response", "tribode.response"},
+    {"loop_gain", "tribode.response"},
+    {"model_response", "tribode.response"},
+    {"plant_response", "tribode.response"},
+    {"proposed_response", "tribode.response"},
+    {"remove_delay", "tribode.response"},
+    {"fmu", "tribode.system"},
+    {"system", "tribode.system"},
+    {"run_system", "tribode.system_run"},
+    {"simulate", "tribode.simulation"},
+    {"plant_parameters", "table<string, number>"},
+    {"loop_margins", "table<string, any>"},
+    {"fit_modal", "table<string, any>"},
+    {"effects", "table[]"},
+    {"points", "table[]"},
+    {"tornado", "table[]"},
+    {"worst_cases", "table[]"},
+    {"compare", "table"},
+    {"diagnose", "table"},
+    {"diagnose_system", "table"},
+    {"estimate_delay", "table"},
+    {"feedforward", "table"},
+    {"fit_friction", "table"},
+    {"fra", "table"},
+    {"frf", "table"},
+    {"grid", "table"},
+    {"histogram", "table"},
+    {"latin_hypercube", "table"},
+    {"least_squares", "table"},
+    {"linearize", "table"},
+    {"list", "table"},
+    {"machine", "table"},
+    {"monte_carlo", "table"},
+    {"multisine", "table"},
+    {"one_at_a_time", "table"},
+    {"options", "table"},
+    {"positioning", "table"},
+    {"read_batch", "table"},
+    {"read_record", "table"},
+    {"regression_sensitivity", "table"},
+    {"run", "table"},
+    {"saltelli", "table"},
+    {"single_frequency", "table"},
+    {"sobol", "table"},
+    {"sobol_indices", "table"},
+    {"statistics", "table"},
+    {"steady_state", "table"},
+    {"sweep", "table"},
+    {"system_variables", "table"},
+    {"with_fields", "table"},
+    {"table1", "function"},
+    {"table2", "function"},
+    {"batch", "nil"},
+    {"plot", "nil"},
+    {"report", "nil"},
+    {"write_csv", "nil"},
+    {"write_hdf5", "nil"},
+    {"write_json", "nil"},
+    {"write_mat", "nil"},
+    {"write_text", "nil"},
+};
+
+std::string result_of(const std::string& function) {
+    const auto found = result_types.find(function);
+    return found == result_types.end() ? "any" : std::string(found->second);
+}
+
+constexpr const char* classes = R"(---@class tribode.response One complex value a frequency
+---@field frequency_hz number[]
+---@field real number[]
+---@field imag number[]
+---@field gain_db number[]
+---@field phase_deg number[]
+
+---@class tribode.column
+---@field name string
+---@field unit? string
+---@field values number[]
+
+---@class tribode.system A system of equations, as tb.system makes it
+
+---@class tribode.event
+---@field t number [s]
+---@field name string
+
+---@class tribode.transition
+---@field t number [s]
+---@field element integer 0: dry friction
+---@field kind "slip_forward"|"slip_backward"|"stick"
+
+---@class tribode.simulation
+---@field t number[] [s]
+---@field r number[] [m]
+---@field u number[] [N]
+---@field y number[] [m]
+---@field x number[] [m]
+---@field v number[] [m/s]
+---@field f number[] [N]
+---@field events tribode.transition[]
+---@field ok boolean
+---@field message string
+---@field statistics table<string, number>
+---@field [string] any
+
+---@class tribode.system_run
+---@field t number[] [s]
+---@field values table<string, number[]>
+---@field columns tribode.column[]
+---@field events tribode.event[]
+---@field final table<string, any>
+---@field state table where the run can be continued
+---@field ok boolean
+---@field message string
+---@field t_end number [s]
+---@field solver string
+---@field statistics table<string, number>
+---@field [string] any
+
+)";
 
 // On one line, without what would end a comment.
 std::string one_line(std::string text) {
@@ -100,8 +323,9 @@ std::string options_class(const LuaFunction& function, const std::string& argume
     if (function.options) {
         for (const auto& row : function.options()) {
             if (!is_name(row.path) || !known.insert(row.path).second) continue;
-            text +=
-                fmt::format("---@field {}{} {}", row.path, row.fallback == "required" ? "" : "?", type_of(row.values));
+            std::string type = type_of(row.values);
+            if (type == "any") type = type_of_argument(function.name, row.path);
+            text += fmt::format("---@field {}{} {}", row.path, row.fallback == "required" ? "" : "?", type);
             if (!row.unit.empty()) text += fmt::format(" [{}]", row.unit);
             if (!row.about.meaning.empty()) text += " " + one_line(std::string(row.about.meaning));
             if (row.fallback != "none" && row.fallback != "required") text += "; default " + row.fallback;
@@ -109,7 +333,8 @@ std::string options_class(const LuaFunction& function, const std::string& argume
         }
     }
     for (const auto& key : keys_in(arguments)) {
-        if (known.insert(key).second) text += fmt::format("---@field {}? any\n", key);
+        if (!known.insert(key).second) continue;
+        text += fmt::format("---@field {}? {}\n", key, type_of_argument(function.name, key));
     }
     // Where the usage does not list all of them.
     if (!function.options || arguments.find("…") != std::string::npos) text += "---@field [string] any\n";
@@ -119,9 +344,10 @@ std::string options_class(const LuaFunction& function, const std::string& argume
 } // namespace
 
 std::string lua_stub() {
-    std::string text = "---@meta tribode\n"
-                       "-- The module tribode for editors with lua-language-server; made by: tribode completion lua\n\n"
-                       "---@class tribode\nlocal tb = {}\n";
+    std::string text = fmt::format("---@meta tribode\n"
+                                   "-- The module tribode for editors with lua-language-server; made by: tribode "
+                                   "completion lua\n\n{}---@class tribode\nlocal tb = {{}}\n",
+                                   classes);
     std::set<std::string> tables;
     for (const auto& function : all_functions()) {
         if (const auto dot = function.name.find('.'); dot != std::string::npos) {
@@ -133,22 +359,25 @@ std::string lua_stub() {
             fmt::format("---{}\n---\n---{}\n", one_line(function.usage), one_line(function.documentation));
         text += "\n";
         if (arguments.empty() && std::holds_alternative<std::monostate>(function.function)) {
-            text += documentation + fmt::format("---@type any\ntb.{} = nil\n", function.name);
+            text += documentation + fmt::format("---@type {}\ntb.{} = nil\n", result_of(function.name), function.name);
             continue;
         }
         if (function.options || arguments.starts_with('{')) {
             text += options_class(function, arguments) + "\n" + documentation;
             text += fmt::format("---@param options tribode.{}.options{}\n", function.name,
                                 function.usage.find("(") < function.usage.find("`,") ? "|any" : "");
-            text += fmt::format("---@return any\nfunction tb.{}(options, ...) end\n", function.name);
+            text += fmt::format("---@return {}\nfunction tb.{}(options, ...) end\n", result_of(function.name),
+                                function.name);
             continue;
         }
         text += documentation;
         std::vector<std::string> names =
             arguments.starts_with('"') ? std::vector<std::string>{"file"} : names_in(arguments);
-        for (const auto& name : names) text += fmt::format("---@param {}? any\n", name);
+        for (const auto& name : names)
+            text += fmt::format("---@param {}? {}\n", name, type_of_argument(function.name, name));
         names.emplace_back("...");
-        text += fmt::format("---@return any\nfunction tb.{}({}) end\n", function.name, fmt::join(names, ", "));
+        text += fmt::format("---@return {}\nfunction tb.{}({}) end\n", result_of(function.name), function.name,
+                            fmt::join(names, ", "));
     }
     return text + "\nreturn tb\n";
 }
