@@ -2,8 +2,8 @@
 --
 --   tribode run scripts/systems.lua -D system=stick_slip
 --
--- Results, for each system: NAME.csv, the plot NAME (png, svg) with the instants of the events where they are not too many
--- to tell apart; summary.json with events, steps and solver.
+-- Results, for each system: NAME.csv, the plot NAME (png, svg) with the instants of the events where they are not too
+-- many to tell apart; summary.json with events, steps and solver.
 
 local tb = require "tribode"
 

@@ -56,6 +56,34 @@ def test_simulate_closed_loop(program, table, reference, tmp_path, solver):
         assert (float(instant), int(element), kind) == (event["t"], event["element"], event["kind"])
 
 
+SCRIPT = """
+local tb = require "tribode"
+local option = tb.options { machine = { default = "" }, data = { default = "" } }
+local machine = tb.machine(option.machine)
+local input = tb.read_record { file = option.data }.data
+local run = tb.simulate { machine = machine, r = input.r, exc = input.exc, seed = 7 }
+local columns = {}
+for i, name in ipairs { "t", "r", "u", "y", "x", "v", "f" } do columns[i] = { name = name, values = run[name] } end
+tb.write_csv { file = "out.csv", columns = columns }
+"""
+
+
+def test_the_same_bytes_from_command_line_lua_and_python(program, table, reference, tmp_path):
+    machine = table.with_(noise_rms_m=1e-8)
+    (tmp_path / "machine.json").write_text(json.dumps(machine.to_dict()))
+    (tmp_path / "script.lua").write_text(SCRIPT)
+    excitation = 3.0 * np.cos(0.1 * np.arange(len(reference)))
+    write_csv(tmp_path / "in.csv", t=np.arange(len(reference)) * machine.Ts, r=reference, exc=excitation)
+    files = ["--machine", tmp_path / "machine.json"]
+    program("simulate", *files, "--input", tmp_path / "in.csv", "-o", tmp_path / "out.csv", "--seed", 7, "--quiet")
+    program("run", tmp_path / "script.lua", *files, "--data", tmp_path / "in.csv", "-o", tmp_path / "run", "--quiet")
+    assert (tmp_path / "out.csv").read_bytes() == (tmp_path / "run/out.csv").read_bytes()
+    run = tribode.simulate(machine, r=reference, exc=excitation, seed=7)
+    written = tribode.read_record(tmp_path / "out.csv")
+    for name in "truyxvf":
+        assert getattr(run, name).tobytes() == written[name].tobytes(), name
+
+
 def test_simulate_open_loop(program, open_axis, tmp_path):
     u = 5.0 * np.sin(2 * np.pi * 3 * np.arange(1500) * open_axis.Ts)
     (tmp_path / "machine.json").write_text(json.dumps(open_axis.to_dict()))
