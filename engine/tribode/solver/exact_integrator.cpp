@@ -82,8 +82,8 @@ ExactIntegrator::Prepared ExactIntegrator::prepare(const AffinePattern& pattern,
     for (std::size_t j = 0; j < size_; ++j) {
         std::fill_n(terms.begin() + static_cast<std::ptrdiff_t>(height_), height_, 0.0);
         terms[height_ + j] = h;
-        const int order = expand_columns(pattern.a.data(), pattern.square.data(), pattern.decay, none.data(), size_,
-                                         height_, h, max_terms, terms.data(), limit.data());
+        const int order = expand_columns(pattern.a.data(), pattern.square.data(), pattern.decay, none.data(), height_,
+                                         h, max_terms, terms.data(), limit.data());
         // From rest any length comes to an end at once; from elsewhere this one does not.
         if (order == 0) {
             made.propagator.clear();
@@ -140,8 +140,8 @@ bool ExactIntegrator::expand(double h) {
     for (double& c : first) c *= h;
     ++counts_.derivative_evaluations;
     if (pattern_) {
-        order_ = expand_columns(pattern_->a.data(), pattern_->square.data(), pattern_->decay, least_.data(), size_,
-                                height_, h, max_terms, terms_.data(), limit_.data());
+        order_ = expand_columns(pattern_->a.data(), pattern_->square.data(), pattern_->decay, least_.data(), height_, h,
+                                max_terms, terms_.data(), limit_.data());
         // A comparison with what is not a number hides it; in the last term it still shows.
         return order_ > 0 && std::all_of(term(order_), term(order_) + size_, [](double c) { return std::isfinite(c); });
     }
@@ -172,9 +172,12 @@ double ExactIntegrator::find_crossing() {
         for (const auto& [column, value] : row) reach += std::abs(value) * travel_[column];
         if (polynomial_[0] > reach) return std::nullopt;
         auto last = static_cast<std::size_t>(order_);
-        std::fill_n(polynomial_.begin() + 1, last, 0.0);
-        for (const auto& [column, value] : row) {
-            for (std::size_t n = 1; n <= last; ++n) polynomial_[n] += value * terms_[n * height_ + column];
+        const auto along = [&](const Entry& entry, std::size_t n) {
+            return entry.value * terms_[n * height_ + entry.column];
+        };
+        for (std::size_t n = 1; n <= last; ++n) polynomial_[n] = along(row.front(), n);
+        for (std::size_t i = 1; i < row.size(); ++i) {
+            for (std::size_t n = 1; n <= last; ++n) polynomial_[n] += along(row[i], n);
         }
         // A position's terms end before the thrust's.
         while (last > 1 && std::abs(polynomial_[last]) < 0x1p-60 * reach) --last;

@@ -10,6 +10,18 @@ namespace {
 
 constexpr double none = no_crossing;
 
+// Of p_n in the first and second derivative at 1.
+struct Factors {
+    double of_slope, of_curvature;
+};
+constexpr auto factors = [] {
+    std::array<Factors, max_polynomial_terms> values{};
+    for (std::size_t n = 1; n < values.size(); ++n) {
+        values[n] = {static_cast<double>(n), static_cast<double>(n * (n - 1))};
+    }
+    return values;
+}();
+
 using Bernstein = std::array<double, max_polynomial_terms>;
 
 // b_i = sum_{k <= i} C(i,k)/C(N,k) p_k: the polynomial on [0, 1] lies within the range of the b_i.
@@ -97,20 +109,34 @@ double search(std::span<const double> p, const Bernstein& b, double low, double 
 } // namespace
 
 double first_crossing_below_zero(std::span<const double> p) {
-    // p and its slope differ from their first terms by at most these.
-    double end = p[0], others = 0, work_others = 0;
+    // p and its first two derivatives differ from what their first terms have by at most these.
+    double end = p[0], others = 0, rest = 0, slope_rest = 0, curvature_rest = 0;
     for (std::size_t n = 1; n < p.size(); ++n) {
+        const double size = std::abs(p[n]);
         end += p[n];
-        others += std::abs(p[n]);
-        if (n > 1) work_others += static_cast<double>(n) * std::abs(p[n]);
+        others += size;
+        if (n > 1) slope_rest += factors[n].of_slope * size;
+        if (n < 3) continue;
+        rest += size;
+        curvature_rest += factors[n].of_curvature * size;
     }
     if (p[0] > others) return none;
     if (p[0] < 0) return 0;
+    constexpr double margin = 1 + 1e-12; // for rounding of these sums
     // On the way to its value at the end it neither rises nor falls in between.
-    const bool monotonous = p.size() > 1 && std::abs(p[1]) > work_others * (1 + 1e-12);
+    const bool monotonous = p.size() > 1 && std::abs(p[1]) > slope_rest * margin;
     if (monotonous) {
         if (p[1] > 0) return none;
         return p[0] == 0 ? 0 : end < 0 ? close_in(p, 0, 1) : none;
+    }
+    // Bent one way all along, from above zero it comes to an end below zero by one crossing; to one above zero by none where it
+    // is bent downwards, or where its lowest point is high enough.
+    if (p[0] > 0 && p.size() > 2 && 2 * std::abs(p[2]) > curvature_rest * margin) {
+        if (end < 0) return close_in(p, 0, 1);
+        if (p[2] < 0) return none;
+        const double at = -p[1] / (2 * p[2]);
+        const double lowest = p[1] >= 0 ? p[0] : at < 1 ? p[0] + 0.5 * p[1] * at : p[0] + p[1] + p[2];
+        if (lowest - rest > 1e-12 * others) return none;
     }
     return search(p, bernstein(p), 0, 1);
 }

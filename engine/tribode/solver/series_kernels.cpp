@@ -39,10 +39,18 @@ template <std::size_t FixedHeight, std::size_t FixedColumns>
     }
 }
 
+// Leaves bits in `found` where the size of a value is above `most`, or is no number. GCC takes blocks as a whole for this form,
+// number by number for a comparison.
+[[gnu::always_inline]] inline void find_above(const Block& most, const Block& value, Bits& found) {
+    const Block size = (Block)((Bits)value & not_sign);
+    found |= (Bits)((most > size ? most : size) - most);
+}
+
+// By halves, which the processor combines as wholes.
 [[gnu::always_inline]] inline bool any_of(const Bits& bits) {
-    long long any = 0;
-    for (std::size_t i = 0; i < block_size; ++i) any |= bits[i];
-    return any != 0;
+    const auto four = __builtin_shufflevector(bits, bits, 0, 1, 2, 3) | __builtin_shufflevector(bits, bits, 4, 5, 6, 7);
+    const auto two = __builtin_shufflevector(four, four, 0, 1) | __builtin_shufflevector(four, four, 2, 3);
+    return (two[0] | two[1]) != 0;
 }
 
 // 1/((n+1)(n+2))
@@ -59,8 +67,8 @@ constexpr auto reciprocals = [] {
 // `rate`, numbers take its place.
 template <std::size_t Fixed>
 [[gnu::always_inline]] inline int expand(const double* a, const double* square, double rate, const double* least,
-                                         std::size_t states, std::size_t any_height, double h, int max_terms,
-                                         double* terms, double* limit) {
+                                         std::size_t any_height, double h, int max_terms, double* terms,
+                                         double* limit) {
     const std::size_t height = Fixed ? Fixed : any_height;
     const auto term = [&](int n) { return terms + static_cast<std::size_t>(n) * height; };
     const auto scale = [&](int from, double factor, int to) {
@@ -68,16 +76,25 @@ template <std::size_t Fixed>
             block(term(to) + row) = block(term(from) + row) * factor;
         }
     };
-    // From the last state on: the amplifier's, where there is one, which is slow to end.
+    // All states at one time: the terms are still in registers, and one branch that the processor cannot foresee takes the
+    // place of one for each state. What pads a column is zero, and so is its limit; what is not a number is not small.
     const auto small = [&](int n) {
-        std::size_t state = states;
-        while (state > 0 && std::abs(term(n)[state - 1]) <= limit[state - 1]) --state;
-        return state == 0;
+        Bits large{};
+        for (std::size_t row = 0; row < height; row += block_size) {
+            const Block most = block(limit + row);
+            find_above(most, block(term(n) + row), large);
+            find_above(most, block(term(n + 1) + row), large);
+        }
+        return !any_of(large);
     };
-    const auto decays = [&](int n, double factor) {
-        std::size_t state = 0;
-        while (state < states && std::abs(term(n + 2)[state] - factor * term(n)[state]) <= limit[state]) ++state;
-        return state == states;
+    const auto decay = [&](int n, double even, double odd) {
+        Bits differ{};
+        for (std::size_t row = 0; row < height; row += block_size) {
+            const Block most = block(limit + row);
+            find_above(most, block(term(n + 2) + row) - even * block(term(n) + row), differ);
+            find_above(most, block(term(n + 3) + row) - odd * block(term(n + 1) + row), differ);
+        }
+        return !any_of(differ);
     };
     const auto set_limits = [&](int last) {
         for (std::size_t row = 0; row < height; row += block_size) {
@@ -105,12 +122,12 @@ template <std::size_t Fixed>
             set_limits(n + 3);
             continue;
         }
-        if (small(n + 2) && small(n + 3)) return n + 3;
-        if (!only_decay && rate != 0) only_decay = decays(n, rate * rate * even) && decays(n + 1, rate * rate * odd);
+        if (small(n + 2)) return n + 3;
+        if (!only_decay && rate != 0) only_decay = decay(n, rate * rate * even, rate * rate * odd);
     }
     // States at the end of a long chain have their largest terms later.
     set_limits(max_terms);
-    return small(max_terms - 1) && small(max_terms) ? max_terms : 0;
+    return small(max_terms - 1) ? max_terms : 0;
 }
 
 // The sum of all terms, x at the step's end, and of the sizes of those after the first; small ones come first.
@@ -190,7 +207,7 @@ expand_together(const double* a, std::size_t any_states, double rate, const Part
                 const Block value = block(term + i) * once - block(before + i) * twice;
                 block(next + i) = value;
                 block(sums + i) += value;
-                counts |= (Block)((Bits)value & not_sign) > negligible * block(largest + i);
+                find_above(negligible * block(largest + i), value, counts);
             }
         } else {
             for (std::size_t column = 0; column < columns; ++column) {
@@ -214,10 +231,10 @@ expand_together(const double* a, std::size_t any_states, double rate, const Part
                     block(largest + at) = most;
                     block(next + at) = value;
                     block(sums + at) += value;
-                    counts |= amount > negligible * most;
+                    find_above(negligible * most, value, counts);
                     if (!look) continue;
                     const Block other = value - (block(term + at) * once - block(before + at) * twice);
-                    differs |= (Block)((Bits)other & not_sign) > negligible * most;
+                    find_above(negligible * most, other, differs);
                 }
             }
             decaying_terms = look && !any_of(differs) ? decaying_terms + 1 : 0;
@@ -292,11 +309,10 @@ TRIBODE_CLONES void multiply_columns(const double* matrix, std::size_t height, s
 }
 
 TRIBODE_CLONES int expand_columns(const double* a, const double* square, double rate, const double* least,
-                                  std::size_t states, std::size_t height, double h, int max_terms, double* terms,
-                                  double* limit) {
+                                  std::size_t height, double h, int max_terms, double* terms, double* limit) {
     switch (height) {
-    case 8: return expand<8>(a, square, rate, least, states, 8, h, max_terms, terms, limit);
-    default: return expand<0>(a, square, rate, least, states, height, h, max_terms, terms, limit);
+    case 8: return expand<8>(a, square, rate, least, 8, h, max_terms, terms, limit);
+    default: return expand<0>(a, square, rate, least, height, h, max_terms, terms, limit);
     }
 }
 

@@ -20,8 +20,8 @@ void add_columns(const double* start, const double* matrix, std::size_t columns,
 // From c_0 and c_1 on c_{n+1} = h/(n+1) A c_n, until two terms in a row do not count any more. Returns the last n, or 0 where
 // max_terms, an even number, do not do. least: sizes of the states below which nothing counts; limit: set to the sizes
 // below which terms do not count; decay: see ExactIntegrator::fastest_decay.
-int expand_columns(const double* a, const double* square, double decay, const double* least, std::size_t states,
-                   std::size_t height, double h, int max_terms, double* terms, double* limit);
+int expand_columns(const double* a, const double* square, double decay, const double* least, std::size_t height,
+                   double h, int max_terms, double* terms, double* limit);
 
 // The sum of all terms, x at the step's end, and of the sizes of those after the first.
 void sum_columns(const double* terms, int order, std::size_t height, double* end, double* travel);

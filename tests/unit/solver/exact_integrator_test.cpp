@@ -147,19 +147,20 @@ TEST(FirstCrossing, is_that_of_a_fine_scan_on_thousands_of_random_polynomials) {
     std::normal_distribution<double> normal;
     std::uniform_real_distribution<double> uniform(0, 1);
     int crossings = 0, missed_by_the_scan = 0;
-    for (int draw = 0; draw < 4000; ++draw) {
+    for (int draw = 0; draw < 6000; ++draw) {
         const std::size_t degree = 1 + random() % 30;
         Polynomial p;
-        if (draw % 2) { // of given roots, so that several lie in the interval
+        if (draw % 3 == 1) { // of given roots, so that several lie in the interval
             std::vector<double> roots(std::min<std::size_t>(degree, 8));
             for (double& root : roots) root = 1.5 * uniform(random) - 0.25;
             p = with_roots(roots, normal(random));
             if (p[0] < 0) std::transform(p.begin(), p.end(), p.begin(), std::negate<>());
-        } else { // falling like those of a series
+        } else { // falling like those of a series; of every other one the first three terms outweigh the rest
             p.resize(degree + 1);
             double scale = 1;
             for (std::size_t n = 0; n <= degree; ++n) {
                 p[n] = n == 0 ? 0.2 * std::abs(normal(random)) : normal(random) * scale;
+                if (n == 2 && draw % 3 == 2) scale = 0.05;
                 if (n > 2) scale *= 3.0 / static_cast<double>(n);
             }
         }
