@@ -198,7 +198,9 @@ double ServoPlant::restoring(std::span<const double> x) const {
     return sum / total_gain_;
 }
 
-double ServoPlant::smooth_friction(double t, std::span<const double> x, const State& s) const {
+// Inlined: it is part of every evaluation, and friction is seldom scaled.
+[[gnu::always_inline]] inline double ServoPlant::smooth_friction(double t, std::span<const double> x,
+                                                                 const State& s) const {
     const double v = velocity(x), friction = p_.rolling.force(s.rolling, position(x), v) + viscous(s) * v;
     return scaled_ ? friction_factor(t, x) * friction : friction;
 }

@@ -22,6 +22,8 @@ ExactIntegrator::ExactIntegrator(const HybridSystem& system)
       limit_(height_),
       end_(height_),
       travel_(height_),
+      response_(terms_.size()),
+      f_(height_),
       moved_(propagator_height_),
       speed_(height_),
       rest_(rest_height_) {
@@ -45,16 +47,19 @@ void ExactIntegrator::restart(SystemState& state) {
 void ExactIntegrator::make_pattern(AffinePattern& pattern) const {
     const AffineForm form = affine_.affine_form(*state_->discrete);
     pattern.a.assign(height_ * height_, 0.0);
-    pattern.g.resize(guard_count_);
-    for (auto& row : pattern.g) row.clear();
+    pattern.entries.clear();
+    pattern.first = {0};
+    for (std::size_t guard = 0; guard < guard_count_; ++guard) {
+        for (std::size_t j = 0; j < size_; ++j) {
+            const double value = form.g[j * guard_count_ + guard];
+            if (value != 0) pattern.entries.push_back({j, value});
+        }
+        pattern.first.push_back(pattern.entries.size());
+    }
     pattern.prepared.clear();
     pattern.series = 0;
     for (std::size_t j = 0; j < size_; ++j) {
         std::copy_n(form.a.data() + j * size_, size_, pattern.a.data() + j * height_);
-        for (std::size_t guard = 0; guard < guard_count_; ++guard) {
-            const double value = form.g[j * guard_count_ + guard];
-            if (value != 0) pattern.g[guard].push_back({j, value});
-        }
     }
     pattern.square.resize(height_ * height_);
     for (std::size_t j = 0; j < size_; ++j) {
@@ -76,25 +81,26 @@ double ExactIntegrator::fastest_decay(const Columns& a) const {
 }
 
 // Column by column, as the responses to f = e_j: a step's series from zero with that slope.
-ExactIntegrator::Prepared ExactIntegrator::prepare(const AffinePattern& pattern, double h) const {
+ExactIntegrator::Prepared ExactIntegrator::prepare(const AffinePattern& pattern, double h) {
     Prepared made{h, Columns(height_ * propagator_height_), Columns(height_ * rest_height_)};
-    Columns terms(terms_.size()), none(height_), limit(height_), end(height_), travel(height_); // the last step's stay
+    Columns& terms = response_; // those of the last step stay
+    const Columns none(height_);
     for (std::size_t j = 0; j < size_; ++j) {
         std::fill_n(terms.begin() + static_cast<std::ptrdiff_t>(height_), height_, 0.0);
         terms[height_ + j] = h;
         const int order = expand_columns(pattern.a.data(), pattern.square.data(), pattern.decay, none.data(), height_,
-                                         h, max_terms, terms.data(), limit.data());
+                                         h, max_terms, terms.data(), limit_.data());
         // From rest any length comes to an end at once; from elsewhere this one does not.
         if (order == 0) {
             made.propagator.clear();
             return made;
         }
         double* column = made.propagator.data() + j * propagator_height_;
-        sum_columns(terms.data(), order, height_, column, travel.data());
+        sum_columns(terms.data(), order, height_, column, travel_.data());
         for (std::size_t guard = 0; guard < guard_count_; ++guard) {
             const auto along = [&](int n) {
                 double g = 0;
-                for (const auto& [state, value] : pattern.g[guard]) {
+                for (const auto& [state, value] : pattern.row(guard)) {
                     g += value * terms[static_cast<std::size_t>(n) * height_ + state];
                 }
                 return g;
@@ -110,8 +116,9 @@ ExactIntegrator::Prepared ExactIntegrator::prepare(const AffinePattern& pattern,
 // Propagates the whole step, if no guard can cross zero in it.
 bool ExactIntegrator::propagate(const Prepared& prepared) {
     if (prepared.propagator.empty()) return false;
+    known_at_start_ = true;
     auto& x = state_->x;
-    const std::span<double> f(work_.data(), size_);
+    const std::span<double> f(f_.data(), size_);
     system_.derivative(t0_, x, *state_->discrete, f);
     system_.guards(t0_, x, *state_->discrete, {guard_terms_.data(), guard_count_});
     ++counts_.derivative_evaluations;
@@ -120,25 +127,31 @@ bool ExactIntegrator::propagate(const Prepared& prepared) {
     multiply_columns(prepared.propagator.data(), propagator_height_, height_, f.data(), moved_.data());
     multiply_columns(prepared.rest.data(), rest_height_, height_, speed_.data(), rest_.data());
     for (std::size_t guard = 0; guard < guard_count_; ++guard) {
-        if (pattern_->g[guard].empty()) continue; // it does not move
+        if (pattern_->row(guard).empty()) continue; // it does not move
         const double* row = moved_.data() + height_ + 2 * guard;
         if (!stays_positive(guard_terms_[guard], row[0], row[1], rest_[guard])) return false;
     }
     // A machine without guards that move would propagate on and on where its loop is unstable.
+    bool finite = true;
     for (std::size_t i = 0; i < size_; ++i) {
-        if (!std::isfinite(x[i] + moved_[i])) return false;
+        x[i] += moved_[i];
+        finite = finite && std::isfinite(x[i]);
     }
-    for (std::size_t i = 0; i < size_; ++i) x[i] += moved_[i];
-    return true;
+    if (!finite) std::copy_n(term(0), size_, x.begin());
+    return finite;
 }
 
 // Fills terms_ for a step h from where it began; false where they do not come to an end.
 bool ExactIntegrator::expand(double h) {
     h_ = h;
     const std::span<double> first(term(1), size_);
-    system_.derivative(t0_, {term(0), size_}, *state_->discrete, first);
+    if (known_at_start_) {
+        std::copy_n(f_.begin(), size_, first.begin());
+    } else {
+        system_.derivative(t0_, {term(0), size_}, *state_->discrete, first);
+        ++counts_.derivative_evaluations;
+    }
     for (double& c : first) c *= h;
-    ++counts_.derivative_evaluations;
     if (pattern_) {
         order_ = expand_columns(pattern_->a.data(), pattern_->square.data(), pattern_->decay, least_.data(), height_, h,
                                 max_terms, terms_.data(), limit_.data());
@@ -153,8 +166,10 @@ bool ExactIntegrator::expand(double h) {
 }
 
 double ExactIntegrator::find_crossing() {
-    system_.guards(t0_, {term(0), size_}, *state_->discrete, {guard_term(0), guard_count_});
-    ++counts_.guard_evaluations;
+    if (!known_at_start_) {
+        system_.guards(t0_, {term(0), size_}, *state_->discrete, {guard_term(0), guard_count_});
+        ++counts_.guard_evaluations;
+    }
     if (!pattern_) {
         find_guard_terms();
         return first_crossing([&](GuardId guard) -> std::optional<std::size_t> {
@@ -164,7 +179,7 @@ double ExactIntegrator::find_crossing() {
         });
     }
     return first_crossing([&](GuardId guard) -> std::optional<std::size_t> {
-        const auto& row = pattern_->g[guard];
+        const auto row = pattern_->row(guard);
         if (row.empty()) return std::nullopt; // it does not move
         polynomial_[0] = guard_terms_[guard];
         // Mostly it is so far above zero that it cannot get there.
@@ -194,6 +209,7 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
     const double whole = begin(t_stop);
     h_ = whole;
     ++counts_.steps;
+    known_at_start_ = false;
     const Prepared* prepared = pattern_ ? prepared_for(*pattern_, whole) : nullptr;
     if (prepared && propagate(*prepared)) return stop(whole, whole, t_stop, whole - prepared->h);
     double h = whole;

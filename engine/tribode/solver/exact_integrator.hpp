@@ -42,15 +42,20 @@ class ExactIntegrator final : public SeriesIntegrator {
     };
 
     struct AffinePattern : Pattern<Prepared> {
-        Columns a, square;                 // A, A^2
-        double decay;                      // see fastest_decay [1/s]
-        std::vector<std::vector<Entry>> g; // (guards)
+        Columns a, square;              // A, A^2
+        double decay;                   // see fastest_decay [1/s]
+        std::vector<Entry> entries;     // of G, row by row
+        std::vector<std::size_t> first; // (guards + 1): of each row, its first entry
+
+        std::span<const Entry> row(GuardId guard) const {
+            return {entries.data() + first[guard], first[guard + 1] - first[guard]};
+        }
     };
 
     static const HybridSystem& checked(const HybridSystem& system);
     void make_pattern(AffinePattern& pattern) const;
     double fastest_decay(const Columns& a) const;
-    Prepared prepare(const AffinePattern& pattern, double h) const;
+    Prepared prepare(const AffinePattern& pattern, double h);
     bool propagate(const Prepared& prepared);
     bool expand(double h);
     double find_crossing();
@@ -64,9 +69,12 @@ class ExactIntegrator final : public SeriesIntegrator {
     std::vector<double> limit_;        // (height): sizes of terms below which they do not count
     std::vector<double> end_;          // (height): x where the series ends
     std::vector<double> travel_;       // (height): how far each state can go in the step
-    std::vector<double> moved_;        // (propagator_height): propagator times f
-    std::vector<double> speed_;        // (height): abs(f)
-    std::vector<double> rest_;         // (rest_height): rest times abs(f)
+    Columns response_;                 // (height x max_terms + 1): terms of prepare()
+    std::vector<double> f_;            // (height): the derivative where the step begins, and
+    bool known_at_start_ = false; // whether it and the guards there are known: where the step could not be propagated
+    std::vector<double> moved_;   // (propagator_height): propagator times f
+    std::vector<double> speed_;   // (height): abs(f)
+    std::vector<double> rest_;    // (rest_height): rest times abs(f)
 };
 
 } // namespace tribode

@@ -39,8 +39,33 @@ class SeriesIntegrator : public Integrator {
       public:
         template <class Make>
         Known& find(const AffineKey& key, const Make& make) {
+            // Mostly it is the one that followed the last one before: an element slips after its predecessor.
+            Entry* const next = last_ ? last_->second.next : nullptr;
+            if (!next || next->first != key) {
+                Entry& found = look_up(key, make);
+                if (last_) last_->second.next = &found;
+                last_ = &found;
+            } else {
+                last_ = next;
+            }
+            return last_->second;
+        }
+
+      private:
+        struct Followed;
+        using Entry = std::pair<const AffineKey, Followed>;
+        struct Followed : Known {
+            Entry* next = nullptr; // the one that was found after this one
+        };
+        struct Hash {
+            std::size_t operator()(const AffineKey& key) const { return key.hash(); }
+        };
+        static constexpr std::size_t max_patterns = 2000;
+
+        template <class Make>
+        Entry& look_up(const AffineKey& key, const Make& make) {
             auto known = patterns_.find(key);
-            if (known != patterns_.end()) return known->second;
+            if (known != patterns_.end()) return *known;
             if (patterns_.size() < max_patterns) {
                 known = patterns_.try_emplace(key).first;
                 oldest_.push_back(key);
@@ -48,19 +73,14 @@ class SeriesIntegrator : public Integrator {
                 AffineKey& oldest = oldest_[replaced_++ % max_patterns];
                 auto node = patterns_.extract(oldest);
                 node.key() = oldest = key;
-                known = patterns_.insert(std::move(node)).position;
+                known = patterns_.insert(std::move(node)).position; // at the same address
             }
             make(known->second);
-            return known->second;
+            return *known;
         }
 
-      private:
-        struct Hash {
-            std::size_t operator()(const AffineKey& key) const { return key.hash(); }
-        };
-        static constexpr std::size_t max_patterns = 2000;
-
-        std::unordered_map<AffineKey, Known, Hash> patterns_;
+        std::unordered_map<AffineKey, Followed, Hash> patterns_;
+        Entry* last_ = nullptr;         // found last
         std::vector<AffineKey> oldest_; // keys of patterns_, as they came
         std::size_t replaced_ = 0;
     };
