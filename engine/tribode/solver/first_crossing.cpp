@@ -129,13 +129,14 @@ double first_crossing_below_zero(std::span<const double> p) {
         if (p[1] > 0) return none;
         return p[0] == 0 ? 0 : end < 0 ? close_in(p, 0, 1) : none;
     }
-    // Bent one way all along, from above zero it comes to an end below zero by one crossing; to one above zero by none where it
-    // is bent downwards, or where its lowest point is high enough.
-    if (p[0] > 0 && p.size() > 2 && 2 * std::abs(p[2]) > curvature_rest * margin) {
+    // Bent one way all along, from above zero (or rising from it) it comes to an end below zero by one crossing; to one above zero
+    // by none where it is bent downwards, where it never falls, or where its lowest point is high enough.
+    const bool begins_above = p.size() > 2 && (p[0] > 0 || p[1] > 0);
+    if (begins_above && 2 * std::abs(p[2]) > curvature_rest * margin) {
         if (end < 0) return close_in(p, 0, 1);
-        if (p[2] < 0) return none;
+        if (p[2] < 0 || p[1] >= 0) return none;
         const double at = -p[1] / (2 * p[2]);
-        const double lowest = p[1] >= 0 ? p[0] : at < 1 ? p[0] + 0.5 * p[1] * at : p[0] + p[1] + p[2];
+        const double lowest = at < 1 ? p[0] + 0.5 * p[1] * at : p[0] + p[1] + p[2];
         if (lowest - rest > 1e-12 * others) return none;
     }
     return search(p, bernstein(p), 0, 1);

@@ -311,8 +311,12 @@ void Simulator::collect_due_clocks() {
     next_instant_ = std::numeric_limits<double>::infinity();
     for (ClockId id = 0; id < state_.next_sample.size(); ++id) {
         long& k = state_.next_sample[id];
-        if (is_due(clocks_[id].instant(k))) due_.push_back({id, k++});
-        next_instant_ = std::min(next_instant_, clocks_[id].instant(k));
+        double next = clocks_[id].instant(k);
+        if (is_due(next)) {
+            due_.push_back({id, k});
+            next = clocks_[id].instant(++k);
+        }
+        next_instant_ = std::min(next_instant_, next);
     }
 }
 
