@@ -39,18 +39,18 @@ template <std::size_t FixedHeight, std::size_t FixedColumns>
     }
 }
 
-// Leaves bits in `found` where the size of a value is above `most`, or is no number. GCC takes blocks as a whole for this form,
-// number by number for a comparison.
+// Sets the signs of `found` where the size of a value is above `most`, or is no number: by the sign of most - size. GCC takes
+// blocks as a whole for these operations, number by number for a comparison.
 [[gnu::always_inline]] inline void find_above(const Block& most, const Block& value, Bits& found) {
-    const Block size = (Block)((Bits)value & not_sign);
-    found |= (Bits)((most > size ? most : size) - most);
+    found |= (Bits)(most + (Block)((Bits)value | ~not_sign));
 }
 
 // By halves, which the processor combines as wholes.
-[[gnu::always_inline]] inline bool any_of(const Bits& bits) {
-    const auto four = __builtin_shufflevector(bits, bits, 0, 1, 2, 3) | __builtin_shufflevector(bits, bits, 4, 5, 6, 7);
+[[gnu::always_inline]] inline bool any_of(const Bits& found) {
+    const auto four =
+        __builtin_shufflevector(found, found, 0, 1, 2, 3) | __builtin_shufflevector(found, found, 4, 5, 6, 7);
     const auto two = __builtin_shufflevector(four, four, 0, 1) | __builtin_shufflevector(four, four, 2, 3);
-    return (two[0] | two[1]) != 0;
+    return (two[0] | two[1]) < 0;
 }
 
 // 1/((n+1)(n+2))
