@@ -20,7 +20,7 @@ local function line(...)
   print(lines[#lines])
 end
 
-line("%-3s %-20s %-9s %9s %9s %8s  %8s %8s %8s  %8s  %s", "", "friction", "modes", "FRA-1 dB", "Prop. dB", "misfit %",
+line("%-3s %-20s %-9s %9s %9s %8s  %8s %8s %8s  %8s  %s", "", "friction", "modes", "FRA-1 dB", "Impr. dB", "misfit %",
   "k0 %", "k, f %", "zeta %", "move um", "friction model")
 for hidden = option.first, option.first + option.machines - 1 do
   local folder = tb.run {
@@ -44,7 +44,7 @@ for hidden = option.first, option.first + option.machines - 1 do
     end
   end
   line("%-3d %-20s %d of %-4d %9.1f %9.1f %8.3f  %8.2f %8.2f %8.2f  %8.2f  %s", hidden, result.kind, result.modes,
-    result.true_modes, result.distortion_fra1_db, result.distortion_proposed_db, 100 * result.misfit, 100 * worst.k0,
+    result.true_modes, result.distortion_fra1_db, result.distortion_improved_db, 100 * result.misfit, 100 * worst.k0,
     100 * worst.kf, 100 * worst.zeta, result.validation_um, verdict)
 end
 for _, verdict in ipairs { "good", "not good" } do

@@ -63,6 +63,7 @@ struct Precision {
     double variance = MeasuredPoint::unknown; // of the noise in the ratio
     double nearest = MeasuredPoint::unknown;  // the same from the two lines on each side alone
     double bias = 0;                          // left where the transient is taken out
+    bool is_rounded = false;                  // most of the rounding repeats itself with the sine
 };
 
 // Z over the lines next to f, by their distance d from it: a polynomial of `terms` terms, if asked for divided by 1 + a d. A
@@ -185,6 +186,7 @@ class SineWindow {
             const double share = std::exp(-4 * pi * pi * dither);
             // A slow drift across the steps spreads the pattern over the lines next to the sine, and not further.
             found.variance = std::max(found.variance, share * found.nearest) + share * rounding_ / power;
+            found.is_rounded = share > 0.5;
         }
         return found;
     }
@@ -369,6 +371,7 @@ Observation observe(const MeasuredSignals& signals, const SineSegment& segment, 
         const Precision p = window->precision(input, fit);
         const bool removed = !options.keep_transients && stands_out(p);
         o.inputs.push_back(removed ? fit.fundamental() / (1.0 - p.transient) : fit.fundamental());
+        o.is_rounded = o.is_rounded || p.is_rounded;
         o.variance.push_back(p.variance + (removed ? p.transient_variance : 0.0));
         o.transient.push_back(std::abs(p.transient));
         o.bias.push_back(
@@ -646,6 +649,7 @@ std::vector<std::vector<MeasuredPoint>> merged(const std::vector<Observation>& o
                     coherent += share * o->coherence[i];
                     point.transient = std::max(point.transient, o->transient[i]);
                     point.bias = std::max(point.bias, o->bias[i]);
+                    point.is_rounded = point.is_rounded || o->is_rounded;
                     if (o->is_line) {
                         odd += share * o->odd[i];
                         even += share * o->even[i];

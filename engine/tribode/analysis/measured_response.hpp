@@ -41,6 +41,8 @@ struct MeasuredPoint {
     bool settled = true;  // the bias is below two standard deviations, or below the tolerance
     std::size_t repetitions = 1;
     std::string missing; // why there is no value; empty where there is one
+    // The output is rounded, and no noise makes its rounding random: the variance contains an estimate of what does not show.
+    bool is_rounded = false;
 
     double standard_gain_db() const;
     double standard_phase_deg() const;
@@ -60,7 +62,8 @@ struct Observation {
     std::vector<std::complex<double>> output_harmonics;             // of sines
     std::vector<std::vector<std::complex<double>>> input_harmonics; // of sines
     Window window;
-    bool is_line = false; // of a multisine
+    bool is_line = false;    // of a multisine
+    bool is_rounded = false; // as of a point; of sines
     std::string missing;
 };
 

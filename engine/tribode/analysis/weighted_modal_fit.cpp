@@ -226,11 +226,13 @@ void put_covariance(WeightedFit& fit, const Problem& problem, const Eigen::Vecto
 WeightedFit fit_weighted(const std::vector<MeasuredPoint>& points, const WeightedFitOptions& options) {
     FrequencyResponse response;
     std::vector<double> variances, known;
+    std::size_t rounded = 0;
     for (const auto& point : points) {
         if (!point.missing.empty()) continue;
         if (point.frequency_hz < options.f_min_hz || point.frequency_hz > options.f_max_hz) continue;
         response.frequency_hz.push_back(point.frequency_hz);
         response.value.push_back(point.value);
+        if (point.is_rounded) ++rounded;
         variances.push_back(point.variance / 2);
         if (std::isfinite(variances.back())) known.push_back(variances.back());
     }
@@ -286,6 +288,7 @@ WeightedFit fit_weighted(const std::vector<MeasuredPoint>& points, const Weighte
     WeightedFit fit;
     fit.misfit = problem.misfit;
     fit.points = static_cast<int>(problem.size());
+    fit.rounding = 2 * rounded > problem.size();
     std::vector<std::size_t> order(modes);
     for (std::size_t j = 0; j < modes; ++j) order[j] = j;
     std::ranges::stable_sort(order, {}, [&](std::size_t j) { return at[static_cast<Eigen::Index>(2 + 3 * j)]; });
@@ -327,6 +330,7 @@ Json to_json(const WeightedFit& fit) {
     json["covariance"] = fit.covariance;
     json["misfit"] = fit.misfit;
     json["points"] = fit.points;
+    json["rounding"] = fit.rounding;
     json["message"] = fit.message;
     return json;
 }

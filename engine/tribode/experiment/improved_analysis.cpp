@@ -1,6 +1,9 @@
 #include "tribode/experiment/improved_analysis.hpp"
 #include "tribode/analysis/periodic_friction.hpp"
 
+#include <unsupported/Eigen/FFT>
+
+#include <bit>
 #include <cmath>
 #include <numbers>
 
@@ -19,9 +22,9 @@ std::complex<double> undelayed(const MachineModel& machine, double frequency_hz,
 
 std::complex<double> actuator_response(const MachineModel& machine, double frequency_hz) {
     const ServoAxis axis = machine.axis(); // as it is, with its effects
-    const double half_turn = pi * frequency_hz * machine.sample_time;
+    const double half_turn = machine.input == InputKind::hold ? pi * frequency_hz * machine.sample_time : 0;
     const double late = half_turn + 2 * pi * frequency_hz * axis.input_delay;
-    std::complex<double> response = std::polar(std::sin(half_turn) / half_turn, -late);
+    std::complex<double> response = std::polar(half_turn == 0 ? 1 : std::sin(half_turn) / half_turn, -late);
     const double corner = axis.plant.current_loop_hz;
     if (corner > 0) response /= std::complex(1.0, frequency_hz / corner);
     return response;
@@ -38,6 +41,28 @@ std::complex<double> improved_response(const MachineModel& machine, const Fricti
                                        std::complex<double> thrust, const std::vector<std::complex<double>>& position) {
     return position.front() * undelayed(machine, frequency_hz, 1) /
            improved_thrust(machine, model, frequency_hz, thrust, position);
+}
+
+std::vector<double> actuator_thrust(const MachineModel& machine, const std::vector<double>& thrust) {
+    // Behind the record the signal goes back to its first value, so that its periodic continuation has no jump.
+    const std::size_t count = thrust.size(), size = std::bit_ceil(count + 4096), pad = size - count;
+    std::vector<std::complex<double>> samples(thrust.begin(), thrust.end()), lines;
+    for (std::size_t i = 1; i <= pad; ++i) {
+        const double share = 0.5 - 0.5 * std::cos(pi * static_cast<double>(i) / static_cast<double>(pad + 1));
+        samples.push_back(thrust.back() + share * (thrust.front() - thrust.back()));
+    }
+    Eigen::FFT<double> fft;
+    fft.fwd(lines, samples);
+    for (std::size_t l = 1; l <= size / 2; ++l) {
+        const double f = static_cast<double>(l) / static_cast<double>(size) / machine.sample_time;
+        const auto factor = actuator_response(machine, f) * std::polar(1.0, -2 * pi * f * machine.output_delay);
+        lines[l] *= 2 * l == size ? factor.real() : factor;
+        lines[size - l] = std::conj(lines[l]);
+    }
+    fft.inv(samples, lines);
+    std::vector<double> result(count);
+    for (std::size_t k = 0; k < count; ++k) result[k] = samples[k].real();
+    return result;
 }
 
 } // namespace tribode

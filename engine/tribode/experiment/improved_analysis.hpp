@@ -21,4 +21,8 @@ std::complex<double> improved_thrust(const MachineModel& machine, const Friction
 std::complex<double> improved_response(const MachineModel& machine, const FrictionModel& model, double frequency_hz,
                                        std::complex<double> thrust, const std::vector<std::complex<double>>& position);
 
+// The same for any record: A u, with the exact gain and phase of hold, dead times and lag at every frequency, at the instants
+// at which the samples of y are taken. Before and behind the record u is taken to go on smoothly.
+std::vector<double> actuator_thrust(const MachineModel& machine, const std::vector<double>& thrust);
+
 } // namespace tribode

@@ -1,4 +1,5 @@
 #include "tribode/experiment/measured_fra.hpp"
+#include "tribode/analysis/signal.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/control/discrete_transfer_function.hpp"
@@ -77,11 +78,14 @@ struct FraRecord {
     std::string excited_by; // the column
     bool loop_closed = false;
     bool excitation_is_thrust = false;
-    std::array<std::vector<double>, 3> inputs; // of fra1, fra2, proposed
+    std::array<std::vector<double>, 4> inputs; // of fra1, fra2, proposed, improved
 
     MeasuredSignals signals(const MachineModel& machine) const {
-        return {
-            machine.sample_time, excitation, position, {inputs[0], inputs[1], inputs[2]}, machine.encoder_resolution};
+        return {machine.sample_time,
+                excitation,
+                position,
+                {inputs[0], inputs[1], inputs[2], inputs[3]},
+                machine.encoder_resolution};
     }
 };
 
@@ -133,6 +137,15 @@ void choose_excitation(const MachineModel& machine, const Table& table, FraRecor
     record.excitation_is_thrust = true;
 }
 
+// At the samples themselves: the slope of the parabola of order four through five of them, nearer to the ends of two.
+std::vector<double> velocity_of(const std::vector<double>& position, double sample_time) {
+    std::vector<double> v = central_differences(position, sample_time);
+    for (std::size_t k = 2; k + 2 < position.size(); ++k) {
+        v[k] = (8 * (position[k + 1] - position[k - 1]) - (position[k + 2] - position[k - 2])) / (12 * sample_time);
+    }
+    return v;
+}
+
 FraRecord prepared(const MachineModel& machine, const Table& table, const MeasuredFraOptions& options, double delay) {
     FraRecord record;
     record.source = table.source.empty() ? "record" : table.source;
@@ -171,16 +184,24 @@ FraRecord prepared(const MachineModel& machine, const Table& table, const Measur
     for (const double y : record.position) friction.push_back(model.step(y));
     auto delay_model = DiscreteTransferFunction::pade_delay(delay, options.delay_order, machine.sample_time);
     record.inputs[0] = record.thrust;
+    record.inputs[3] = actuator_thrust(machine, record.thrust);
+    const std::vector<double> velocity = velocity_of(record.position, machine.sample_time);
+    double previous = record.position.front();
     for (std::size_t k = 0; k < record.thrust.size(); ++k) {
         record.inputs[1].push_back(record.thrust[k] - friction[k]);
         record.inputs[2].push_back(delay_model.step(record.thrust[k]) - friction[k]);
+        // The velocity of the friction model is half a sample late.
+        const double late = (record.position[k] - previous) / machine.sample_time;
+        previous = record.position[k];
+        record.inputs[3][k] -= friction[k] + machine.viscous * (velocity[k] - late);
     }
     return record;
 }
 
-constexpr std::size_t improved_input = 3; // of an observation, behind the three of a record
+constexpr std::size_t improved_input = 3; // of an observation
 
-void add_improved(const MachineModel& machine, std::vector<Observation>& observations) {
+// Of single sines friction is known between the samples as well, from their harmonics.
+void improve_sines(const MachineModel& machine, std::vector<Observation>& observations) {
     const FrictionModel model = FrictionModel::of(machine);
     for (auto& o : observations) {
         if (!o.missing.empty()) continue;
@@ -188,9 +209,8 @@ void add_improved(const MachineModel& machine, std::vector<Observation>& observa
             improved_thrust(machine, model, o.frequency_hz, o.input_harmonics[0].front(), o.output_harmonics);
         // The response is Y over this; noise and transient are about those of the proposed analysis.
         const std::complex<double> late = std::polar(1.0, -2 * pi * o.frequency_hz * machine.output_delay);
-        o.inputs.push_back(thrust * late * (o.inputs[2] / o.input_harmonics[2].front()));
-        o.input_harmonics.push_back({});
-        for (auto* list : {&o.variance, &o.coherence, &o.transient, &o.bias}) list->push_back((*list)[2]);
+        o.inputs[improved_input] = thrust * late * (o.inputs[2] / o.input_harmonics[2].front());
+        for (auto* list : {&o.variance, &o.coherence, &o.transient, &o.bias}) (*list)[improved_input] = (*list)[2];
     }
 }
 
@@ -217,8 +237,29 @@ std::string describe(const FraRecord& record, const Excitation& excitation, cons
                               static_cast<double>(excitation.period) * sample_time);
 }
 
-void fit_analysis(const MachineModel& machine, const MeasuredFraOptions& options, MeasuredFra& fra,
-                  MeasuredAnalysis& analysis) {
+// The points less what sampling adds: components of the position above half the sampling rate, which the steps of u excite there,
+// count as components at f. There the machine is nearly a rigid body with the gains of all modes.
+std::vector<MeasuredPoint> unfolded(const MachineModel& machine, const ModalModel& model,
+                                    std::vector<MeasuredPoint> points, const std::vector<MeasuredPoint>& by_thrust) {
+    double gain = model.rigid_gain;
+    for (const auto& mode : model.modes) gain += mode.gain;
+    constexpr int most = 8;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        std::complex<double> sum = 0; // of the position by u
+        for (int m = -most; m <= most; ++m) {
+            if (m == 0) continue;
+            const double f = points[i].frequency_hz + m / machine.sample_time, omega = 2 * pi * f;
+            sum -=
+                actuator_response(machine, f) * std::polar(1.0, -omega * machine.output_delay) * gain / (omega * omega);
+        }
+        points[i].value -= sum * points[i].value / by_thrust[i].value;
+    }
+    return points;
+}
+
+// by_thrust: FRA-1.
+void fit_analysis(const MachineModel& machine, const MeasuredFraOptions& options,
+                  const std::vector<MeasuredPoint>& by_thrust, MeasuredFra& fra, MeasuredAnalysis& analysis) {
     WeightedFitOptions fit;
     fit.modes = options.modes.value_or(static_cast<int>(machine.modes.size()));
     const double low = 0.01 / machine.sample_time, high = 0.1 / machine.sample_time;
@@ -238,6 +279,9 @@ void fit_analysis(const MachineModel& machine, const MeasuredFraOptions& options
             fit.delay = phase_delay(response, at, 5, fra.delay);
         }
         analysis.fit = fit_weighted(analysis.points, fit);
+        if (analysis.method == "improved" && machine.input == InputKind::hold) {
+            analysis.fit = fit_weighted(unfolded(machine, analysis.fit->model, analysis.points, by_thrust), fit);
+        }
         if (!analysis.fit->message.empty()) {
             fra.notes.push_back(title_of_method(analysis.method) + ", fit: " + analysis.fit->message + ".");
         }
@@ -258,9 +302,6 @@ void note_what_is_missing(const MachineModel& machine, const MeasuredFraOptions&
     }
     if (!options.delay && delay_of(machine) <= machine.sample_time / 2 && asked("proposed")) {
         fra.notes.push_back("The machine file has no delays: the delay model of Proposed is the hold alone.");
-    }
-    if (machine.dry.present() && asked("improved")) {
-        fra.notes.push_back("Improved leaves out the dry friction of the machine file.");
     }
     if (!machine.effects.empty()) {
         fra.notes.push_back("The effects in the machine file are no part of the friction model.");
@@ -356,16 +397,12 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
             throw InputError(fmt::format("{}: no frequency can be analyzed; at {} Hz: {}", records.front().source,
                                          to_text(observations.front().frequency_hz), observations.front().missing));
         }
-        if (only_sines) add_improved(machine, observations);
+        if (only_sines && !machine.dry.present()) improve_sines(machine, observations);
         responses = merged(observations, options.sine);
     }
 
     for (const auto& method : fra_methods) {
         if (std::ranges::find(options.methods, method) == options.methods.end()) continue;
-        if (method == "improved" && (broadband > 0 || !only_sines)) {
-            fra.notes.push_back("Improved is left out: it needs single sines.");
-            continue;
-        }
         if (method == "bla" && only_sines) {
             fra.notes.push_back(
                 "BLA is left out: single sines give the response at their own amplitude, the best linear "
@@ -385,8 +422,13 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
             throw InputError(fmt::format("{}: {} has no value at any frequency: {}", records.front().source,
                                          title_of_method(method), analysis.points.front().missing));
         }
-        fit_analysis(machine, options, fra, analysis);
+        fit_analysis(machine, options, responses.front(), fra, analysis);
         fra.analyses.push_back(std::move(analysis));
+    }
+    if (std::ranges::any_of(fra.analyses, [](const auto& a) { return a.fit && a.fit->rounding; })) {
+        fra.notes.push_back(
+            "The noise is less than an eighth of an encoder step, so the rounding of the sines is not random: the "
+            "standard errors of the fits may be half of what they should be.");
     }
     if (fra.analyses.empty())
         throw InputError("none of the methods can be used with these records: " + fra.notes.back());

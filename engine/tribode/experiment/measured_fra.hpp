@@ -19,14 +19,15 @@ namespace tribode {
 //   fra1      u                                  thrust to position
 //   fra2      u - fh                             with the friction model fh, driven by the measured position
 //   proposed  C u - fh                           and the delay model C
-//   improved  A U - F of frequency_sweep.hpp     single sines only
+//   improved  A u - fh                           with hold, dead times and thrust lag as they are: gain and phase. Of single
+//                                                sines A U - F of frequency_sweep.hpp, where friction is not dry
 //   bla       u, best linear approximation       multisines and other periodic or broadband excitation
 inline const std::vector<std::string> fra_methods = {"fra1", "fra2", "proposed", "improved", "bla"};
 // As reports call it: FRA-1, FRA-2, Proposed, Improved, BLA.
 std::string title_of_method(const std::string& method);
 
 struct MeasuredFraOptions {
-    std::vector<std::string> methods = {"fra1", "fra2", "proposed"};
+    std::vector<std::string> methods = {"fra1", "fra2", "proposed", "improved"};
     std::optional<double> delay; // of the delay model C [s]; none: half a sample of hold, delays and lag of the machine
     int delay_order = 4;
     SineOptions sine;

@@ -1,11 +1,13 @@
 #include "tribode/analysis/multisine.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/field_reader.hpp"
+#include "tribode/experiment/identification.hpp"
 #include "tribode/experiment/measured_fra.hpp"
 #include "tribode/record/record_file.hpp"
 #include "tribode/script/conversions.hpp"
 #include "tribode/script/lua_function.hpp"
 
+#include <cmath>
 #include <fmt/format.h>
 
 namespace tribode {
@@ -88,6 +90,39 @@ Json measure(const ScriptContext& script, const Json& arguments) {
     return json;
 }
 
+Json identify_machine(const ScriptContext& script, const Json& arguments) {
+    ScriptRun& run = script.run;
+    FieldReader fields(arguments, "tb.identify");
+    const MachineModel machine = machine_of(fields);
+    const RecordOptions columns = RecordOptions::read(fields);
+    const auto records = records_of(script, fields);
+    IdentifyOptions options;
+    read_options(options, fields);
+    fields.finish();
+    const Identification found = identify(machine, records, columns, options, run.control());
+    Json names = Json::array();
+    for (const auto& record : records) names.push_back(record.name());
+    run.note_work({{"function", "identify"}, {"machine", machine.hash()}, {"records", names}});
+    Json json{{"machine", found.machine.description()}, {"parameters", Json::array()},
+              {"covariance", found.covariance},         {"residuals", found.residuals},
+              {"residual_rms_m", Json::array()},        {"excess", found.excess},
+              {"objective", found.objective},           {"iterations", found.iterations},
+              {"converged", found.converged},           {"notes", found.notes}};
+    for (const auto& one : found.parameters) {
+        json["parameters"].push_back({{"name", one.name},
+                                      {"unit", one.unit},
+                                      {"start", one.start},
+                                      {"value", one.value},
+                                      {"standard_error", one.standard_error}});
+    }
+    for (const auto& residual : found.residuals) {
+        double sum = 0;
+        for (const double value : residual) sum += value * value;
+        json["residual_rms_m"].push_back(std::sqrt(sum / static_cast<double>(residual.size())));
+    }
+    return json;
+}
+
 Json response_between(const Json& arguments) {
     FieldReader fields(arguments, "tb.frf");
     const auto input = fields.numbers("input", "", Allowed::finite, {});
@@ -135,6 +170,21 @@ const std::vector<LuaFunction>& measurement_functions() {
              for (auto& row : column_rows()) rows.push_back(std::move(row));
              rows.push_back({"report", "", "text", "none", "a folder for the files of `tribode fra`"});
              return option_rows<MeasuredFraOptions>(std::move(rows));
+         }},
+        {"identify", identify_machine, "`tb.identify{ machine =, records = {…}, … }`",
+         "the parameters of a machine from one or several records at once, by its simulated position ([how](measured-"
+         "frequency-response.md#joint-estimation), [options](#tbidentify)). `machine` has the start values. Returns "
+         "`machine`, `parameters` (list of `name, unit, start, value, standard_error`, the last infinite where the "
+         "records do not determine it), `covariance`, `residuals` (list of each record, m), `residual_rms_m`, `excess` "
+         "(of the standard errors over those of pure noise), `objective` (for comparing structures), `iterations`, "
+         "`converged`, `notes`",
+         [] {
+             std::vector<FieldRow> rows = {
+                 machine_row(),
+                 {"records", "", "list", "required",
+                  "files, or tables with the lists `y` and `u`, or `y` and `r` or `exc` in a closed loop"}};
+             for (auto& row : column_rows()) rows.push_back(std::move(row));
+             return option_rows<IdentifyOptions>(std::move(rows));
          }},
         {"frf", response_between,
          "`tb.frf{ input = {…}, output = {…}, sample_time_s =, excitation = input, window_samples = 0 }`",

@@ -1,4 +1,5 @@
 #include "physics/reference_machine.hpp"
+#include "tribode/analysis/multisine.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/experiment/frequency_sweep.hpp"
 #include "tribode/experiment/measured_fra.hpp"
@@ -107,6 +108,53 @@ TEST(MeasuredFra, OneLogOfManySinesGivesTheMachine) {
             EXPECT_LT(std::abs(other.value / one.value - 1.0), 1e-6);
         }
     }
+}
+
+// Hold, lag and dead times have a gain, which the delay model of the proposed analysis has not: its k0 is low by as much.
+TEST(MeasuredFra, ImprovedTakesOutTheGainOfHoldAndLagFromMultisines) {
+    Json description = reference_description();
+    description["friction"] = nullptr;
+    description["modes"][1]["zeta"] = 0.03; // settles within a period
+    description["encoder_resolution_m"] = 0;
+    const MachineModel machine = machine_of(description);
+    const Multisine excitation =
+        make_multisine({.sample_time = machine.sample_time, .period = 2, .periods = 4, .amplitude = 30});
+    const Table log = log_of(machine, excitation.values);
+    const ModalModel truth = modal_model_of(machine);
+    const MeasuredFra fra = measure_fra(machine, {log}, {.methods = {"proposed", "improved"}});
+    // A pure dead time gives sin(x)/x/sqrt(1 + (f/750 Hz)^2), x = pi f Ts, at 100 Hz 0.987.
+    for (const auto& point : fra.find("improved")->points) {
+        // What the samples fold back from above half the rate is 1e-3 at 200 Hz.
+        EXPECT_LT(std::abs(point.value / truth.response(point.frequency_hz) - 1.0), 2e-3) << point.frequency_hz;
+    }
+    EXPECT_NEAR(fra.find("improved")->fit->model.rigid_gain / truth.rigid_gain, 1, 5e-4);
+    EXPECT_LT(fra.find("proposed")->fit->model.rigid_gain / truth.rigid_gain, 0.995);
+}
+
+TEST(MeasuredFra, SaysWhereRoundingMakesTheErrorsUncertain) {
+    Json description = reference_description();
+    description["friction"] = nullptr;
+    const auto measured = [&](double noise) {
+        description["noise_rms_m"] = noise;
+        const MachineModel machine = machine_of(description);
+        std::vector<double> excitation;
+        for (const double f : {20.0, 28.0, 33.0, 40.0, 60.0, 75.0, 90.0, 110.0, 150.0}) {
+            const auto one = sine(f, 15, 4000, machine.sample_time);
+            excitation.insert(excitation.end(), one.begin(), one.end());
+        }
+        MeasuredFraOptions options;
+        options.methods = {"improved"};
+        return measure_fra(machine, {log_of(machine, excitation)}, options);
+    };
+    const MeasuredFra still = measured(0), noisy = measured(1e-7);
+    EXPECT_TRUE(still.find("improved")->fit->rounding);
+    EXPECT_FALSE(noisy.find("improved")->fit->rounding);
+    const auto says = [](const MeasuredFra& fra) {
+        return std::ranges::any_of(fra.notes,
+                                   [](const auto& note) { return note.find("rounding") != std::string::npos; });
+    };
+    EXPECT_TRUE(says(still));
+    EXPECT_FALSE(says(noisy));
 }
 
 std::string refusal(const MachineModel& machine, const Table& log, const MeasuredFraOptions& options = {}) {

@@ -1,0 +1,562 @@
+#include "tribode/experiment/identification.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/base/field_path.hpp"
+#include "tribode/experiment/simulation.hpp"
+
+#include <Eigen/Dense>
+#include <unsupported/Eigen/FFT>
+
+#include <algorithm>
+#include <cmath>
+#include <complex>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <limits>
+#include <numbers>
+#include <optional>
+#include <span>
+
+namespace tribode {
+
+namespace {
+
+using Complex = std::complex<double>;
+using Spectrum = Eigen::VectorXcd;
+
+constexpr double most_change = 1;      // of the logarithm of a parameter in one step
+constexpr double farthest = 9;         // from the start
+constexpr std::size_t least_lines = 8; // of a band
+
+// Numbers of the machine that are moved by one factor.
+struct Moved {
+    std::string name, unit;
+    std::vector<std::size_t> places; // in MachineModel::numbers()
+    std::size_t shown = 0;           // the number that stands for them
+};
+
+bool is_inside(const std::string& path, const std::string& around) {
+    return path.size() > around.size() && path.starts_with(around) &&
+           (path[around.size()] == '.' || path[around.size()] == '[');
+}
+
+enum class Match { none, inside, itself };
+
+// Whether the path is what the pattern names, or inside of it. [*] of the pattern stands for every index.
+Match match(const std::string& path, const std::string& pattern) {
+    std::string general;
+    std::size_t from = 0;
+    for (std::size_t star = pattern.find("[*]"); star != std::string::npos; star = pattern.find("[*]", from)) {
+        general += pattern.substr(from, star - from);
+        const std::size_t begin = general.size(), end = path.find(']', begin);
+        if (end == std::string::npos || path.compare(0, begin, general) != 0) return Match::none;
+        general += path.substr(begin, end + 1 - begin);
+        from = star + 3;
+    }
+    general += pattern.substr(from);
+    return path == general ? Match::itself : is_inside(path, general) ? Match::inside : Match::none;
+}
+
+struct Number {
+    std::string path, unit;
+    double value;
+};
+
+std::vector<Number> numbers_of(const MachineModel& machine) {
+    std::vector<Number> numbers;
+    each_number(machine, [&](const double& number, const auto& path, std::string_view unit, Allowed, const About&) {
+        numbers.push_back({path(), std::string(unit), number});
+    });
+    return numbers;
+}
+
+// friction.elements[3] of friction.elements[3].F; empty of others.
+std::string element_of(const std::string& path) {
+    const std::size_t end = path.find("].");
+    return path.starts_with("friction.elements[") && end != std::string::npos ? path.substr(0, end + 1) : "";
+}
+
+std::vector<Moved> moved_numbers(const MachineModel& machine, std::vector<std::string> paths) {
+    const std::vector<Number> numbers = numbers_of(machine);
+    const bool usual = paths.empty();
+    if (usual) paths = {"rigid_gain_per_kg", "modes", "friction", "input_delay_s"};
+    std::vector<Moved> moved;
+    const auto known = [&](const std::string& name) {
+        return std::ranges::find(moved, name, &Moved::name) != moved.end();
+    };
+    for (const auto& pattern : paths) {
+        bool found = false;
+        for (std::size_t i = 0; i < numbers.size(); ++i) {
+            const auto& [path, unit, value] = numbers[i];
+            const Match how = match(path, pattern);
+            if (how == Match::none) continue;
+            found = true;
+            if (value == 0) {
+                if (path != pattern) continue;
+                throw InputError(fmt::format("{} = 0 is no start of a fit, which moves parameters by factors: give it "
+                                             "another value",
+                                             path));
+            }
+            const std::string element = how == Match::itself ? "" : element_of(path);
+            if (usual && path.ends_with(".exponent")) continue;
+            if (!element.empty()) {
+                if (!known(element)) moved.push_back({element, "N", {}, i});
+                Moved& one = *std::ranges::find(moved, element, &Moved::name);
+                one.places.push_back(i);
+                if (path.ends_with(".F")) one.shown = i;
+            } else if (!known(path)) {
+                moved.push_back({path, unit, {i}, i});
+            }
+        }
+        if (!found && !usual) {
+            std::vector<std::string> all;
+            for (const auto& number : numbers) all.push_back(number.path);
+            throw InputError(fmt::format("\"{}\" is no number of the machine and has none in it{}", pattern,
+                                         suggestion(pattern, all)));
+        }
+    }
+    if (moved.empty()) throw InputError("the machine has no number to be fitted that is not zero");
+    return moved;
+}
+
+// The largest length up to `count` whose Fourier transform is quick.
+std::size_t quick_length(std::size_t count) {
+    for (std::size_t n = count;; --n) {
+        std::size_t rest = n;
+        for (const std::size_t factor : {2u, 3u, 5u}) {
+            while (rest % factor == 0) rest /= factor;
+        }
+        if (rest == 1) return n;
+    }
+}
+
+double mean_of(std::span<const double> values) {
+    double sum = 0;
+    for (const double value : values) sum += value;
+    return sum / static_cast<double>(values.size());
+}
+
+struct Band {
+    Eigen::Index first, count; // lines of a record's spectrum
+};
+
+struct FittedRecord {
+    std::string source;
+    DriveRecord drive;
+    bool is_followed = false; // u with the observer
+    std::size_t used = 0;     // of its differences, the last ones
+    std::vector<Band> bands;
+
+    double floor = 0; // variance of a sample of y below which no residual is believed [m^2]
+
+    // Of the differences of a white signal with the variance `floor`, at a line.
+    double floor_at(double line) const {
+        const double half_turn = std::numbers::pi * line / static_cast<double>(used);
+        return static_cast<double>(used) * floor * 4 * std::pow(std::sin(half_turn), 2);
+    }
+
+    // Of the differences of x.
+    Spectrum spectrum(const std::vector<double>& x) const {
+        std::vector<double> difference(used);
+        const std::size_t first = x.size() - used;
+        for (std::size_t k = 0; k < used; ++k) difference[k] = x[first + k] - x[first + k - 1];
+        Eigen::FFT<double> fft;
+        std::vector<Complex> lines;
+        fft.fwd(lines, difference);
+        return Eigen::Map<const Spectrum>(lines.data(), static_cast<Eigen::Index>(used / 2 + 1));
+    }
+};
+
+// The records with a machine at some parameters.
+class Fit {
+  public:
+    Fit(const MachineModel& machine, const IdentifyOptions& options, const RunControl& control)
+        : machine_(machine),
+          control_(control) {
+        machine_.encoder_resolution = 0;
+        machine_.noise_rms = 0;
+        machine_.process_noise_rms = 0;
+        moved = moved_numbers(machine_, options.parameters);
+        const double mass = machine.rigid_gain > 0 ? 1 / machine.rigid_gain : 0; // without one it comes back by itself
+        const double omega = 2 * std::numbers::pi * options.observer;
+        observer_ = PidController{
+            .kp = mass * omega * omega, .kd = 1.4 * mass * omega, .derivative_filter_hz = 10 * options.observer};
+        const auto numbers = machine_.numbers();
+        for (const auto& one : moved) start_.push_back(numbers_at(numbers, one.places));
+        // Runs that can be differentiated: see SensitiveServoSystem.
+        exact_ = resolved(Method::automatic, machine_) == Method::exact && machine_.input == InputKind::hold &&
+                 machine_.initial == InitialKind::rest;
+    }
+
+    void add(FittedRecord record, const IdentifyOptions& options) {
+        const double line = 1 / (static_cast<double>(record.used) * machine_.sample_time);
+        const auto last = static_cast<Eigen::Index>(record.used / 2);
+        const auto top = options.f_max > 0 ? std::min(last, static_cast<Eigen::Index>(options.f_max / line)) : last;
+        auto first = std::max<Eigen::Index>(1, static_cast<Eigen::Index>(std::ceil(options.f_min / line)));
+        while (first <= top) {
+            auto count = std::max(static_cast<Eigen::Index>(least_lines),
+                                  static_cast<Eigen::Index>(options.band * static_cast<double>(first)));
+            if (first + 2 * count > top + 1) count = top + 1 - first; // nothing is left over at the end
+            record.bands.push_back({first, count});
+            first += count;
+        }
+        records.push_back(std::move(record));
+    }
+
+    std::vector<Moved> moved;
+    std::vector<FittedRecord> records;
+
+    // With the controller of the record's runs.
+    MachineModel at(const Eigen::VectorXd& logarithm, const FittedRecord& record) const {
+        MachineModel machine = at(logarithm);
+        if (record.is_followed) {
+            machine.controller = observer_;
+            machine.closed_loop = true;
+        }
+        return machine;
+    }
+
+    MachineModel at(const Eigen::VectorXd& logarithm) const {
+        MachineModel machine = machine_;
+        const auto numbers = machine.numbers();
+        for (std::size_t j = 0; j < moved.size(); ++j) {
+            const double factor = std::exp(logarithm[static_cast<Eigen::Index>(j)]);
+            for (std::size_t i = 0; i < moved[j].places.size(); ++i) {
+                *numbers[moved[j].places[i]] = start_[j][i] * factor;
+            }
+        }
+        return machine;
+    }
+
+    // As the record drives it.
+    ServoRun run(const MachineModel& machine, const FittedRecord& record, ServoRunOptions options) const {
+        stop_if_asked();
+        const DriveRecord& drive = record.drive;
+        if (!record.is_followed) return driven_run(machine, drive, std::move(options));
+        const std::size_t last = drive.t.size() - 1;
+        options.start = {mean_of(std::span(drive.measured).first(10)), 0.0};
+        const auto input = [&drive, last](long k) {
+            const std::size_t place = std::min(static_cast<std::size_t>(k), last);
+            return LoopInput{drive.measured[place], drive.u[place]};
+        };
+        return ServoRun(machine, ClosedLoop{input, 0}, options);
+    }
+
+    // Measured less simulated position; none where the run ends early.
+    std::optional<std::vector<double>> residual(const MachineModel& machine, const FittedRecord& record) const {
+        ServoRun run = this->run(machine, record, {});
+        const RunOutcome outcome = run.advance_to(static_cast<long>(record.drive.t.size()) - 1);
+        if (!outcome.ok()) {
+            message = record.source + ": " + outcome.message;
+            return std::nullopt;
+        }
+        std::vector<double> rest = record.drive.measured;
+        for (std::size_t k = 0; k < rest.size(); ++k) rest[k] -= run.trace().y[k];
+        return rest;
+    }
+
+    // Of all records; none where one of them ends early.
+    std::optional<std::vector<std::vector<double>>> residuals(const Eigen::VectorXd& logarithm) const {
+        std::vector<std::vector<double>> all;
+        for (const auto& record : records) {
+            auto one = residual(at(logarithm, record), record);
+            if (!one) return std::nullopt;
+            all.push_back(std::move(*one));
+        }
+        return all;
+    }
+
+    std::vector<Spectrum> spectra(const std::vector<std::vector<double>>& residuals) const {
+        std::vector<Spectrum> all;
+        for (std::size_t r = 0; r < records.size(); ++r) all.push_back(records[r].spectrum(residuals[r]));
+        return all;
+    }
+
+    // Mean power of each band, record after record. The floor keeps that of a record without noise from zero, where the
+    // maximum of the likelihood would lie.
+    std::vector<double> powers(const std::vector<Spectrum>& residual) const {
+        std::vector<double> all;
+        for (std::size_t r = 0; r < records.size(); ++r) {
+            for (const auto& band : records[r].bands) {
+                const double sum = residual[r].segment(band.first, band.count).squaredNorm();
+                const double middle = static_cast<double>(band.first) + static_cast<double>(band.count - 1) / 2;
+                all.push_back(sum / static_cast<double>(band.count) + records[r].floor_at(middle));
+            }
+        }
+        return all;
+    }
+
+    double objective(const std::vector<double>& powers) const {
+        double sum = 0;
+        std::size_t next = 0;
+        for (const auto& record : records) {
+            for (const auto& band : record.bands) sum += static_cast<double>(band.count) * std::log(powers[next++]);
+        }
+        return sum;
+    }
+
+    // Derivatives of the residual's spectrum by the logarithms of the parameters, of one record.
+    Eigen::MatrixXcd derivatives(const Eigen::VectorXd& logarithm, std::size_t r,
+                                 const std::vector<double>& residual_here) const {
+        const FittedRecord& record = records[r];
+        const auto lines = static_cast<Eigen::Index>(record.used / 2 + 1);
+        Eigen::MatrixXcd columns(lines, static_cast<Eigen::Index>(moved.size()));
+        if (exact_) {
+            ServoRunOptions options;
+            options.solver.method = Method::exact;
+            for (std::size_t j = 0; j < moved.size(); ++j) {
+                options.sensitivities.push_back(servo_direction(
+                    moved[j].name,
+                    [&](double c) {
+                        Eigen::VectorXd there = logarithm;
+                        there[static_cast<Eigen::Index>(j)] += c;
+                        return at(there, record);
+                    },
+                    1.0 / 64));
+            }
+            ServoRun run = this->run(at(logarithm, record), record, options);
+            run.advance_to(static_cast<long>(record.drive.t.size()) - 1);
+            const auto found = run.sensitivities();
+            for (std::size_t j = 0; j < found.size(); ++j) {
+                columns.col(static_cast<Eigen::Index>(j)) = -record.spectrum(found[j].y);
+            }
+            return columns;
+        }
+        constexpr double step = 1e-4;
+        const Spectrum here = record.spectrum(residual_here);
+        for_each_index(moved.size(), control_, "", [&](std::size_t j) {
+            Eigen::VectorXd there = logarithm;
+            const auto place = static_cast<Eigen::Index>(j);
+            there[place] += step;
+            const auto rest = residual(at(there, record), record);
+            if (rest) {
+                columns.col(place) = (record.spectrum(*rest) - here) / step;
+            } else {
+                columns.col(place).setZero();
+            }
+        });
+        stop_if_asked();
+        return columns;
+    }
+
+    void stop_if_asked() const {
+        if (control_.stop_requested()) throw EndedEarly("an identification was interrupted");
+    }
+
+    mutable std::string message; // of a run that ended early
+
+  private:
+    static std::vector<double> numbers_at(const std::vector<double*>& numbers, const std::vector<std::size_t>& places) {
+        std::vector<double> values;
+        for (const std::size_t place : places) values.push_back(*numbers[place]);
+        return values;
+    }
+
+    MachineModel machine_;
+    const RunControl& control_;
+    std::vector<std::vector<double>> start_;
+    PidController observer_;
+    bool exact_ = false;
+};
+
+// Half the Hessian and half the gradient of V, and what the latter is made of.
+struct Normal {
+    Eigen::MatrixXd hessian;
+    Eigen::VectorXd gradient;
+    Eigen::MatrixXd by_line, by_band; // sums of the squares of the gradient's parts
+
+    Normal(const Fit& fit, const Eigen::VectorXd& at, const std::vector<std::vector<double>>& residuals,
+           const std::vector<Spectrum>& spectra, const std::vector<double>& powers) {
+        const auto n = static_cast<Eigen::Index>(fit.moved.size());
+        hessian = by_line = by_band = Eigen::MatrixXd::Zero(n, n);
+        gradient = Eigen::VectorXd::Zero(n);
+        std::size_t next = 0;
+        for (std::size_t r = 0; r < fit.records.size(); ++r) {
+            const Eigen::MatrixXcd columns = fit.derivatives(at, r, residuals[r]);
+            for (const auto& band : fit.records[r].bands) {
+                const double power = powers[next++];
+                const auto part = columns.middleRows(band.first, band.count);
+                const auto rest = spectra[r].segment(band.first, band.count);
+                hessian += (part.adjoint() * part).real() / power;
+                // One row for each line.
+                const Eigen::MatrixXd scores = (part.conjugate().array().colwise() * rest.array()).real() / power;
+                const Eigen::VectorXd sum = scores.colwise().sum();
+                gradient += sum;
+                by_line += scores.transpose() * scores;
+                by_band += sum * sum.transpose();
+            }
+        }
+    }
+};
+
+// Which parameters the records determine: the others are left out, one after another, worst first.
+std::vector<Eigen::Index> determined(const Eigen::MatrixXd& hessian, const std::vector<bool>& free) {
+    std::vector<Eigen::Index> places;
+    for (Eigen::Index j = 0; j < hessian.rows(); ++j) {
+        if (free[static_cast<std::size_t>(j)] && hessian(j, j) > 0) places.push_back(j);
+    }
+    while (!places.empty()) {
+        const Eigen::MatrixXd part = hessian(places, places);
+        const Eigen::VectorXd scale = part.diagonal().cwiseSqrt().cwiseInverse();
+        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(scale.asDiagonal() * part * scale.asDiagonal());
+        const Eigen::VectorXd errors = (part.inverse().diagonal() / 2).cwiseAbs().cwiseSqrt();
+        Eigen::Index worst = 0;
+        const double largest = errors.maxCoeff(&worst);
+        // Known to a factor of e at least.
+        if (solver.eigenvalues()[0] > 1e-12 && largest < 1) return places;
+        if (solver.eigenvalues()[0] <= 1e-12) solver.eigenvectors().col(0).cwiseAbs().maxCoeff(&worst);
+        places.erase(places.begin() + worst);
+    }
+    return places;
+}
+
+void put_covariance(Identification& found, const Normal& normal, const std::vector<bool>& free) {
+    const auto places = determined(normal.hessian, free);
+    const auto n = static_cast<Eigen::Index>(places.size());
+    const std::size_t all = found.parameters.size();
+    found.covariance.assign(all, std::vector<double>(all, 0.0));
+    for (auto& parameter : found.parameters) parameter.standard_error = std::numeric_limits<double>::infinity();
+    if (n > 0) {
+        // V is minus twice the logarithm of the likelihood but for the factor of H.
+        const Eigen::MatrixXd inverse = (2 * normal.hessian(places, places)).inverse();
+        const Eigen::VectorXd plain = inverse.diagonal().cwiseSqrt();
+        Eigen::MatrixXd best = inverse;
+        for (const auto* scores : {&normal.by_line, &normal.by_band}) {
+            const Eigen::MatrixXd one = inverse * (4 * (*scores)(places, places)) * inverse;
+            // The larger of the two for each parameter, with the correlation of the one with more in all.
+            const Eigen::VectorXd now = best.diagonal().cwiseSqrt(), other = one.diagonal().cwiseSqrt();
+            if ((other.array() / plain.array()).sum() > (now.array() / plain.array()).sum()) best = one;
+            const Eigen::VectorXd wanted = now.cwiseMax(other);
+            const Eigen::VectorXd factor = wanted.cwiseQuotient(best.diagonal().cwiseSqrt());
+            best = factor.asDiagonal() * best * factor.asDiagonal();
+        }
+        found.excess = (best.diagonal().cwiseSqrt().array() / plain.array()).mean();
+        for (Eigen::Index j = 0; j < n; ++j) {
+            auto& own = found.parameters[static_cast<std::size_t>(places[static_cast<std::size_t>(j)])];
+            own.standard_error = std::abs(own.value) * std::sqrt(best(j, j));
+            for (Eigen::Index k = 0; k < n; ++k) {
+                const auto row = static_cast<std::size_t>(places[static_cast<std::size_t>(j)]);
+                const auto column = static_cast<std::size_t>(places[static_cast<std::size_t>(k)]);
+                found.covariance[row][column] =
+                    best(j, k) * found.parameters[row].value * found.parameters[column].value;
+            }
+        }
+    }
+    std::vector<std::string> unknown;
+    for (const auto& parameter : found.parameters) {
+        if (!std::isfinite(parameter.standard_error)) unknown.push_back(parameter.name);
+    }
+    if (!unknown.empty()) {
+        found.notes.push_back(
+            fmt::format("The records do not determine {}: {}.", fmt::join(unknown, ", "),
+                        unknown.size() == 1 ? "it has no standard error" : "they have no standard errors"));
+    }
+}
+
+FittedRecord prepared(const MachineModel& machine, const GivenRecord& given, const RecordOptions& columns,
+                      const IdentifyOptions& options) {
+    FittedRecord record;
+    record.source = given.name();
+    const Table table = given.read(columns, DriveRecord::columns(), machine.sample_time);
+    MachineModel reader = machine;
+    record.is_followed = options.observer > 0 && machine.input == InputKind::hold && table.find("u");
+    if (record.is_followed) reader.closed_loop = false; // of r, exc and u the last one is used
+    record.drive = DriveRecord::from_table(table, reader, record.source);
+    if (record.drive.measured.empty()) {
+        throw InputError(record.source + ": there is no column y, the measured position that is fitted");
+    }
+    constexpr std::size_t least = 256;
+    if (record.drive.t.size() < least) {
+        throw InputError(
+            fmt::format("{}: {} samples, must be {} at least", record.source, record.drive.t.size(), least));
+    }
+    const auto [low, high] = std::ranges::minmax(record.drive.measured);
+    if (low == high) throw InputError(record.source + ": y is constant: nothing moves in this record");
+    const double middle = mean_of(record.drive.measured);
+    for (const double y : record.drive.measured) record.floor += (y - middle) * (y - middle);
+    constexpr double exactness = 1e-7; // of an encoder, relative to the motion
+    record.floor *= exactness * exactness / static_cast<double>(record.drive.t.size());
+    record.used = quick_length(record.drive.t.size() - 1);
+    return record;
+}
+
+} // namespace
+
+Identification identify(const MachineModel& machine, const std::vector<GivenRecord>& records,
+                        const RecordOptions& columns, const IdentifyOptions& options, const RunControl& control) {
+    if (records.empty()) throw InputError("an identification needs at least one record");
+    Fit fit(machine, options, control);
+    for (const auto& record : records) fit.add(prepared(machine, record, columns, options), options);
+    const auto n = static_cast<Eigen::Index>(fit.moved.size());
+
+    Eigen::VectorXd at = Eigen::VectorXd::Zero(n);
+    auto residuals = fit.residuals(at);
+    if (!residuals) throw InputError("the machine cannot follow the record with its start values: " + fit.message);
+    auto spectra = fit.spectra(*residuals);
+    auto powers = fit.powers(spectra);
+    double now = fit.objective(powers);
+    if (!std::isfinite(now)) throw InputError("the records have values that are not finite");
+
+    Identification found;
+    double damping = 1e-3;
+    while (found.iterations < options.iterations && !found.converged) {
+        ++found.iterations;
+        const Normal normal(fit, at, *residuals, spectra, powers);
+        bool better = false;
+        while (!better && damping < 1e8) {
+            Eigen::MatrixXd damped = normal.hessian;
+            const double small = 1e-9 * damped.diagonal().maxCoeff();
+            for (Eigen::Index j = 0; j < n; ++j) damped(j, j) += damping * damped(j, j) + small * 1e-6;
+            const Eigen::VectorXd step =
+                (-damped.ldlt().solve(normal.gradient)).cwiseMax(-most_change).cwiseMin(most_change);
+            const Eigen::VectorXd tried = (at + step).cwiseMax(-farthest).cwiseMin(farthest);
+            if (!step.allFinite()) {
+                damping *= 10;
+                continue;
+            }
+            auto there = fit.residuals(tried);
+            if (there) {
+                auto lines = fit.spectra(*there);
+                auto power = fit.powers(lines);
+                const double value = fit.objective(power);
+                if (value < now) {
+                    // A step that lowers V by 0.05 is one of a fifth of a standard error.
+                    found.converged = now - value < 0.05 && damping < 1;
+                    better = true;
+                    at = tried;
+                    residuals = std::move(there);
+                    spectra = std::move(lines);
+                    powers = std::move(power);
+                    now = value;
+                    damping = std::max(damping / 10, 1e-9);
+                }
+            }
+            if (!better) damping *= 6;
+        }
+        if (control.progress) {
+            control.progress("identify", static_cast<std::size_t>(found.iterations),
+                             static_cast<std::size_t>(options.iterations));
+        }
+        if (!better) found.converged = true; // no way down
+    }
+
+    MachineModel fitted = fit.at(at), first = machine;
+    found.machine = machine;
+    const auto values = fitted.numbers(), starts = first.numbers(), results = found.machine.numbers();
+    std::vector<bool> free;
+    for (Eigen::Index j = 0; j < n; ++j) {
+        const Moved& one = fit.moved[static_cast<std::size_t>(j)];
+        for (const std::size_t place : one.places) *results[place] = *values[place];
+        found.parameters.push_back({one.name, one.unit, *starts[one.shown], *values[one.shown], 0});
+        free.push_back(std::abs(at[j]) < 0.999 * farthest);
+    }
+    const Normal normal(fit, at, *residuals, spectra, powers);
+    put_covariance(found, normal, free);
+    found.residuals = std::move(*residuals);
+    found.objective = now;
+    if (!found.converged) {
+        found.notes.push_back(fmt::format("Not converged after {} iterations.", found.iterations));
+    }
+    return found;
+}
+
+} // namespace tribode
