@@ -24,10 +24,10 @@ struct WeightedFit {
     std::vector<std::vector<double>> covariance; // empty where the data do not determine all parameters
     double misfit = 0; // relative difference from the model that the variances do not explain, one component
     int points = 0;
+    std::string message; // empty, or what is wrong with the result
     // Most points are is_rounded. Errors of rounding have large ones among them, and the few points next to a resonance decide:
     // the standard errors are then about half of what they should be.
     bool rounding = false;
-    std::string message; // empty, or what is wrong with the result
 };
 
 // ModalModel exp(-j w delay) fitted to the points with a value, each weighted by its variance. The residual is ln(H/P) in
