@@ -245,6 +245,7 @@ std::vector<MeasuredPoint> unfolded(const MachineModel& machine, const ModalMode
     for (const auto& mode : model.modes) gain += mode.gain;
     constexpr int most = 8;
     for (std::size_t i = 0; i < points.size(); ++i) {
+        if (!points[i].missing.empty() || !by_thrust[i].missing.empty()) continue;
         std::complex<double> sum = 0; // of the position by u
         for (int m = -most; m <= most; ++m) {
             if (m == 0) continue;
