@@ -6,19 +6,14 @@
 
 namespace tribode {
 
-namespace {
-
-// Without the marks of Markdown.
-std::string plain(const std::string& text) {
+std::string without_marks(const std::string& text) {
     static const std::regex link(R"(\[([^\]]*)\]\([^)]*\))"), marks("`|\"");
     return std::regex_replace(std::regex_replace(text, link, "$1"), marks, "");
 }
 
-} // namespace
-
 void OptionFlags::add(CLI::App& app, const Flag& flag, const FieldRow& row) {
     const auto set = [this, name = flag.name](const std::string& text) { given_[name] = text; };
-    const std::string meaning = plain(fmt::format("{}: {}", row.path, row.about.meaning));
+    const std::string meaning = without_marks(fmt::format("{}: {}", row.path, row.about.meaning));
     if (row.values == "true or false") {
         app.add_flag_callback(
             flag.name, [set] { set(""); }, meaning);
@@ -27,7 +22,7 @@ void OptionFlags::add(CLI::App& app, const Flag& flag, const FieldRow& row) {
     const std::string unit = row.unit.empty() ? "" : fmt::format(" [{}]", row.unit);
     const std::string fallback = flag.fallback.empty() ? row.fallback : flag.fallback;
     app.add_option_function<std::string>(
-           flag.name, set, plain(fmt::format("{}{}; {} (default {})", meaning, unit, row.values, fallback)))
+           flag.name, set, without_marks(fmt::format("{}{}; {} (default {})", meaning, unit, row.values, fallback)))
         ->type_name(row.words.empty() ? "NUMBER" : choice_of(row.words));
 }
 

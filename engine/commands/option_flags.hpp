@@ -10,6 +10,9 @@
 
 namespace tribode {
 
+// A text of the documentation for the terminal: without the marks of Markdown.
+std::string without_marks(const std::string& text);
+
 // Flags of a command that set fields of an options struct. Limits, defaults and help are those of its describe().
 class OptionFlags {
   public:

@@ -1,5 +1,6 @@
 #include "commands/command.hpp"
-#include "tribode/solver/method_list.hpp"
+#include "commands/option_flags.hpp"
+#include "tribode/solver/method.hpp"
 
 #include <fmt/format.h>
 
@@ -15,10 +16,10 @@ struct SolversCommand final : Command {
         std::string text;
         for (const auto& entry : method_list()) {
             const std::string name = name_of(entry.method);
+            const std::string method = without_marks(entry.what), suited_to = without_marks(entry.suited_to);
             const bool fixed_step = has_fixed_step(entry.method);
-            text += fmt::format("{:<20} {}\n{:<20} for {}\n", name, entry.what, "", entry.suited_to);
-            list.push_back(
-                {{"name", name}, {"method", entry.what}, {"suited_to", entry.suited_to}, {"fixed_step", fixed_step}});
+            text += fmt::format("{:<20} {}\n{:<20} for {}\n", name, method, "", suited_to);
+            list.push_back({{"name", name}, {"method", method}, {"suited_to", suited_to}, {"fixed_step", fixed_step}});
         }
         common.print(text, list);
         return done;

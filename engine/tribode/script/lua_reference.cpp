@@ -1,6 +1,7 @@
 #include "tribode/script/lua_reference.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/script/lua_function.hpp"
+#include "tribode/solver/method.hpp"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -11,7 +12,7 @@ namespace tribode {
 namespace {
 
 constexpr std::string_view functions_begin = "<!-- functions:", options_begin = "<!-- options:",
-                           end_line = "<!-- end -->";
+                           solvers_begin = "<!-- solvers -->", end_line = "<!-- end -->";
 
 const LuaFunction& function_named(const std::string& name) {
     static const std::vector<LuaFunction> all = all_functions();
@@ -51,6 +52,14 @@ std::string option_table(const LuaFunction& function) {
     return text;
 }
 
+std::string solver_table() {
+    std::string text = "| name | method | suited to |\n|---|---|---|\n";
+    for (const auto& entry : method_list()) {
+        text += fmt::format("| `{}` | {} | {} |\n", name_of(entry.method), entry.what, entry.suited_to);
+    }
+    return text;
+}
+
 } // namespace
 
 std::string with_tables(const std::string& page) {
@@ -58,12 +67,14 @@ std::string with_tables(const std::string& page) {
     std::istringstream lines(page);
     for (std::string line; std::getline(lines, line);) {
         made += line + "\n";
-        const bool functions = line.starts_with(functions_begin);
-        if (!functions && !line.starts_with(options_begin)) continue;
+        const bool functions = line.starts_with(functions_begin), solvers = line == solvers_begin;
+        if (!functions && !solvers && !line.starts_with(options_begin)) continue;
         const auto names = names_in(line);
         made += "\n";
         if (functions) {
             made += function_table(names);
+        } else if (solvers) {
+            made += solver_table();
         } else {
             for (const auto& name : names) made += option_table(function_named(name));
         }

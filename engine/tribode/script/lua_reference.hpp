@@ -10,6 +10,8 @@ namespace tribode {
 //     <!-- end -->
 //     <!-- options: tb.simulate -->                   the options of this function (LuaFunction::options)
 //     <!-- end -->
+//     <!-- solvers -->                                the methods of integration (method_list)
+//     <!-- end -->
 //
 // The page with all of its tables made anew. Throws Error where a line names what there is not, or an end is missing.
 std::string with_tables(const std::string& page);

@@ -1,13 +1,6 @@
 #include "tribode/solver/integrator.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/hybrid/piecewise_affine.hpp"
-#include "tribode/solver/automatic_integrator.hpp"
-#include "tribode/solver/collocation_integrator.hpp"
-#include "tribode/solver/cvode_integrator.hpp"
-#include "tribode/solver/erk_integrator.hpp"
-#include "tribode/solver/exact_integrator.hpp"
-#include "tribode/solver/fixed_step_integrator.hpp"
-#include "tribode/solver/ida_integrator.hpp"
 
 #include <algorithm>
 #include <fmt/format.h>
@@ -15,22 +8,13 @@
 namespace tribode {
 
 const std::vector<std::string>& SolverOptions::method_names() {
-    static const std::vector<std::string> names = {
-        "auto", "exact", "collocation", "erk", "adams", "bdf", "ida", "fixed", "euler", "semi_implicit_euler", "zoh"};
+    static const std::vector<std::string> names = [] {
+        std::vector<std::string> all;
+        for (const auto& entry : method_list()) all.emplace_back(entry.name);
+        return all;
+    }();
     return names;
 }
-
-std::string name_of(Method method) { return SolverOptions::method_names()[static_cast<std::size_t>(method)]; }
-
-Method method_named(const std::string& name) {
-    constexpr Alias alias = SolverOptions::method_alias;
-    const auto& names = SolverOptions::method_names();
-    const auto it = std::find(names.begin(), names.end(), name == alias.name ? alias.means : name);
-    if (it != names.end()) return static_cast<Method>(it - names.begin());
-    throw InputError(fmt::format("solver \"{}\" is not known, must be one of {}", name, name_list(names, alias)));
-}
-
-bool has_fixed_step(Method method) { return method >= Method::fixed; }
 
 Method resolved(Method method, const HybridSystem& system, Purpose purpose) {
     const auto& states = system.states();
@@ -49,24 +33,10 @@ Method resolved(Method method, const HybridSystem& system, Purpose purpose) {
 }
 
 std::unique_ptr<Integrator> make_integrator(const HybridSystem& system, const SolverOptions& options) {
-    const Method method = resolved(options.method, system);
-    if (options.method == Method::automatic && method == Method::erk) {
-        return std::make_unique<AutomaticIntegrator>(system, options);
-    }
-    switch (method) {
-    case Method::automatic:
-    case Method::exact: return std::make_unique<ExactIntegrator>(system);
-    case Method::collocation: return std::make_unique<CollocationIntegrator>(system, options);
-    case Method::erk: return std::make_unique<ErkIntegrator>(system, options);
-    case Method::adams:
-    case Method::bdf: return std::make_unique<CvodeIntegrator>(system, options);
-    case Method::ida: return std::make_unique<IdaIntegrator>(system, options);
-    case Method::fixed:
-    case Method::euler:
-    case Method::semi_implicit_euler:
-    case Method::zoh: break;
-    }
-    return std::make_unique<FixedStepIntegrator>(system, options.method, options.fixed_step);
+    Method method = resolved(options.method, system);
+    // What begins as erk and may have to go on otherwise.
+    if (options.method == Method::automatic && method == Method::erk) method = Method::automatic;
+    return method_list()[static_cast<std::size_t>(method)].make(system, options);
 }
 
 } // namespace tribode

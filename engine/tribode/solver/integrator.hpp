@@ -1,6 +1,7 @@
 #pragma once
 #include "tribode/base/options.hpp"
 #include "tribode/hybrid/hybrid_system.hpp"
+#include "tribode/solver/method.hpp"
 #include "tribode/solver/run_outcome.hpp"
 
 #include <memory>
@@ -54,23 +55,6 @@ class Integrator {
     RunOutcome failure_;
 };
 
-// The ways to integrate. The first eight locate events and serve for results; the fixed-step ones are there to be compared
-// with them: they look at the guards after each step only, as one would write it on a signal processor.
-enum class Method {
-    automatic, // exact where the system is piecewise affine, ida where it has algebraic variables, else erk, and bdf from
-               // where that is stiff: the default; the user writes auto
-    exact,     // Taylor series to rounding error, for systems that are piecewise affine
-    collocation,         // exponential collocation, for systems that are nearly affine
-    erk,                 // explicit Runge-Kutta, Dormand-Prince 5(4), ARKODE
-    adams,               // Adams-Moulton with functional iteration, CVODE
-    bdf,                 // backward differentiation formulas with Newton iteration, CVODE
-    ida,                 // the same with algebraic variables, IDA
-    fixed,               // classical Runge-Kutta of order 4 with a fixed step
-    euler,               // explicit Euler with a fixed step
-    semi_implicit_euler, // velocities first, then positions with the new velocities
-    zoh // the linear part discretized by zero-order hold, all else frozen at the value of the step's beginning
-};
-
 // Which method, and how exactly.
 struct SolverOptions {
     Method method = Method::automatic;
@@ -102,12 +86,6 @@ struct SolverOptions {
                        "from one result or sample to the next; a run that needs more ends there with a message");
     }
 };
-
-std::string name_of(Method method);
-Method method_named(const std::string& name); // throws InputError
-
-// Whether the method has a fixed step, and no error control.
-bool has_fixed_step(Method method);
 
 // What a run is for. Its result is looked at; or it is one of many in a search, which needs the fastest method whose error
 // is known to be small.

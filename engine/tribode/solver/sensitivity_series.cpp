@@ -8,7 +8,7 @@ namespace tribode {
 
 namespace {
 
-constexpr int max_terms = 32;
+constexpr int max_order = 32;
 // How often a pattern meets a length before it is prepared for: preparing takes as many series as there are states.
 constexpr int worth_preparing = 8;
 
@@ -81,7 +81,7 @@ void SensitivitySeries::expand(const Pattern& pattern, double h, const double* f
     }
     for (std::size_t i = 0; i < parameters_ * height_; ++i) d[i] *= h;
     const PartialColumns partial{pattern.parts.data(), pattern.places.data(), pattern.first.data()};
-    if (expand_sensitivities(pattern.a.data(), states_, pattern.decay, partial, 1 + parameters_, height_, h, max_terms,
+    if (expand_sensitivities(pattern.a.data(), states_, pattern.decay, partial, 1 + parameters_, height_, h, max_order,
                              room_.data(), sums_.data())) {
         for (std::size_t i = 0; i < parameters_ * height_; ++i) s[i] += sums_[height_ + i];
         return;
