@@ -10,7 +10,7 @@ namespace tribode {
 namespace {
 
 constexpr std::size_t seeds = 6;
-constexpr std::size_t order = 32; // 16 ms at 2 kHz: the loop's shape, short against any record
+constexpr std::size_t model_order = 32; // 16 ms at 2 kHz: the loop's shape, short against any record
 constexpr std::uint64_t floor_stream = 0x66c7;
 
 double mean_square(const std::vector<double>& x) {
@@ -78,7 +78,7 @@ std::optional<NoiseFloor> noise_floor(const MachineModel& machine, const Measure
         errors[i] = *run;
         for (std::size_t k = 0; k < clean->size(); ++k) errors[i][k] -= (*clean)[k];
     });
-    std::vector<double> covariance(std::min(order, measurement.size() / 10) + 1);
+    std::vector<double> covariance(std::min(model_order, measurement.size() / 10) + 1);
     double square = 0;
     std::size_t runs = 0;
     for (const auto& e : errors) {
