@@ -18,8 +18,6 @@ namespace {
 // Of the difference of two scores, in units of which e^-1/2 counts: simulators and filters are not exact, and the
 // noise's shape is estimated.
 constexpr double temperature = 3;
-// Gap over the floor up to which what is missing has been found, and not a part of it.
-constexpr double little_left = 3;
 // What a right name has where noise explains the remaining error, and no rival comes near.
 constexpr double certain = 0.98;
 
@@ -48,20 +46,6 @@ Compared compared(const Evidence& record, const MachineModel& before, const Mach
              rms_difference(record.measurement.position(), c.y_after, c.first), record.floor.rms};
     c.described_floor = c.gap.floor;
     return c;
-}
-
-// Of several records together.
-Gap total(const std::vector<Compared>& records) {
-    Gap sum;
-    double samples = 0;
-    for (const auto& c : records) {
-        const double n = static_cast<double>(c.measurement.size() - c.first);
-        sum.before += n * c.gap.before * c.gap.before;
-        sum.after += n * c.gap.after * c.gap.after;
-        sum.floor += n * c.gap.floor * c.gap.floor;
-        samples += n;
-    }
-    return {std::sqrt(sum.before / samples), std::sqrt(sum.after / samples), std::sqrt(sum.floor / samples)};
 }
 
 // Record and machine in different units: the responses differ by a factor that no effect makes.
@@ -295,7 +279,7 @@ class Verdict {
 
     void unknown() {
         const SearchResult& s = d_.search;
-        d_.verdict = "unknown_effect";
+        d_.verdict = s.out_of_time ? "undecided" : "unknown_effect"; // what was not tried may explain it
         // The one effect that comes nearest on the validation record.
         const Scored& first = s.steps.front();
         const double before = s.validation.empty() ? s.baseline.fitted : s.baseline.validation;
@@ -383,10 +367,10 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     for (const auto& record : d.search.fitted) d.fitted.push_back(compared(record, d.before, d.after));
     for (const auto& record : d.search.validation) d.validation.push_back(compared(record, d.before, d.after));
     if (encoder) add_encoder(d, *encoder, described, control);
-    d.fitted_gap = total(d.fitted);
-    d.validation_gap = total(d.validation);
+    d.fitted_gap = total_gap(d.fitted);
+    d.validation_gap = total_gap(d.validation);
     // A resolution is no gap of positions.
-    const Gap& gap = *d.validation_gap;
+    const Gap& gap = d.validation_gap;
     d.explained = gap.before > 0 ? 1 - std::pow(gap.after / gap.before, 2) : 0;
     if (d.verdict == "effect_found" && gap.after > little_left * gap.floor) d.verdict = "partial";
     d.where = where_they_disagree(d);

@@ -1,5 +1,6 @@
 #pragma once
 #include "tribode/base/run_control.hpp"
+#include "tribode/diagnosis/gap.hpp"
 #include "tribode/diagnosis/search.hpp"
 
 #include <optional>
@@ -32,11 +33,6 @@ struct NamedEffect {
     std::string evidence;      // one paragraph
 };
 
-// rms of y_measured - y without and with the effects, and of noise and rounding of the true machine [m].
-struct Gap {
-    double before = 0, after = 0, floor = 0;
-};
-
 // One record, measured and simulated.
 struct Compared {
     Measurement measurement;
@@ -44,13 +40,15 @@ struct Compared {
     Gap gap;
     double described_floor = 0; // what noise and rounding of the machine as described would leave [m]
     std::size_t first = 0;      // first sample of those that count
+
+    std::size_t samples() const { return measurement.size() - first; }
 };
 
 struct Diagnosis {
     std::string verdict; // effect_found, partial, nothing_missing, unknown_effect or undecided
     std::vector<NamedEffect> effects;
     std::string where; // one paragraph
-    std::optional<Gap> fitted_gap, validation_gap;
+    Gap fitted_gap, validation_gap;
     std::vector<Compared> fitted, validation;
     struct Nearest {
         std::string name;

@@ -3,6 +3,7 @@
 #include "tribode/base/quantity.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/diagnosis/disagreement.hpp"
+#include "tribode/diagnosis/report_colors.hpp"
 #include "tribode/effect/effect.hpp"
 #include "tribode/record/csv.hpp"
 #include "tribode/record/json_file.hpp"
@@ -18,19 +19,10 @@ namespace tribode {
 
 namespace {
 
-const char* const gray = "#888888";
-const char* const red = "#c0392b";
-const char* const blue = "#1f5f9e";
-
-Json gap_json(const std::optional<Gap>& gap) {
-    if (!gap) return nullptr;
-    return {{"before", gap->before}, {"after", gap->after}, {"floor", gap->floor}};
-}
-
 std::string sentence(const Diagnosis& d) {
     std::vector<std::string> names;
     for (const auto& effect : d.effects) names.push_back(effect.name);
-    const Gap& gap = *d.validation_gap;
+    const Gap& gap = d.validation_gap;
     const auto size = [](double value) { return format_quantity(value, "m", 3); };
     const std::string shrink =
         fmt::format("on the validation record the gap decreases from {} to {} rms, where noise and rounding leave {}",
@@ -43,6 +35,11 @@ std::string sentence(const Diagnosis& d) {
     if (d.verdict == "unknown_effect") {
         return fmt::format("Something is missing that is none of the known effects; the nearest, {}, explains {:.0f} % "
                            "of the gap.",
+                           d.nearest->name, 100 * d.nearest->share);
+    }
+    if (names.empty()) {
+        return fmt::format("Something is missing, and the budget of time ended the search before it was found; the "
+                           "nearest so far, {}, explains {:.0f} % of the gap.",
                            d.nearest->name, 100 * d.nearest->share);
     }
     if (d.verdict == "undecided") {
@@ -100,14 +97,15 @@ Plot response_plot(const Compared& c, bool named) {
     Panel response, gap;
     response.x_label = gap.x_label = "Time [s]";
     response.y_label = "Position [mm]";
-    response.series = {{"measured", t, scaled(c.measurement.position(), 1e3), SeriesStyle::line, gray, 2.6},
-                       {"before", t, scaled(c.y_before, 1e3), SeriesStyle::line, red, 1.0}};
+    response.series = {{"measured", t, scaled(c.measurement.position(), 1e3), SeriesStyle::line, measured_color, 2.6},
+                       {"before", t, scaled(c.y_before, 1e3), SeriesStyle::line, before_color, 1.0}};
     gap.y_label = "Measured - simulated [um]";
-    gap.series = {{"before", t, difference(c.measurement.position(), c.y_before, 1e6), SeriesStyle::line, red, 1.0}};
+    gap.series = {
+        {"before", t, difference(c.measurement.position(), c.y_before, 1e6), SeriesStyle::line, before_color, 1.0}};
     if (named) {
-        response.series.push_back({"after", t, scaled(c.y_after, 1e3), SeriesStyle::dashed, blue, 1.2});
+        response.series.push_back({"after", t, scaled(c.y_after, 1e3), SeriesStyle::dashed, after_color, 1.2});
         gap.series.push_back(
-            {"after", t, difference(c.measurement.position(), c.y_after, 1e6), SeriesStyle::line, blue, 1.0});
+            {"after", t, difference(c.measurement.position(), c.y_after, 1e6), SeriesStyle::line, after_color, 1.0});
     }
     plot.panels = {response, gap};
     return plot;
@@ -130,9 +128,9 @@ Plot loop_plot(const Compared& c, const Residuals& residuals) {
     Panel loop, friction;
     loop.x_label = friction.x_label = "Position [mm]";
     loop.y_label = "Thrust reference [N]";
-    loop.series = {
-        {"measured", scaled(c.measurement.position(), 1e3), c.measurement.thrust, SeriesStyle::line, gray, 2.2},
-        {"before", scaled(c.y_before, 1e3), c.u_before, SeriesStyle::line, red, 0.9}};
+    loop.series = {{"measured", scaled(c.measurement.position(), 1e3), c.measurement.thrust, SeriesStyle::line,
+                    measured_color, 2.2},
+                   {"before", scaled(c.y_before, 1e3), c.u_before, SeriesStyle::line, before_color, 0.9}};
     const auto& [before, after, named] = residuals;
     friction.y_label = "Thrust less inertia [N]";
     const auto position = scaled(before.position, 1e3);
@@ -142,12 +140,12 @@ Plot loop_plot(const Compared& c, const Residuals& residuals) {
         for (std::size_t k = 0; k < f.size(); ++k) f[k] = r.thrust[k] - r.inertial[k] + simulated * r.force[k];
         return f;
     };
-    friction.series = {{"measured", position, shown(before, 0), SeriesStyle::line, gray, 2.2},
-                       {"before", position, shown(before, 1), SeriesStyle::line, red, 0.9}};
+    friction.series = {{"measured", position, shown(before, 0), SeriesStyle::line, measured_color, 2.2},
+                       {"before", position, shown(before, 1), SeriesStyle::line, before_color, 0.9}};
     if (named) {
-        loop.series.push_back({"after", scaled(c.y_after, 1e3), c.u_after, SeriesStyle::line, blue, 0.9});
+        loop.series.push_back({"after", scaled(c.y_after, 1e3), c.u_after, SeriesStyle::line, after_color, 0.9});
         friction.series.push_back(
-            {"after", scaled(after.position, 1e3), shown(after, 1), SeriesStyle::line, blue, 0.9});
+            {"after", scaled(after.position, 1e3), shown(after, 1), SeriesStyle::line, after_color, 0.9});
     }
     plot.panels = {loop, friction};
     return plot;
@@ -167,8 +165,8 @@ Plot spectrum_plot(const Compared& c, bool named, double sample_time) {
                                 amplitude_spectrum(difference(y, simulated, 1e6), sample_time, frequency),
                                 SeriesStyle::line, color});
     };
-    add("before", c.y_before, red);
-    if (named) add("after", c.y_after, blue);
+    add("before", c.y_before, before_color);
+    if (named) add("after", c.y_after, after_color);
     plot.panels = {panel};
     return plot;
 }
@@ -209,8 +207,8 @@ Plot force_plot(const Residuals& residuals) {
         Panel panel;
         panel.x_label = label;
         panel.y_label = "Force [N]";
-        add_curves(panel, "before", force_curve(before, coordinate, 80), scale, red);
-        if (named) add_curves(panel, "after", force_curve(after, coordinate, 80), scale, blue);
+        add_curves(panel, "before", force_curve(before, coordinate, 80), scale, before_color);
+        if (named) add_curves(panel, "after", force_curve(after, coordinate, 80), scale, after_color);
         plot.panels.push_back(std::move(panel));
     }
     Panel spectrum;
@@ -223,8 +221,8 @@ Plot force_plot(const Residuals& residuals) {
         spectrum.series.push_back(
             {name, frequency, amplitude_spectrum(r.force, r.sample_time, frequency), SeriesStyle::line, color});
     };
-    add("before", before, red);
-    if (named) add("after", after, blue);
+    add("before", before, before_color);
+    if (named) add("after", after, after_color);
     plot.panels.push_back(std::move(spectrum));
     plot.height = 2400;
     return plot;
@@ -291,10 +289,10 @@ ReportTable gap_table(const Diagnosis& d) {
         table.rows.push_back(
             {name, 1e6 * gap.before, 1e6 * gap.after, 1e6 * gap.floor, gap.before / gap.floor, gap.after / gap.floor});
     };
-    row("fitted", *d.fitted_gap);
-    row("validation record", *d.validation_gap);
+    row("fitted", d.fitted_gap);
+    row("validation record", d.validation_gap);
     if (const Compared& validation = d.validation.front(); validation.described_floor != validation.gap.floor) {
-        Gap described = *d.validation_gap;
+        Gap described = d.validation_gap;
         described.floor = validation.described_floor;
         row("the same, with the encoder as described", described);
     }
@@ -495,7 +493,7 @@ Json diagnosis_json(const Diagnosis& d, const std::vector<std::string>& data, co
     return {{"verdict", d.verdict},
             {"effects", effects},
             {"where", d.where},
-            {"gap", {{"ident", gap_json(d.fitted_gap)}, {"validate", gap_json(d.validation_gap)}}},
+            {"gap", {{"ident", d.fitted_gap.json()}, {"validate", d.validation_gap.json()}}},
             {"gap_unit", "m"},
             {"explained", d.explained},
             {"nearest", nearest},

@@ -1,5 +1,6 @@
 #include "tribode/diagnosis/disagreement.hpp"
 #include "tribode/analysis/spectrum.hpp"
+#include "tribode/analysis/statistics.hpp"
 #include "tribode/diagnosis/diagnosis.hpp"
 
 #include <algorithm>
@@ -51,13 +52,6 @@ GapShare share(const std::string& axis, const std::string& part, const GapOverTi
             static_cast<double>(count) / static_cast<double>(e.gap.size() - first)};
 }
 
-double quantile(std::vector<double> values, double q) {
-    if (values.empty()) return 0;
-    const auto at = static_cast<std::ptrdiff_t>(q * static_cast<double>(values.size() - 1));
-    std::nth_element(values.begin(), values.begin() + at, values.end());
-    return values[static_cast<std::size_t>(at)];
-}
-
 } // namespace
 
 std::vector<GapShare> gap_shares(const Compared& c) {
@@ -79,7 +73,7 @@ std::vector<GapShare> gap_shares(const Compared& c) {
     for (const double speed : speeds) {
         if (speed > still) moving.push_back(speed);
     }
-    const double slow = quantile(moving, 1.0 / 3), fast = quantile(moving, 2.0 / 3);
+    const double slow = lower_quantile(moving, 1.0 / 3), fast = lower_quantile(moving, 2.0 / 3);
     add("velocity", fmt::format("below {:.3g} m/s", slow),
         [&](std::size_t k) { return speeds[k] > still && speeds[k] < slow; });
     add("velocity", fmt::format("{:.3g} to {:.3g} m/s", slow, fast),

@@ -1,4 +1,5 @@
 #include "tribode/diagnosis/next_experiment.hpp"
+#include "tribode/base/constants.hpp"
 #include "tribode/diagnosis/diagnosis.hpp"
 #include "tribode/diagnosis/response.hpp"
 
@@ -11,7 +12,6 @@ namespace tribode {
 
 namespace {
 
-constexpr double two_pi = 2 * std::numbers::pi;
 constexpr double duration = 4; // of each record on the list [s]
 
 struct Experiment {
@@ -93,7 +93,7 @@ std::vector<Experiment> menu(const Limits& l, double sample_time, bool closed_lo
 } // namespace
 
 std::optional<std::string> next_experiment(const Diagnosis& d, const RunControl& control) {
-    if (d.verdict != "undecided" || d.search.ranking.size() < 2) return std::nullopt;
+    if (d.verdict != "undecided" || d.effects.empty() || d.search.ranking.size() < 2) return std::nullopt;
     const ModelFit fit(d.before, d.search.fitted);
     // The best and the nearest of other names.
     const Hypothesis& a = d.search.ranking[0].hypothesis;

@@ -1,3 +1,4 @@
+#include "tribode/analysis/statistics.hpp"
 #include "tribode/diagnosis/term_library.hpp"
 
 #include <algorithm>
@@ -24,7 +25,7 @@ void add_overflows(TermLibrary& library) {
         const double step = library.duration / static_cast<double>(from->values.size());
         if (!(span > 0) || !(step > 0)) continue;
         for (const double share : {0.6, 0.8, 0.95}) {
-            const double level = quantile(from->values, share);
+            const double level = lower_quantile(from->values, share);
             std::vector<double> above;
             for (const double w : from->values) above.push_back(std::max(w - level, 0.0));
             const double rms = rms_of_values(above);

@@ -1,14 +1,13 @@
+#include "tribode/base/constants.hpp"
 #include "tribode/diagnosis/term_library.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace tribode {
 
 namespace {
 
-constexpr double two_pi = 2 * std::numbers::pi;
 constexpr std::size_t max_samples = 3000; // of the spectrum of errors
 constexpr std::size_t max_turns = 400;    // of a period over the span
 constexpr int per_turn = 4;               // points of the spectrum

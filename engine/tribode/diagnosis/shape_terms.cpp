@@ -1,3 +1,4 @@
+#include "tribode/analysis/statistics.hpp"
 #include "tribode/diagnosis/term_library.hpp"
 
 #include <algorithm>
@@ -199,7 +200,7 @@ class Shapes {
         for (const double p : {0.5, 0.75, 0.9}) {
             for (const bool above : {true, false}) {
                 if (p == 0.5 && !above) continue; // the same as from above, beside a linear term
-                const double level = quantile(w, above ? p : 1 - p);
+                const double level = lower_quantile(w, above ? p : 1 - p);
                 add({"threshold",
                      {&variable},
                      variable.unit,

@@ -38,8 +38,12 @@ SystemComparison compared(const ModelWithValues& before, const ModelWithValues& 
     const std::vector<std::vector<double>> none(outputs, std::vector<double>(record.size(), NAN));
     const auto run = [&](const ModelWithValues& one, std::vector<std::vector<double>>& simulated) {
         auto trace = fit.simulate(one.model, one.values, 0, record.size());
-        simulated = trace ? std::move(trace->outputs) : none;
-        return trace ? rms_of_errors(c.errors(simulated, unit)) : INFINITY;
+        if (!trace) {
+            simulated = none;
+            return static_cast<double>(INFINITY);
+        }
+        simulated = std::move(trace->outputs);
+        return rms_of_errors(c.errors(simulated, unit));
     };
     c.gap.before = run(before, c.before);
     c.gap.after = run(after, c.after);
@@ -59,20 +63,6 @@ SystemComparison compared(const ModelWithValues& before, const ModelWithValues& 
     }
     c.gap.floor = std::sqrt(floor / static_cast<double>(outputs));
     return c;
-}
-
-SystemGap total_gap(const std::vector<SystemComparison>& all) {
-    SystemGap sum;
-    double count = 0;
-    for (const auto& one : all) {
-        const auto n = static_cast<double>(one.record.size() - one.first);
-        sum.before += n * one.gap.before * one.gap.before;
-        sum.after += n * one.gap.after * one.gap.after;
-        sum.floor += n * one.gap.floor * one.gap.floor;
-        count += n;
-    }
-    for (double* part : {&sum.before, &sum.after, &sum.floor}) *part = std::sqrt(*part / std::max(count, 1.0));
-    return sum;
 }
 
 std::vector<double> with_starts(const SystemModel& model, const std::vector<double>& values, const SystemRecord& record,

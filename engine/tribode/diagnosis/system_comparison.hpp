@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/diagnosis/gap.hpp"
 #include "tribode/diagnosis/system_fit.hpp"
 
 #include <functional>
@@ -7,18 +8,14 @@
 
 namespace tribode {
 
-// rms of measured minus simulated, in the unit of the output or, of several outputs, relative to what each moves.
-struct SystemGap {
-    double before = 0, after = 0;
-    double floor = 0; // of the white noise in what was measured: what no model removes
-};
-
 // One record, measured and simulated freely without and with what was missing.
 struct SystemComparison {
     SystemRecord record;
     std::vector<std::vector<double>> before, after; // of each measured output
     std::size_t first = 0;                          // sample of the comparison
-    SystemGap gap;
+    Gap gap;
+
+    std::size_t samples() const { return record.size() - first; }
 
     // Measured minus simulated over scale, output after output, from `first` on.
     std::vector<double> errors(const std::vector<std::vector<double>>& simulated,
@@ -32,9 +29,6 @@ struct ModelWithValues {
 
 SystemComparison compared(const ModelWithValues& before, const ModelWithValues& after, const SystemRecord& record,
                           std::size_t first, const std::vector<double>& scale, Interpolation between);
-
-// Over all samples together.
-SystemGap total_gap(const std::vector<SystemComparison>& all);
 
 // The values with start values that are fitted to the beginning of the record, all others as they are.
 std::vector<double> with_starts(const SystemModel& model, const std::vector<double>& values, const SystemRecord& record,

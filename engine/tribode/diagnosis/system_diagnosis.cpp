@@ -25,8 +25,8 @@ constexpr double sure_enough = 0.95;
 constexpr double as_good = 1.02; // of the best score: then the simplest is taken
 constexpr std::size_t max_terms = 12, max_rivals = 5;
 constexpr double least_rival = 0.05; // probability worth showing
-// Gap over the floor: of a model that lacks nothing, and of one whose effect was found and leaves little.
-constexpr double nothing_left = 1.5, little_left = 3;
+// Gap over the floor of a model that lacks nothing.
+constexpr double nothing_left = 1.5;
 constexpr double half = 0.5; // of the squared gap, for a partial explanation
 
 // A model on the way from the first one to the last, each with more terms.
@@ -364,7 +364,7 @@ class Diagnoser {
 
     void decide() {
         auto& d = result_;
-        const SystemGap& gap = d.validation_gap;
+        const Gap& gap = d.validation_gap;
         if (d.effects.empty()) {
             d.verdict = gap.before < nothing_left * gap.floor ? "nothing_missing" : "unknown_effect";
         } else if (std::any_of(d.effects.begin(), d.effects.end(), [](const SystemEffect& effect) {
@@ -379,6 +379,8 @@ class Diagnoser {
             d.verdict = "unknown_effect";
             d.nearest = {steps_.back().candidate.names_from(0), 1 - gap.after / gap.before};
         }
+        if (d.verdict == "unknown_effect" && d.out_of_time)
+            d.verdict = "undecided"; // what was not tried may explain it
         if (d.verdict != "unknown_effect") d.nearest.reset();
         // The probabilities compare the terms of the library. Where much is left, the right one may not be among them, and a name
         // is no surer than the share that it explains.

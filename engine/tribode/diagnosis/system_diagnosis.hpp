@@ -50,7 +50,7 @@ struct SystemDiagnosis {
     SystemModel before, after;
     std::vector<FittedValue> free; // parameters of the model as it was given, fitted along with the effects
     std::vector<SystemComparison> fitted, validation;
-    SystemGap fitted_gap, validation_gap;
+    Gap fitted_gap, validation_gap;
     double explained = 0;                                  // share of the squared gap on the validation records
     std::optional<std::pair<std::string, double>> nearest; // what came nearest without being found, share of the gap
     std::optional<std::string> next_experiment;

@@ -15,10 +15,6 @@ namespace {
 
 Json or_null(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
-Json gap_json(const SystemGap& gap) {
-    return {{"before", or_null(gap.before)}, {"after", or_null(gap.after)}, {"floor", or_null(gap.floor)}};
-}
-
 Json effect_json(const SystemEffect& effect) {
     Json parameters = Json::object(), errors = Json::object(), units = Json::object(), rivals = Json::array();
     for (std::size_t i = 0; i < effect.values.size(); ++i) {
@@ -59,7 +55,7 @@ Json system_diagnosis_json(const SystemDiagnosis& d, const std::vector<std::stri
     return {{"verdict", d.verdict},
             {"effects", effects},
             {"where", d.where},
-            {"gap", {{"ident", gap_json(d.fitted_gap)}, {"validate", gap_json(d.validation_gap)}}},
+            {"gap", {{"ident", d.fitted_gap.json()}, {"validate", d.validation_gap.json()}}},
             {"gap_unit", gap_unit(d)},
             {"explained", or_null(d.explained)},
             {"nearest", nearest},

@@ -12,7 +12,7 @@ namespace tribode {
 
 namespace {
 
-constexpr std::size_t min_samples = 20;
+constexpr std::size_t min_record_samples = 20;
 constexpr const char* measured_state = "_measured"; // behind the name of a state: the output that is measured of it
 
 template <class List>
@@ -198,9 +198,9 @@ SystemRecord read_system_record(const std::filesystem::path& file, const SystemM
     } else {
         for (std::size_t k = 0; k < all.table.rows(); ++k) record.t.push_back(static_cast<double>(k));
     }
-    if (record.t.size() < min_samples) {
-        throw InputError(
-            fmt::format("{}: has {} samples, must have {} at least", file.string(), record.t.size(), min_samples));
+    if (record.t.size() < min_record_samples) {
+        throw InputError(fmt::format("{}: has {} samples, must have {} at least", file.string(), record.t.size(),
+                                     min_record_samples));
     }
     for (const auto& input : model.equations.inputs) {
         const Column* column = all.table.find(input.name);

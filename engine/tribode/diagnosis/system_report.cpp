@@ -1,5 +1,6 @@
 #include "tribode/diagnosis/system_report.hpp"
 #include "tribode/base/quantity.hpp"
+#include "tribode/diagnosis/report_colors.hpp"
 #include "tribode/diagnosis/system_record.hpp"
 
 #include <algorithm>
@@ -10,9 +11,6 @@
 namespace tribode {
 
 namespace {
-
-constexpr const char* red = "#d55e00";
-constexpr const char* green = "#009e73";
 
 std::string label(const std::string& name, const std::string& unit) {
     return unit.empty() ? name : fmt::format("{} [{}]", name, unit);
@@ -70,12 +68,12 @@ Plot responses(const SystemDiagnosis& d, const SystemComparison& one) {
         errors.series.push_back({.name = "the model as given",
                                  .x = one.record.t,
                                  .y = differences(one.record.outputs[o], one.before[o]),
-                                 .color = red});
+                                 .color = before_color});
         if (!d.effects.empty()) {
             errors.series.push_back({.name = "with what was missing",
                                      .x = one.record.t,
                                      .y = differences(one.record.outputs[o], one.after[o]),
-                                     .color = green});
+                                     .color = after_color});
         }
         plot.panels.push_back(std::move(errors));
     }
@@ -90,8 +88,8 @@ Plot maps(const SystemDiagnosis& d, const SystemComparison& one) {
     const auto after = differences(one.record.outputs[0], one.after[0]);
     const auto add = [&](const std::string& name, const std::string& unit, const std::vector<double>& x) {
         Panel panel{.x_label = label(name, unit), .y_label = label("measured - simulated", output.unit)};
-        for (const auto& [title, errors, color] :
-             {std::tuple{"the model as given", &before, red}, {"with what was missing", &after, green}}) {
+        for (const auto& [title, errors, color] : {std::tuple{"the model as given", &before, before_color},
+                                                   {"with what was missing", &after, after_color}}) {
             Series series = binned(title, x, *errors, one.first);
             series.color = color;
             if (!series.x.empty() && (errors == &before || !d.effects.empty()))
@@ -220,8 +218,10 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
     }
     if (d.effects.empty()) {
         std::string text =
-            fmt::format("Something is missing that is none of the terms in the library: the model differs from the "
-                        "validation record by {} rms, noise would leave {}.",
+            fmt::format("Something is missing {}: the model differs from the validation record by {} rms, noise would "
+                        "leave {}.",
+                        d.out_of_time ? "that was not found before the budget of time ended the search"
+                                      : "that is none of the terms in the library",
                         format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3));
         if (d.nearest) {
             text += fmt::format(" Nearest is {}, which explains {:.0f} % of the gap.", d.nearest->first,

@@ -12,7 +12,7 @@ Report system_report(const SystemDiagnosis& diagnosis);
 // What is missing, its size, and how the gap shrinks.
 std::string verdict_sentence(const SystemDiagnosis& diagnosis);
 
-std::string gap_unit(const SystemDiagnosis& diagnosis); // of SystemGap
+std::string gap_unit(const SystemDiagnosis& diagnosis); // of Gap
 std::string interpolation_text(Interpolation between);  // "held between samples"
 
 } // namespace tribode

@@ -21,8 +21,8 @@ constexpr int iterations = 20;
 // Far from where a term was screened its effect may be another: its amplitudes begin with the first of these shares at which
 // the error is no larger than without it.
 constexpr double begun[] = {1, 0.25, 0.05, 0.01};
-constexpr double worthwhile = 0.98;  // of the error, for another way of the inputs between samples
-constexpr double dispensable = 1.01; // of the score without a term, for the term to be left out
+constexpr double worth_another_way = 0.98; // of the error, for another way of the inputs between samples
+constexpr double dispensable = 1.01;       // of the score without a term, for the term to be left out
 
 } // namespace
 
@@ -101,8 +101,9 @@ SystemCandidate SystemSearch::begin() {
         const Interpolation kept = between_;
         between_ = between;
         SystemCandidate candidate{.model = first_, .values = first_.values(records_.size())};
-        const bool better = fit(candidate, 2 * iterations) &&
-                            (!best || rms_of_errors(candidate.fitted) < worthwhile * rms_of_errors(best->fitted));
+        const bool better =
+            fit(candidate, 2 * iterations) &&
+            (!best || rms_of_errors(candidate.fitted) < worth_another_way * rms_of_errors(best->fitted));
         if (better) {
             best = std::move(candidate);
         } else {

@@ -30,12 +30,6 @@ double rms_of_values(const std::vector<double>& values) {
     return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(values.size(), 1)));
 }
 
-double quantile(std::vector<double> values, double p) {
-    const auto place = static_cast<std::ptrdiff_t>(p * static_cast<double>(values.size() - 1));
-    std::nth_element(values.begin(), values.begin() + place, values.end());
-    return values[static_cast<std::size_t>(place)];
-}
-
 TermLibrary::TermLibrary(const SystemModel& m, std::size_t n, const SystemFit& f, const std::vector<SystemVariable>& v,
                          const std::vector<double>& e)
     : model(m),

@@ -61,7 +61,6 @@ struct TermLibrary {
 };
 
 double rms_of_values(const std::vector<double>& values);
-double quantile(std::vector<double> values, double p);
 
 // Each adds its terms to the list.
 void add_shapes(TermLibrary& library);    // functions of one variable or two in a derivative or an output
