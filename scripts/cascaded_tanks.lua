@@ -10,14 +10,8 @@
 local tb = require "tribode"
 local steps = require "lib.system_steps"
 
-local option = tb.options {
-  data = { default = "", help = "folder of the measured records" },
-  budget = { default = 300, help = "seconds for the diagnosis" },
-}
-if option.data == "" then
-  error("-D data= is missing: the folder of the cascaded tanks, est.csv and val.csv with the columns t_s, u_V, y_V, "
-    .. "from nonlinearbenchmark.org", 0)
-end
+local option = steps.options("the cascaded tanks, est.csv and val.csv with the columns t_s, u_V, y_V, "
+  .. "from nonlinearbenchmark.org")
 
 local function root(x) return math.sqrt(math.max(x, 0)) end
 local function above(x, level) return math.max(x - level, 0) end

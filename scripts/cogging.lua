@@ -10,14 +10,8 @@
 local tb = require "tribode"
 local steps = require "lib.system_steps"
 
-local option = tb.options {
-  data = { default = "", help = "folder of the measured maps" },
-  budget = { default = 300, help = "seconds for the diagnosis" },
-}
-if option.data == "" then
-  error("-D data= is missing: the folder of the cogging maps, map_a_16.csv, map_b_16.csv and map_d_16.csv with "
-    .. "the columns theta_rad, iq_A, from the repository gchenfc/ODrive", 0)
-end
+local option = steps.options("the cogging maps, map_a_16.csv, map_b_16.csv and map_d_16.csv with "
+  .. "the columns theta_rad, iq_A, from the repository gchenfc/ODrive")
 
 local function motor(name, harmonics, published)
   local parameters, free = { c = { value = 0, unit = "A" } }, { "c" }

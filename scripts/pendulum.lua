@@ -10,14 +10,8 @@
 local tb = require "tribode"
 local steps = require "lib.system_steps"
 
-local option = tb.options {
-  data = { default = "", help = "folder of the measured record" },
-  budget = { default = 300, help = "seconds for the diagnosis" },
-}
-if option.data == "" then
-  error("-D data= is missing: the folder of the pendulum, swing_A.csv with the columns t_s, theta_rad, from the "
-    .. "repository dynamicslab/MultiArm-Pendulum", 0)
-end
+local option = steps.options("the pendulum, swing_A.csv with the columns t_s, theta_rad, from the "
+  .. "repository dynamicslab/MultiArm-Pendulum")
 
 local function pendulum(name, extra, published)
   local free = { "w2", "viscous", "offset", "theta.start", "omega.start" }

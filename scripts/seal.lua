@@ -11,14 +11,8 @@
 local tb = require "tribode"
 local steps = require "lib.system_steps"
 
-local option = tb.options {
-  data = { default = "", help = "folder of the measured records" },
-  budget = { default = 300, help = "seconds for the diagnosis" },
-}
-if option.data == "" then
-  error("-D data= is missing: the folder of the seal, oring_a_1bar.csv and so on with the columns t_s, x_m, p_Pa, F_N, "
-    .. "from the repository EvaZillen/3D-printed-pneumatic-actuator", 0)
-end
+local option = steps.options("the seal, oring_a_1bar.csv and so on with the columns t_s, x_m, p_Pa, F_N, "
+  .. "from the repository EvaZillen/3D-printed-pneumatic-actuator")
 
 -- friction: of the variables and the direction of motion, which is rounded off over a small velocity.
 local function piston(name, extra, published, friction)

@@ -1,4 +1,5 @@
 #include "commands/command.hpp"
+#include "commands/option_flags.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/diagnosis/diagnosis_files.hpp"
 #include "tribode/diagnosis/diagnosis_request.hpp"
@@ -38,12 +39,10 @@ struct DiagnoseCommand final : Command {
             "a parameter of the system, or STATE.start, that is fitted; may be given again (default: what the system "
             "names in `free`, else all)");
         app.add_option("-o,--out", output, "folder of verdict, machine or system, report (default results/diagnose)");
-        app.add_option("--max-effects", options.max_effects, "how many effects may be missing together (default 3)")
-            ->check(CLI::Range(1u, 6u));
-        app.add_option("--budget", budget,
-                       "seconds after which what is known is the answer (default: 300 for a system, no limit for a "
-                       "machine)")
-            ->check(CLI::PositiveNumber);
+        // Those of a system have the same keys.
+        flags.add(app, DiagnosisOptions(),
+                  {{"max_effects", "--max-effects", ""},
+                   {"budget_s", "--budget", "300 for a system, no limit for a machine"}});
         columns.add_to(app);
         common.add_workers(app);
         common.add_quiet(app);
@@ -72,8 +71,7 @@ struct DiagnoseCommand final : Command {
         request.data.assign(data.begin(), data.end());
         if (!validate.empty()) request.validate = validate.front();
         request.columns = columns.options();
-        request.options = options;
-        if (budget) request.options.budget = *budget;
+        flags.read(request.options);
         const DiagnosisResult result = diagnose_files(request, output, common.control());
         common.print(diagnosis_text(result.summary), result.summary);
         return done;
@@ -83,8 +81,7 @@ struct DiagnoseCommand final : Command {
         system.data.assign(data.begin(), data.end());
         system.validate.assign(validate.begin(), validate.end());
         system.columns = {pairs_of(inputs), pairs_of(outputs), columns.options()};
-        system.options.max_effects = options.max_effects;
-        if (budget) system.options.budget = *budget;
+        flags.read(system.options);
         ScriptRequest script;
         script.script = system_file;
         script.folder = output;
@@ -104,7 +101,7 @@ struct DiagnoseCommand final : Command {
         std::map<std::string, std::string> pairs;
         for (const auto& text : texts) {
             const auto sign = text.find('=');
-            pairs[text.substr(0, sign)] = sign == text.npos ? text : text.substr(sign + 1);
+            pairs[text.substr(0, sign)] = sign == std::string::npos ? text : text.substr(sign + 1);
         }
         return pairs;
     }
@@ -114,9 +111,8 @@ struct DiagnoseCommand final : Command {
     std::vector<std::string> inputs, outputs;
     std::string machine, output = "results/diagnose";
     std::vector<std::string> data, validate;
-    std::optional<double> budget;
     ColumnOptions columns;
-    DiagnosisOptions options;
+    OptionFlags flags;
 };
 
 } // namespace

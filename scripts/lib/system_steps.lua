@@ -5,6 +5,16 @@ local tb = require "tribode"
 
 local steps = {}
 
+-- Those of each script. data: the measured records, their files and where they come from, for a missing folder.
+function steps.options(data)
+  local option = tb.options {
+    data = { default = "", help = "folder of the measured records" },
+    budget = { default = 300, help = "seconds for the diagnosis" },
+  }
+  if option.data == "" then error("-D data= is missing: the folder of " .. data, 0) end
+  return option
+end
+
 -- common: options of tb.diagnose_system. models: a list of { name =, system =, published = { ident, validate } }.
 -- Returns rows of name, gap on the fitted and on the validation records, and the published ones.
 function steps.fit(common, models)

@@ -1,4 +1,5 @@
 #include "tribode/analysis/signal_fit.hpp"
+#include "tribode/base/constants.hpp"
 
 #include <Eigen/Dense>
 #include <unsupported/Eigen/FFT>
@@ -6,14 +7,11 @@
 #include <cmath>
 #include <complex>
 #include <limits>
-#include <numbers>
 #include <utility>
 
 namespace tribode {
 
 namespace {
-
-constexpr double two_pi = 2 * std::numbers::pi;
 
 Sinusoid sinusoid_of(const Signal& x, const Signal& target, const Signal& weight, double period) {
     Signal sine(x.size()), cosine(x.size());

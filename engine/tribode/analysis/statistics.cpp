@@ -61,6 +61,13 @@ double sorted_quantile(std::span<const double> sorted, double probability) {
     return sorted[below] + (place - static_cast<double>(below)) * (sorted[below + 1] - sorted[below]);
 }
 
+double lower_quantile(std::vector<double> values, double probability) {
+    if (values.empty()) return 0;
+    const auto place = static_cast<std::ptrdiff_t>(probability * static_cast<double>(values.size() - 1));
+    std::nth_element(values.begin(), values.begin() + place, values.end());
+    return values[static_cast<std::size_t>(place)];
+}
+
 Summary summarize(std::span<const double> values, std::span<const double> probabilities, double confidence) {
     std::vector<double> x = finite(values);
     std::sort(x.begin(), x.end());

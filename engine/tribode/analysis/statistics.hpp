@@ -31,6 +31,9 @@ Summary summarize(std::span<const double> values, std::span<const double> probab
 // The quantile of sorted values, not empty.
 double sorted_quantile(std::span<const double> sorted, double probability);
 
+// The value at the place of the quantile or next below it; 0 of none.
+double lower_quantile(std::vector<double> values, double probability);
+
 // The quantile of Student's distribution with a whole number of degrees of freedom >= 1; 0 < p < 1. From 1000 degrees on by
 // an expansion [Abramowitz 1964, 26.7.5].
 double student_quantile(double p, std::size_t degrees);

@@ -199,7 +199,7 @@ std::vector<fs::path> parts_of(const fs::path& folder, std::size_t shard) {
 bool is_at_work(const fs::path& part) {
     constexpr std::chrono::seconds still_active{30};
     // 00012.<host>-<pid>-<n>.part, where the name of a host may have a dash, too.
-    const std::string name = part.filename().string(), ours = "." + host_name() + "-";
+    const std::string name = part.filename().string(), ours = fmt::format(".{}-", host_name());
     const std::size_t at = name.find(ours);
     if (at != std::string::npos &&
         std::count(name.begin() + static_cast<std::ptrdiff_t>(at + ours.size()), name.end(), '-') == 1) {

@@ -23,6 +23,24 @@ std::string_view name_of(DrawnAgainst axis) {
     return "";
 }
 
+EffectParameter phase_parameter(std::string name) {
+    return {.name = std::move(name),
+            .unit = "rad",
+            .meaning = "phase",
+            .plausible_min = 0,
+            .plausible_max = 6.2832,
+            .fallback = 0};
+}
+
+EffectParameter relaxed_position() {
+    return {.name = "y0",
+            .unit = "m",
+            .meaning = "where it is relaxed",
+            .plausible_min = 0,
+            .plausible_max = 0.5,
+            .fallback = 0};
+}
+
 static std::atomic<ForceCompiler> compiler = nullptr;
 void set_force_compiler(ForceCompiler now) { compiler = now; }
 ForceCompiler force_compiler() { return compiler; }

@@ -33,6 +33,10 @@ struct EffectParameter {
     std::vector<EffectParameter> fields = {}; // records; all numbers. A record is required to be there once or more
 };
 
+// Parameters that several kinds have.
+EffectParameter phase_parameter(std::string name = "phase"); // [rad]
+EffectParameter relaxed_position();                          // y0, of a spring [m]
+
 // The quantity over which a plot of the residual shows an effect.
 enum class DrawnAgainst { position, velocity, time, thrust, distance_since_reversal, frequency };
 std::string_view name_of(DrawnAgainst axis);

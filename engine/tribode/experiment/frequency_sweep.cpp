@@ -279,25 +279,20 @@ std::vector<std::pair<std::string, FrequencyResponse>> SweepResult::responses() 
     return all;
 }
 
-FrequencyResponse SweepResult::improved() const {
+static FrequencyResponse response_where_known(const std::vector<SweepPoint>& points,
+                                              std::optional<std::complex<double>> SweepPoint::*value) {
     FrequencyResponse response;
     for (const auto& point : points) {
-        if (!point.improved) continue;
+        if (!(point.*value)) continue;
         response.frequency_hz.push_back(point.frequency_hz);
-        response.value.push_back(*point.improved);
+        response.value.push_back(*(point.*value));
     }
     return response;
 }
 
-FrequencyResponse SweepResult::add_on() const {
-    FrequencyResponse response;
-    for (const auto& point : points) {
-        if (!point.add_on) continue;
-        response.frequency_hz.push_back(point.frequency_hz);
-        response.value.push_back(*point.add_on);
-    }
-    return response;
-}
+FrequencyResponse SweepResult::improved() const { return response_where_known(points, &SweepPoint::improved); }
+
+FrequencyResponse SweepResult::add_on() const { return response_where_known(points, &SweepPoint::add_on); }
 
 FrequencyResponse SweepResult::loop_gain() const {
     FrequencyResponse response;

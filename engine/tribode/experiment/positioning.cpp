@@ -159,7 +159,7 @@ PositioningResult run_positioning(const MachineModel& given, const Feedforward& 
     result.within_rating = result.peak_thrust <= options.rated_thrust;
     result.within_stroke = result.peak_position <= options.stroke;
     result.feedforward = std::move(inputs.feedforward);
-    result.friction_compensation = options.friction_feedback > 0 ? seen.fed_back : std::move(inputs.friction);
+    result.friction_compensation = options.friction_feedback > 0 ? seen.fed_back : inputs.friction;
     for (int i = 1; 0.5 * i <= options.spectrum_max_hz; ++i) result.spectrum_hz.push_back(0.5 * i);
     const auto end = static_cast<std::ptrdiff_t>(task.settling_sample());
     result.spectrum =

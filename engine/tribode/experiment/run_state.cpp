@@ -16,7 +16,7 @@ std::string checksum(const RunState& state) {
     std::string all = fmt::format("{}\n{}\n{}\n{}", format, state.fingerprint, state.method, to_text(state.step));
     for (const auto& [name, list] : state.system) {
         all += "\n" + name;
-        for (const double value : list) all += " " + to_text(value);
+        for (const double value : list) all += fmt::format(" {}", to_text(value));
     }
     return sha256(all);
 }

@@ -1,16 +1,15 @@
 #include "tribode/plant/servo_plant.hpp"
+#include "tribode/base/constants.hpp"
 
 #include <algorithm>
 #include <bit>
 #include <cassert>
 #include <cmath>
 #include <fmt/format.h>
-#include <numbers>
 
 namespace tribode {
 
 namespace {
-constexpr double two_pi = 2 * std::numbers::pi;
 // Absolute tolerances of the other states where that of a position is one metre: a velocity of the order of
 // displacement times 100 rad/s, a force of the order of displacement times the stiffness of rolling friction.
 constexpr double velocity_scale = 100;

@@ -1,13 +1,12 @@
 #include "tribode/plant/servo_plant_tangent.hpp"
+#include "tribode/base/constants.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace tribode {
 
 namespace {
-constexpr double two_pi = 2 * std::numbers::pi;
 constexpr double contact_margin = ServoPlant::contact_margin;
 } // namespace
 

@@ -15,7 +15,7 @@ namespace tribode {
 
 namespace {
 
-constexpr std::size_t header_size = 20;
+constexpr std::size_t matrix_header_size = 20;
 
 // Column-major numbers in the file.
 struct Matrix {
@@ -53,10 +53,10 @@ constexpr std::size_t type_sizes[] = {8, 4, 4, 2, 2, 1};
 
 // Takes the next matrix off the front; nothing where the bytes are none.
 std::optional<Matrix> next_matrix(std::string_view& rest, bool big_endian) {
-    if (rest.size() < header_size) return std::nullopt;
+    if (rest.size() < matrix_header_size) return std::nullopt;
     Matrix header;
     header.big_endian = big_endian;
-    header.data = rest.substr(0, header_size);
+    header.data = rest.substr(0, matrix_header_size);
     std::array<std::int32_t, 5> words;
     for (std::size_t i = 0; i < words.size(); ++i)
         words[i] = static_cast<std::int32_t>(header.element<std::int32_t>(i));
@@ -72,7 +72,7 @@ std::optional<Matrix> next_matrix(std::string_view& rest, bool big_endian) {
     matrix.rows = static_cast<std::size_t>(rows);
     matrix.columns = static_cast<std::size_t>(columns);
     matrix.is_complex = imaginary != 0;
-    std::string_view behind = rest.substr(header_size);
+    std::string_view behind = rest.substr(matrix_header_size);
     const auto name_size = static_cast<std::size_t>(length);
     if (name_size > behind.size() || behind[name_size - 1] != '\0') return std::nullopt;
     matrix.name = behind.substr(0, name_size - 1);

@@ -95,26 +95,13 @@ std::string inflate_zlib(std::string_view bytes, std::size_t most, const std::st
     return unpack(bytes, window_bits, most, source);
 }
 
-std::string gzip(std::string_view bytes) {
-    z_stream z{};
-    constexpr int default_memory = 8;
-    if (deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, window_bits + gzip_wrapper, default_memory,
-                     Z_DEFAULT_STRATEGY) != Z_OK) {
-        throw std::bad_alloc();
-    }
-    const std::unique_ptr<z_stream, decltype(&deflateEnd)> owner(&z, deflateEnd);
-    std::string out;
-    Stream(bytes).run(z, out, out.max_size(),
-                      [](z_stream& s, bool last) { return deflate(&s, last ? Z_FINISH : Z_NO_FLUSH); });
-    return out;
-}
-
 namespace {
 
-std::string deflated(std::string_view bytes) {
+// `bits`: of the window, with the sign and the addition by which zlib tells its formats apart.
+std::string deflated(std::string_view bytes, int bits) {
     z_stream z{};
     constexpr int default_memory = 8;
-    if (deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, -window_bits, default_memory, Z_DEFAULT_STRATEGY) != Z_OK) {
+    if (deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, bits, default_memory, Z_DEFAULT_STRATEGY) != Z_OK) {
         throw std::bad_alloc();
     }
     const std::unique_ptr<z_stream, decltype(&deflateEnd)> owner(&z, deflateEnd);
@@ -132,6 +119,8 @@ void append_little_endian(std::string& out, std::initializer_list<std::pair<int,
 
 } // namespace
 
+std::string gzip(std::string_view bytes) { return deflated(bytes, window_bits + gzip_wrapper); }
+
 std::string zip_archive(const std::vector<ZipEntry>& entries) {
     constexpr std::uint64_t version = 20, deflate_method = 8, utf8_names = 0x800;
     constexpr std::uint64_t first_date = 0x21;                   // 1980-01-01, the earliest there is
@@ -139,7 +128,7 @@ std::string zip_archive(const std::vector<ZipEntry>& entries) {
     constexpr std::uint64_t mode = std::uint64_t{0100644} << 16; // an ordinary file
     std::string out, directory;
     for (const auto& [name, bytes] : entries) {
-        const std::string packed = deflated(bytes);
+        const std::string packed = deflated(bytes, -window_bits);
         const auto* data = reinterpret_cast<const Bytef*>(bytes.data());
         const std::uint64_t sum = crc32_z(0, data, bytes.size()), place = out.size();
         std::string both; // what the headers of the entry and of the directory have in common

@@ -32,7 +32,8 @@ std::string words_in(const std::string& values) {
 
 std::string type_of(const std::string& values) {
     const bool is_list = values.starts_with("list of ");
-    if (const std::string words = words_in(values); !words.empty()) return is_list ? "(" + words + ")[]" : words;
+    if (const std::string words = words_in(values); !words.empty())
+        return is_list ? fmt::format("({})[]", words) : words;
     if (values.starts_with("list of numbers")) return "number[]";
     if (values.starts_with("list of texts")) return "string[]";
     if (values.starts_with("list of tables")) return "table[]";
@@ -302,8 +303,8 @@ std::vector<std::string> keys_in(const std::string& arguments) {
     return keys;
 }
 
-// The plain arguments of "(from, to, count)".
-std::vector<std::string> names_in(const std::string& arguments) {
+// The names in "(from, to, count)".
+std::vector<std::string> plain_arguments(const std::string& arguments) {
     std::vector<std::string> names;
     std::string word;
     for (const char c : arguments) {
@@ -327,7 +328,7 @@ std::string options_class(const LuaFunction& function, const std::string& argume
             if (type == "any") type = type_of_argument(function.name, row.path);
             text += fmt::format("---@field {}{} {}", row.path, row.fallback == "required" ? "" : "?", type);
             if (!row.unit.empty()) text += fmt::format(" [{}]", row.unit);
-            if (!row.about.meaning.empty()) text += " " + one_line(std::string(row.about.meaning));
+            if (!row.about.meaning.empty()) text += fmt::format(" {}", one_line(std::string(row.about.meaning)));
             if (row.fallback != "none" && row.fallback != "required") text += "; default " + row.fallback;
             text += "\n";
         }
@@ -365,14 +366,14 @@ std::string lua_stub() {
         if (function.options || arguments.starts_with('{')) {
             text += options_class(function, arguments) + "\n" + documentation;
             text += fmt::format("---@param options tribode.{}.options{}\n", function.name,
-                                function.usage.find("(") < function.usage.find("`,") ? "|any" : "");
+                                function.usage.find('(') < function.usage.find("`,") ? "|any" : "");
             text += fmt::format("---@return {}\nfunction tb.{}(options, ...) end\n", result_of(function.name),
                                 function.name);
             continue;
         }
         text += documentation;
         std::vector<std::string> names =
-            arguments.starts_with('"') ? std::vector<std::string>{"file"} : names_in(arguments);
+            arguments.starts_with('"') ? std::vector<std::string>{"file"} : plain_arguments(arguments);
         for (const auto& name : names)
             text += fmt::format("---@param {}? {}\n", name, type_of_argument(function.name, name));
         names.emplace_back("...");

@@ -356,6 +356,22 @@ class Reader {
         std::string where;
     };
 
+    // The term of that name in the mode the system is in; `always` in a system without modes.
+    template <class Entry>
+    Term chosen_by_mode(const std::vector<std::map<std::string, Entry, ElementOrder>>& by_mode, const std::string& name,
+                        Term Entry::*term, const char* kind, Term always) {
+        for (std::size_t m = by_mode.size(); m-- > 0;) {
+            const auto own = by_mode[m].find(name);
+            if (own == by_mode[m].end()) {
+                throw InputError(fmt::format("tb.system: modes.{}: there is no {} {}, neither here nor in {}s",
+                                             modes_[m], kind, name, kind));
+            }
+            const Term value = own->second.*term;
+            always = m + 1 == by_mode.size() ? value : graph_.make(Op::select, in_mode(m), value, always);
+        }
+        return always;
+    }
+
     // Of the function on top of the stack, by name. [-1, +0]
     void add_residuals(const std::string& what, std::map<std::string, Residual, ElementOrder>& residuals) {
         std::string line = lua_isfunction(lua_, -1) ? line_of(lua_, lua_gettop(lua_)) : "";
@@ -397,17 +413,7 @@ class Reader {
         }
         std::size_t place = first;
         for (auto& [name, residual] : all) {
-            for (std::size_t m = by_mode.size(); m-- > 0;) {
-                const auto own = by_mode[m].find(name);
-                if (own == by_mode[m].end()) {
-                    throw InputError(fmt::format("tb.system: modes.{}: there is no equation {}, neither here nor in "
-                                                 "equations",
-                                                 modes_[m], name));
-                }
-                const Term value = own->second.term;
-                residual.term =
-                    m + 1 == by_mode.size() ? value : graph_.make(Op::select, in_mode(m), value, residual.term);
-            }
+            residual.term = chosen_by_mode(by_mode, name, &Residual::term, "equation", residual.term);
             auto& variable = made_.states[place++];
             variable.rate = residual.term;
             variable.equation = name;
@@ -520,17 +526,7 @@ class Reader {
             lua_pop(lua_, 2);
         }
         for (auto& [name, output] : outputs) {
-            for (std::size_t m = by_mode.size(); m-- > 0;) {
-                const auto own = by_mode[m].find(name);
-                if (own == by_mode[m].end()) {
-                    throw InputError(fmt::format("tb.system: modes.{}: there is no output {}, neither here nor in "
-                                                 "outputs",
-                                                 modes_[m], name));
-                }
-                const Term value = own->second.value;
-                output.value =
-                    m + 1 == by_mode.size() ? value : graph_.make(Op::select, in_mode(m), value, output.value);
-            }
+            output.value = chosen_by_mode(by_mode, name, &Equations::Output::value, "output", output.value);
             made_.outputs.push_back(output);
         }
     }

@@ -39,7 +39,7 @@ TEST(Diagnosis, NothingIsMissingFromTheMachineThatMadeTheRecord) {
     EXPECT_EQ(d.verdict, "nothing_missing");
     EXPECT_TRUE(d.effects.empty());
     // Noise and rounding are all that is left; six seeds know their rms to a few per cent.
-    EXPECT_NEAR(d.validation_gap->before / d.validation_gap->floor, 1, 0.1);
+    EXPECT_NEAR(d.validation_gap.before / d.validation_gap.floor, 1, 0.1);
 }
 
 TEST(Diagnosis, AHiddenGainIsNamedAndMeasured) {
@@ -47,8 +47,8 @@ TEST(Diagnosis, AHiddenGainIsNamedAndMeasured) {
     ASSERT_EQ(d.verdict, "effect_found");
     EXPECT_EQ(d.effects[0].name, "thrust_gain");
     expect_parameter(d.effects[0], "gain", 0.93);
-    EXPECT_GT(d.validation_gap->before, 10 * d.validation_gap->floor);
-    EXPECT_LT(d.validation_gap->after, 1.2 * d.validation_gap->floor);
+    EXPECT_GT(d.validation_gap.before, 10 * d.validation_gap.floor);
+    EXPECT_LT(d.validation_gap.after, 1.2 * d.validation_gap.floor);
 }
 
 TEST(Diagnosis, AHiddenRippleIsNamedWithItsPitch) {
@@ -126,7 +126,7 @@ TEST(Diagnosis, ACoarseEncoderShowsInItsValues) {
     EXPECT_EQ(d.before.axis().encoder_resolution, 1e-7);
     EXPECT_EQ(d.after.axis().encoder_resolution, 2e-6);
     EXPECT_LT(d.validation.front().described_floor, 0.5 * d.validation.front().gap.floor);
-    EXPECT_NEAR(d.validation_gap->after / d.validation_gap->floor, 1, 0.1);
+    EXPECT_NEAR(d.validation_gap.after / d.validation_gap.floor, 1, 0.1);
 }
 
 TEST(Diagnosis, AMachineWithItsEffectLacksNothing) {

@@ -132,7 +132,7 @@ TEST_F(NewEffect, is_found_and_measured_by_a_diagnosis) {
     const double error = d.effects[0].standard_errors["c"].get<double>();
     EXPECT_GT(error, 0);
     EXPECT_NEAR(d.effects[0].parameters["c"].get<double>(), 400, 3.5 * error); // 3.5: once in two thousand
-    EXPECT_LT(d.validation_gap->after, 1.2 * d.validation_gap->floor);
+    EXPECT_LT(d.validation_gap.after, 1.2 * d.validation_gap.floor);
 }
 
 } // namespace

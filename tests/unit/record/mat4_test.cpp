@@ -1,11 +1,9 @@
 #include "tribode/record/mat4.hpp"
 #include "tribode/record/record_file.hpp"
+#include "unit/record/raw_bytes.hpp"
 #include "unit/script/messages.hpp"
 
-#include <algorithm>
-#include <bit>
 #include <cstdint>
-#include <cstring>
 #include <gtest/gtest.h>
 
 namespace tribode {
@@ -20,10 +18,7 @@ class ByHand {
 
     template <class Number>
     std::string raw(Number number) const {
-        std::string text(sizeof number, '\0');
-        std::memcpy(text.data(), &number, sizeof number);
-        if (big_endian_ != (std::endian::native == std::endian::big)) std::reverse(text.begin(), text.end());
-        return text;
+        return raw_bytes(number, big_endian_);
     }
 
     // `data` column by column; `type` as the format numbers it.

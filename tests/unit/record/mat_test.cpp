@@ -3,10 +3,10 @@
 #include "tribode/record/record_file.hpp"
 #include "tribode/record/zip.hpp"
 #include "unit/record/damage.hpp"
+#include "unit/record/raw_bytes.hpp"
 #include "unit/script/messages.hpp"
 #include "unit/script/temporary_folder.hpp"
 
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <gtest/gtest.h>
@@ -30,10 +30,7 @@ class ByHand {
 
     template <class Number>
     std::string raw(Number number) const {
-        std::string text(sizeof number, '\0');
-        std::memcpy(text.data(), &number, sizeof number);
-        if (big_endian_ != (std::endian::native == std::endian::big)) std::reverse(text.begin(), text.end());
-        return text;
+        return raw_bytes(number, big_endian_);
     }
 
     template <class Number>

@@ -35,12 +35,7 @@ extern const EffectKind cubic_stiffness = {
     .parameters =
         {
             {.name = "k3", .unit = "N/m^3", .meaning = "stiffness", .plausible_min = 1, .plausible_max = 1e8},
-            {.name = "y0",
-             .unit = "m",
-             .meaning = "where it is relaxed",
-             .plausible_min = 0,
-             .plausible_max = 0.5,
-             .fallback = 0},
+            relaxed_position(),
         },
     .example = R"({"k3": 1e6})",
     .affine = false,

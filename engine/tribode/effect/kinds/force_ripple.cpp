@@ -1,9 +1,9 @@
+#include "tribode/base/constants.hpp"
 #include "tribode/effect/candidate.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <numbers>
 
 namespace tribode::effects {
 
@@ -12,7 +12,7 @@ namespace {
 class ForceRipple final : public PointForce {
   public:
     explicit ForceRipple(const std::vector<std::vector<double>>& harmonics) {
-        for (const auto& h : harmonics) harmonics_.push_back({h[0], 2 * std::numbers::pi / h[1], h[2]});
+        for (const auto& h : harmonics) harmonics_.push_back({h[0], two_pi / h[1], h[2]});
     }
     double force(double, double y, double, std::span<const double>) const override {
         double sum = 0;
@@ -53,12 +53,7 @@ extern const EffectKind force_ripple = {
                          .allowed = Allowed::positive,
                          .plausible_min = 1e-4,
                          .plausible_max = 1},
-                        {.name = "phase",
-                         .unit = "rad",
-                         .meaning = "phase",
-                         .plausible_min = 0,
-                         .plausible_max = 6.2832,
-                         .fallback = 0}}},
+                        phase_parameter()}},
         },
     .example = R"({"harmonics": [{"F": 3, "period_m": 0.012}]})",
     .affine = false,
@@ -84,8 +79,7 @@ m.add_force {
             one.push_back({std::max(first.amplitude, 0.05 * typical), first.period, first.phase});
             Signal rest = c.force;
             for (std::size_t k = 0; k < rest.size(); ++k) {
-                rest[k] -=
-                    first.amplitude * std::sin(2 * std::numbers::pi * c.position[k] / first.period + first.phase);
+                rest[k] -= first.amplitude * std::sin(two_pi * c.position[k] / first.period + first.phase);
             }
             for (const auto& second : sinusoids(c.position, rest, {}, shortest, longest, 1)) {
                 two.push_back({std::max(first.amplitude, 0.05 * typical), first.period, first.phase,

@@ -1,9 +1,9 @@
+#include "tribode/base/constants.hpp"
 #include "tribode/effect/candidate.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <numbers>
 
 namespace tribode::effects {
 
@@ -58,12 +58,7 @@ extern const EffectKind position_dependent_friction = {
              .allowed = Allowed::positive,
              .plausible_min = 1e-3,
              .plausible_max = 1},
-            {.name = "phase",
-             .unit = "rad",
-             .meaning = "phase",
-             .plausible_min = 0,
-             .plausible_max = 6.2832,
-             .fallback = 0},
+            phase_parameter(),
         },
     .example = R"({"mode": "sine", "a": 0.5, "period_m": 0.02})",
     .affine = false,
@@ -71,7 +66,7 @@ extern const EffectKind position_dependent_friction = {
     .neutral = {{"a", 0}},
     .apply =
         [](const Effect& e, ServoAxis& axis) {
-            const double wave = 2 * std::numbers::pi / e.number("period_m");
+            const double wave = two_pi / e.number("period_m");
             if (e.choice("mode") == "sine") {
                 axis.plant.friction_scales.push_back(
                     std::make_shared<const SineScale>(e.number("a"), wave, e.number("phase")));

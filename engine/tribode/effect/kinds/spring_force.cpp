@@ -12,12 +12,7 @@ extern const EffectKind spring_force = {
     .parameters =
         {
             {.name = "k", .unit = "N/m", .meaning = "stiffness", .plausible_min = 1, .plausible_max = 1e4},
-            {.name = "y0",
-             .unit = "m",
-             .meaning = "where it is relaxed",
-             .plausible_min = 0,
-             .plausible_max = 0.5,
-             .fallback = 0},
+            relaxed_position(),
         },
     .example = R"({"k": 300})",
     .affine = true,

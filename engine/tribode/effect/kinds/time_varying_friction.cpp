@@ -1,9 +1,9 @@
+#include "tribode/base/constants.hpp"
 #include "tribode/effect/candidate.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <numbers>
 
 namespace tribode::effects {
 
@@ -62,7 +62,7 @@ extern const EffectKind time_varying_friction = {
             } else if (e.choice("kind") == "ramp") {
                 add([](double s) { return s; });
             } else {
-                add([](double s) { return std::sin(2 * std::numbers::pi * s); });
+                add([](double s) { return std::sin(two_pi * s); });
             }
         },
     .lua = R"lua(
@@ -95,7 +95,7 @@ m.scale_friction(function(t) return 1 + p.a * forms[p.kind](t / p.T) end)
         constexpr double ramp = 10; // [s]: of a ramp only a/T shows
         const double slope = size_of([](double at) { return at / ramp; }).coefficients[0];
         for (const double T : geometric(0.1 * c.duration, 2 * c.duration, 14)) {
-            const Regression fit = size_of([T](double at) { return std::sin(2 * std::numbers::pi * at / T); });
+            const Regression fit = size_of([T](double at) { return std::sin(two_pi * at / T); });
             sines.push_back({fit.explained, {std::clamp(fit.coefficients[0], -0.9, 0.9), T}});
         }
         return {{.form = "exp",
