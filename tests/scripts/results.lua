@@ -77,9 +77,10 @@ assert(not io.open("out/uneven.csv") and not io.open("out/a.json"))
 -- Records: what is written reads back, by the names of the user and in SI.
 local two = { { name = "t_ms", unit = "ms", values = { 0, 0.5, 1, 2 } }, { name = "u_V", values = { 1, 2, 3, 4 } } }
 tb.write_mat { file = "record.mat", columns = two }
+tb.write_mat { file = "record73.mat", columns = two, version = "7.3" }
 tb.write_csv { file = "record.csv", columns = two }
 tb.write_hdf5 { file = "record.h5", tables = { { name = "run", columns = two } } }
-for _, file in ipairs { "record.mat", "out/record.csv", "out/record.h5" } do
+for _, file in ipairs { "record.mat", "out/record73.mat", "out/record.csv", "out/record.h5" } do
   local record = tb.read_record { file = file, columns = { t = "t_ms", u = "u_V" }, scale = { t = 1e-3, u = 35.15 } }
   assert(record.data.u[4] == 4 * 35.15 and record.data.t[2] == 0.5e-3)
   assert(record.time.dropped == 1 and #record.time.gaps == 1)
@@ -91,6 +92,7 @@ end
 assert(tb.read_record { file = "out/record.h5" }.units.t_ms == "ms")
 refused("did you mean \"u_V\"?", tb.read_record, { file = "out/record.mat", columns = { u = "u_N" } })
 refused("columns.u must be a text", tb.read_record, { file = "out/record.mat", columns = { u = 1 } })
+refused("version = \"4\", must be one of 5, 7.3", tb.write_mat, { file = "x.mat", columns = two, version = "4" })
 refused("is not a name that a MAT file can hold", tb.write_mat,
   { file = "x.mat", columns = { { name = "u V", values = { 1 } } } })
 refused("outside", tb.read_record, { file = "/etc/hostname" })

@@ -4,6 +4,7 @@
 #include "tribode/record/output_file.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cstring>
 #include <fmt/format.h>
@@ -111,6 +112,31 @@ void write_column(hid_t group, const Column& column) {
     write_text_attribute(dataset, "unit", column.unit);
 }
 
+// A column as MATLAB keeps one, an array of n x 1 doubles; its dimensions are reversed in HDF5.
+void write_matlab_column(hid_t group, const Column& column) {
+    const bool empty = column.values.empty();
+    const std::array<std::uint64_t, 2> none = {0, 1}; // the dimensions, in place of the numbers
+    const std::array<hsize_t, 2> shape = {1, column.values.size()};
+    const hsize_t two = 2;
+    const Handle space(empty ? H5Screate_simple(1, &two, nullptr) : H5Screate_simple(2, shape.data(), nullptr),
+                       "H5Screate_simple");
+    const Handle creation(H5Pcreate(H5P_DATASET_CREATE), "H5Pcreate");
+    check(H5Pset_obj_track_times(creation, false), "H5Pset_obj_track_times");
+    const Handle dataset(H5Dcreate2(group, column.name.c_str(), empty ? H5T_STD_U64LE : H5T_IEEE_F64LE, space,
+                                    H5P_DEFAULT, creation, H5P_DEFAULT),
+                         "H5Dcreate2");
+    check(H5Dwrite(dataset, empty ? H5T_NATIVE_UINT64 : H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT,
+                   empty ? static_cast<const void*>(none.data()) : column.values.data()),
+          "H5Dwrite");
+    constexpr std::string_view kind = "double"; // without a zero at its end
+    const Handle type(H5Tcopy(H5T_C_S1), "H5Tcopy");
+    check(H5Tset_size(type, kind.size()), "H5Tset_size");
+    const Handle scalar(H5Screate(H5S_SCALAR), "H5Screate");
+    const Handle attribute(H5Acreate2(dataset, "MATLAB_class", type, scalar, H5P_DEFAULT, H5P_DEFAULT), "H5Acreate2");
+    check(H5Awrite(attribute, type, kind.data()), "H5Awrite");
+    if (empty) write_number_attribute(dataset, "MATLAB_empty", H5T_STD_U8LE, H5T_NATIVE_UINT8, std::uint8_t{1});
+}
+
 void require_link_name(const std::string& name, std::vector<std::string>& taken) {
     if (name.empty() || name == "." || name.find('/') != std::string::npos) {
         throw InputError(fmt::format("\"{}\" is not a name that HDF5 can hold: empty, . and / are not allowed", name));
@@ -136,7 +162,9 @@ std::size_t bytes_of(const std::vector<NamedTable>& tables) {
     return bytes;
 }
 
-std::string file_image(const std::vector<NamedTable>& tables, const Json& attributes) {
+using ColumnWriter = void (*)(hid_t group, const Column& column);
+
+std::string file_image(const std::vector<NamedTable>& tables, const Json& attributes, ColumnWriter write_one) {
     const Handle access = memory_access(bytes_of(tables));
     const Handle creation = ordered(H5P_FILE_CREATE);
     const Handle group_creation = ordered(H5P_GROUP_CREATE);
@@ -146,7 +174,7 @@ std::string file_image(const std::vector<NamedTable>& tables, const Json& attrib
         const Handle group(name.empty() ? H5Gopen2(file, "/", H5P_DEFAULT)
                                         : H5Gcreate2(file, name.c_str(), H5P_DEFAULT, group_creation, H5P_DEFAULT),
                            "H5Gcreate2");
-        for (const Column& column : table.columns) write_column(group, column);
+        for (const Column& column : table.columns) write_one(group, column);
     }
     check(H5Fflush(file, H5F_SCOPE_GLOBAL), "H5Fflush");
     const ssize_t size = H5Fget_file_image(file, nullptr, 0);
@@ -330,14 +358,23 @@ std::vector<Variable> from_bytes(std::string_view bytes) {
 
 } // namespace
 
-std::string to_hdf5(const std::vector<NamedTable>& tables, const Json& attributes) {
+static std::string guarded_image(const std::vector<NamedTable>& tables, const Json& attributes,
+                                 ColumnWriter write_one) {
     require_link_names(tables);
     const auto lock = enter_library();
     try {
-        return file_image(tables, attributes);
+        return file_image(tables, attributes, write_one);
     } catch (const Refused& refused) {
         throw OutputError(fmt::format("HDF5: the data cannot be put into a file ({} failed)", refused.function));
     }
+}
+
+std::string to_hdf5(const std::vector<NamedTable>& tables, const Json& attributes) {
+    return guarded_image(tables, attributes, write_column);
+}
+
+std::string to_matlab_hdf5(const Table& table) {
+    return guarded_image({{"", table}}, Json::object(), write_matlab_column);
 }
 
 void write_hdf5(const std::filesystem::path& path, const std::vector<NamedTable>& tables, const Json& attributes) {
@@ -480,7 +517,7 @@ Hdf5RowFile::~Hdf5RowFile() {
 void Hdf5RowFile::abandon() {
     std::error_code problem;
     std::filesystem::remove(content_->part, problem);
-    // Never closed: that would write what is left once more, and the library crashes where the disk refuses it.
+    // Never closed: that would write the rest once more, and the library crashes where the disk refuses it.
     static auto& never_closed = *new std::vector<std::unique_ptr<Content>>;
     never_closed.push_back(std::move(content_));
 }

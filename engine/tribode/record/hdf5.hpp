@@ -22,6 +22,9 @@ struct NamedTable {
 // Throws InputError where a name is empty, stands twice or contains a slash.
 std::string to_hdf5(const std::vector<NamedTable>& tables, const Json& attributes = Json::object());
 
+// The columns as MATLAB keeps them in HDF5, n x 1 arrays of class double: what follows the head of a MAT file of version 7.3.
+std::string to_matlab_hdf5(const Table& table);
+
 // to_hdf5 through write_file: no half-written file is ever left.
 void write_hdf5(const std::filesystem::path& path, const std::vector<NamedTable>& tables,
                 const Json& attributes = Json::object());

@@ -1,6 +1,7 @@
 #include "tribode/record/mat.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
+#include "tribode/record/hdf5.hpp"
 #include "tribode/record/output_file.hpp"
 #include "tribode/record/zip.hpp"
 
@@ -239,20 +240,38 @@ std::vector<Variable> mat_variables(std::string_view bytes, std::size_t most, co
     return variables;
 }
 
-std::string to_mat(const Table& table) {
-    std::string bytes = fmt::format("{:<{}}", "MATLAB 5.0 MAT-file, written by Tribode " + version(), subsystem_place);
-    bytes.resize(version_place);
-    bytes += std::string_view("\0\1IM", 4);
-    for (std::size_t i = 0; i < table.columns.size(); ++i) {
-        const Column& column = table.columns[i];
+static void require_names(const Table& table) {
+    for (const Column& column : table.columns) {
         require_name(column.name);
         if (table.find(column.name) != &column) {
             throw InputError(fmt::format("column {} stands twice, each name must stand once", column.name));
         }
+    }
+}
+
+// The first 128 bytes of a file.
+static std::string head(std::string_view version, char number) {
+    std::string bytes =
+        fmt::format("{:<{}}", fmt::format("MATLAB {} MAT-file, written by Tribode {}", version, tribode::version()),
+                    subsystem_place);
+    bytes.resize(version_place);
+    return bytes + std::string{'\0', number, 'I', 'M'};
+}
+
+std::string to_mat(const Table& table, MatVersion version) {
+    require_names(table);
+    if (version == MatVersion::v7_3) {
+        constexpr std::size_t before_hdf5 = 512;
+        std::string bytes = head("7.3", '\2');
+        bytes.resize(before_hdf5);
+        return bytes + to_matlab_hdf5(table);
+    }
+    std::string bytes = head("5.0", '\1');
+    for (const Column& column : table.columns) {
         constexpr std::size_t max_rows = (std::size_t{1} << 28) - 32; // 2 GiB with the head of the array
         if (column.values.size() > max_rows) {
             throw InputError(fmt::format("column {} has {} values, a MAT file of version 5 can hold {} at most; "
-                                         "write HDF5",
+                                         "write version 7.3 or HDF5",
                                          column.name, column.values.size(), max_rows));
         }
         const std::string element = element_of(column);

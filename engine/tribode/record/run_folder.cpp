@@ -1,4 +1,5 @@
 #include "tribode/record/run_folder.hpp"
+#include "tribode/base/commit.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/record/json_file.hpp"
@@ -83,6 +84,7 @@ std::map<std::string, std::string> RunFolder::files() const {
 
 void RunFolder::write_manifest(Json fields) const {
     fields["version"] = version();
+    if (!commit().empty()) fields["commit"] = commit();
     fields["date"] = fmt::format("{:%Y-%m-%dT%H:%M:%SZ}", fmt::gmtime(std::time(nullptr)));
     fields["files"] = files();
     tribode::write_json(path(manifest_name), fields);

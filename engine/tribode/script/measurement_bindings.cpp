@@ -1,4 +1,5 @@
 #include "tribode/analysis/multisine.hpp"
+#include "tribode/analysis/test_signals.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/field_reader.hpp"
 #include "tribode/experiment/identification.hpp"
@@ -152,6 +153,24 @@ Json multisine(const Json& arguments) {
             {"crest_factor", made.crest_factor}};
 }
 
+Json chirp(const Json& arguments) {
+    FieldReader fields(arguments, "tb.chirp");
+    ChirpOptions o;
+    read_options(o, fields);
+    fields.finish();
+    const Chirp made = make_chirp(o);
+    return {{"values", made.values}, {"frequency_hz", made.frequency_hz}};
+}
+
+Json binary_sequence(const Json& arguments) {
+    FieldReader fields(arguments, "tb.binary_sequence");
+    BinarySequenceOptions o;
+    read_options(o, fields);
+    fields.finish();
+    const BinarySequence made = make_binary_sequence(o);
+    return {{"values", made.values}, {"period_samples", made.period}};
+}
+
 } // namespace
 
 const std::vector<LuaFunction>& measurement_functions() {
@@ -195,6 +214,13 @@ const std::vector<LuaFunction>& measurement_functions() {
          "a random-phase multisine: `values`, `period_samples`, `frequency_hz` of its lines, `crest_factor` "
          "([options](#tbmultisine))",
          [] { return option_rows<MultisineOptions>({}); }},
+        {"chirp", chirp, "`tb.chirp{ f_start_hz = 1, f_end_hz = 200, … }`",
+         "a sine whose frequency runs through a band: `values`, `frequency_hz` at each sample ([options](#tbchirp))",
+         [] { return option_rows<ChirpOptions>({}); }},
+        {"binary_sequence", binary_sequence, "`tb.binary_sequence{ order = 10, … }`",
+         "a pseudo-random binary sequence (PRBS) of maximum length: `values`, `period_samples` "
+         "([options](#tbbinary_sequence))",
+         [] { return option_rows<BinarySequenceOptions>({}); }},
     };
     return functions;
 }

@@ -91,8 +91,9 @@ Json write_mat_file(const ScriptContext& script, const Json& arguments) {
     FieldReader fields(arguments, "tb.write_mat");
     const std::string file = fields.text("file");
     const Table table = table_of(fields, "columns");
+    const std::string version = fields.choice("version", {"5", "7.3"}, "5");
     fields.finish();
-    script.run.folder().write(file, to_mat(table));
+    script.run.folder().write(file, to_mat(table, version == "5" ? MatVersion::v5 : MatVersion::v7_3));
     return nullptr;
 }
 
@@ -149,8 +150,9 @@ const std::vector<LuaFunction>& record_functions() {
         {"write_hdf5", write_hdf5_file,
          "`tb.write_hdf5{ file =, tables = { { name =, columns = … }, … }, attributes = {…} }`",
          "one group per table, one dataset per column with an attribute `unit`"},
-        {"write_mat", write_mat_file, "`tb.write_mat{ file =, columns = … }`",
-         "MAT of version 5: each column as an n x 1 double array, without units; the names must be valid in MATLAB"},
+        {"write_mat", write_mat_file, "`tb.write_mat{ file =, columns =, version = \"5\" }`",
+         "MAT of version 5, or `\"7.3\"` for columns of 2 GiB and more: each column as an n x 1 double array, without "
+         "units; the names must be valid in MATLAB"},
         {"write_json", write_json_file, "`tb.write_json{ file =, value = }`", "any plain table"},
         {"write_text", write_text_file, "`tb.write_text{ file =, text = }`", "a text, e.g. a table with words in it"},
         {"read_json", read_json_file, "`tb.read_json{ file = }`",

@@ -1,3 +1,4 @@
+#include "tribode/base/commit.hpp"
 // HDF5, JSON and the run folder.
 #include "tribode/base/text.hpp"
 #include "tribode/record/hdf5.hpp"
@@ -94,6 +95,8 @@ TEST(RunFolder, TheManifestHoldsTheHashes) {
     const Json manifest = read_json(folder / "manifest.json");
     EXPECT_EQ(manifest["seed"], 3);
     EXPECT_EQ(manifest["version"], version());
+    EXPECT_EQ(manifest.value("commit", ""), commit());
+    EXPECT_TRUE(commit().empty() || commit().find_first_not_of("0123456789abcdef") >= 7) << commit();
     EXPECT_EQ(manifest["files"]["x.csv"], sha256("t\n0\n"));
     EXPECT_EQ(manifest["files"].size(), 2u);
 }
