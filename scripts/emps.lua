@@ -1,6 +1,6 @@
 -- The electro-mechanical positioning system [Janot 2019], a real ball-screw axis: from mass and viscous friction step
 -- by step to what is published, by inverse dynamics and by simulation of the closed loop, beside the published values.
--- Then the diagnosis is asked what the first model lacks, and what is left over is looked at.
+-- Then the diagnosis is asked what the first model lacks, and the residual is plotted.
 --
 --   tribode run scripts/emps.lua -D data=/data/emps -o results/emps
 --
@@ -193,7 +193,7 @@ if option.diagnose then
   }
 end
 
--- ---- what is left -------------------------------------------------------------------------------------------------
+-- ---- the residual --------------------------------------------------------------------------------------------------
 
 -- Terms put beside friction by direction, one at a time: how much of the residual each takes, by inverse dynamics on
 -- both records. A pitch is sought over the range of a screw, the way over which friction builds up over that of

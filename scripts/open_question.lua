@@ -1,4 +1,4 @@
--- The paper's open question: where does what is left of the error of the proposed analysis come from? Each cause is
+-- The paper's open question: where does the remaining error of the proposed analysis come from? Each cause is
 -- switched off in turn, then one after the other, which ends in the analysis "Improved" (docs/open-question.md). Last,
 -- both analyses and FRA-1 against the amplitude, down to near the Coulomb level.
 --

@@ -260,11 +260,11 @@ section "Signals and the three analyses: Figs. 11 and 12" {
 -- ---- friction fed back: Fig. 6 -----------------------------------------------------------------------------------
 
 -- The rows with nothing and with all of the friction fed back, by the amplitude of the motion.
-local margin_rows, least_before, least_after, critical = {}, math.huge, math.huge, math.huge
+local margin_rows, min_before, min_after, critical = {}, math.huge, math.huge, math.huge
 for _, row in ipairs(add_on.margins) do
-  if row.feedback == 0 then least_before = math.min(least_before, row.modulus_margin) end
+  if row.feedback == 0 then min_before = math.min(min_before, row.modulus_margin) end
   if row.feedback == 1 then
-    least_after = math.min(least_after, row.stable and row.modulus_margin or 0)
+    min_after = math.min(min_after, row.stable and row.modulus_margin or 0)
     critical = math.min(critical, row.critical_feedback or math.huge)
   end
   if row.feedback == 0 or row.feedback == 1 then
@@ -283,9 +283,9 @@ end
 local calculated = add_on.identified["FRA-2"]
 section "Friction fed back: Fig. 6" {
   compare("Fig. 6: feeding friction back", "can cost stability",
-    text("margin %.2f to %.3f", least_before, least_after), least_after < 0.5 * least_before,
+    text("margin %.2f to %.3f", min_before, min_after), min_after < 0.5 * min_before,
     text("with all of the modeled friction fed back the least distance of the loop gain from -1 falls from %.2f to " ..
-      "%.3f; from %.1f %% on the loop oscillates.", least_before, least_after, 100 * critical)),
+      "%.3f; from %.1f %% on the loop oscillates.", min_before, min_after, 100 * critical)),
   fed_back and calculated and compare("Eqs. (5), (7): both forms of FRA-2", "the same",
     text("k0 %+.1f %%", percent(fed_back.k0, calculated.k0)), math.abs(percent(fed_back.k0, calculated.k0)) < 1,
     text("with friction really fed back FRA-2 gives k0 = %.2f mm/(N s²), calculated as in Fig. 7 %.2f.",
@@ -537,7 +537,7 @@ section "The open question" {
       caption = "Each cause switched off alone in the proposed analysis",
       columns = {
         { name = "off" }, { name = "moves the response by (rms)", unit = "%", decimals = 3 },
-        { name = "what is left", unit = "%", decimals = 2 },
+        { name = "remaining error", unit = "%", decimals = 2 },
       },
       rows = cause_rows,
     },

@@ -61,7 +61,7 @@ return function(settings)
       }
     end,
     when = {
-      { -- an impulse at the driven point takes what is left of its velocity
+      { -- an impulse at the driven point takes the rest of its velocity
         name = "stops",
         condition = function(s) return tb.greater(s.held, 0) end,
         set = function(s)

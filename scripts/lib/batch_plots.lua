@@ -103,7 +103,7 @@ function plots.scatter(o)
   tb.plot { file = o.file, title = o.title, height = 140 + 270 * #panels, panels = panels }
 end
 
--- One series for each bar, the first of the list uppermost; only the first stands in the legend.
+-- One series for each bar, the first of the list uppermost; only the first is in the legend.
 local function add_bars(series, list, offset, style, ends)
   for i, entry in ipairs(list) do
     local from, to = ends(entry)

@@ -4,7 +4,7 @@
 --   fit(values, names, left)   values: table of numbers; names: list of those that move; left(values): list of what
 --                              is measured less what is simulated with them
 --
--- Returns { values, errors, rms }: errors are standard errors, with what is left taken for white; rms is that of what
+-- Returns { values, errors, rms }: errors are standard errors, with the residual taken for white; rms is that of what
 -- is left. A step that leaves more than before is halved, five times at most.
 
 local tb = require "tribode"

@@ -16,7 +16,7 @@ struct GoldenRun {
 };
 
 // Solves all of them: g1 (open loop, 15 N, 10 Hz), g2 (open loop, 30 N, 34 Hz), loop (closed loop with
-// delays, lag and encoder, 15 N, 10 Hz). What they are in full stands in tests/golden/README.md.
+// delays, lag and encoder, 15 N, 10 Hz). They are described in full in tests/golden/README.md.
 std::vector<GoldenRun> golden_runs();
 
 // amplitude sin(2 pi frequency_hz k sample_time), k = 0 .. count-1.

@@ -38,7 +38,7 @@ end
 
 -- ---- Tribode ----------------------------------------------------------------------------------------------------
 
-local function least_time(solve)
+local function min_time(solve)
   local least, total, result = math.huge, 0, nil
   for _ = 1, tb.quick and 1 or 5 do
     local begin = os.clock()
@@ -57,7 +57,7 @@ for _, problem in ipairs(problems) do
   for solver in pairs(problem.accepted) do
     local few = #problem.start > 1000
     for _, tolerance in ipairs(few and { 1e-4, 1e-6 } or tolerances) do
-      local seconds, run = least_time(function()
+      local seconds, run = min_time(function()
         return tb.run_system { system = system, duration_s = problem.duration_s, output_step_s = problem.duration_s,
           solver = solver, relative_tolerance = tolerance, absolute_tolerance = tolerance }
       end)

@@ -42,7 +42,7 @@ end
 local fit = tb.fit_modal { response = response, modes = 2 }
 assert(fit.converged, fit.message)
 for name, value in pairs(model) do
-  relative(fit[name], value, 1e-6) -- no noise: what is left is where the iteration stops
+  relative(fit[name], value, 1e-6) -- no noise: the error is where the iteration stops
   assert(fit.standard_errors[name] >= 0)
 end
 

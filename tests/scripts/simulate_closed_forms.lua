@@ -42,7 +42,7 @@ for _, solver in ipairs { "exact", "erk", "adams", "bdf", "fixed" } do
     near(run.f[i], D * run.v[i], 1e-12)
   end
 
-  -- With Coulomb friction: below its level the mass sticks, above it what is left of the thrust acts.
+  -- With Coulomb friction: below its level the mass sticks, above it the rest of the thrust acts.
   local sticky = free_mass()
   sticky.friction = { coulomb = 2 }
   run = tb.simulate { machine = sticky, u = constant(1.5, count), solver = solver }

@@ -29,9 +29,9 @@ double rms_about(std::span<const double> x, std::size_t first, const FreeSine& s
     return std::sqrt(sum / static_cast<double>(x.size()));
 }
 
-constexpr double least_periods = 3;      // of a window in which a sine is sought
+constexpr double min_periods = 3;        // of a window in which a sine is sought
 constexpr double segment_periods = 4;    // of a segment that counts
-constexpr double most_noise = 0.3;       // rms relative to the amplitude, in a sine that is recognized
+constexpr double max_noise = 0.3;        // rms relative to the amplitude, in a sine that is recognized
 constexpr double exact = 1e-3;           // of a sine without noise: what a record rounded to three digits leaves
 constexpr std::size_t first_window = 32; // samples
 
@@ -42,7 +42,7 @@ std::optional<std::pair<FreeSine, std::size_t>> sine_at_beginning(std::span<cons
         const std::size_t count = std::min(length, x.size());
         const auto window = x.subspan(0, count);
         const double duration = static_cast<double>(count) * sample_time;
-        const auto line = strongest_line({window.begin(), window.end()}, sample_time, 0.8 * least_periods / duration,
+        const auto line = strongest_line({window.begin(), window.end()}, sample_time, 0.8 * min_periods / duration,
                                          0.5 / sample_time);
         if (!line) continue;
         // Most lines of other signals hold too little of their power, which one look at them tells.
@@ -53,8 +53,8 @@ std::optional<std::pair<FreeSine, std::size_t>> sine_at_beginning(std::span<cons
         const FreeSine sine = fit_free_sine(window, sample_time, *line);
         const double periods = sine.frequency_hz * duration;
         const bool sampled = sine.frequency_hz > 0 && sine.frequency_hz * sample_time < 0.5;
-        if (!sampled || periods < 0.9 * least_periods) continue;
-        if (sine.residual_rms < most_noise * std::abs(sine.phasor)) return std::pair{sine, count};
+        if (!sampled || periods < 0.9 * min_periods) continue;
+        if (sine.residual_rms < max_noise * std::abs(sine.phasor)) return std::pair{sine, count};
     }
     return std::nullopt;
 }
@@ -84,9 +84,9 @@ std::vector<SineSegment> sine_segments(std::span<const double> x, double sample_
     double largest = 0;
     for (const double value : x) largest = std::max(largest, std::abs(value));
     std::vector<SineSegment> segments;
-    constexpr int most_failures = 30;
+    constexpr int max_failures = 30;
     int failures = 0; // in a row
-    for (std::size_t at = 0; at < x.size() && failures < most_failures;) {
+    for (std::size_t at = 0; at < x.size() && failures < max_failures;) {
         if (std::abs(x[at]) <= 1e-9 * largest && at + 1 < x.size() && std::abs(x[at + 1]) <= 1e-9 * largest) {
             ++at;
             continue;

@@ -72,7 +72,7 @@ FrequencyResponse FrequencyResponse::remove_delay(double seconds) const {
 }
 
 double phase_delay(const FrequencyResponse& response, double frequency_hz, double half_width_hz, double expected) {
-    // Without the expected delay the phase lies near -180 deg, and what is left of the delay is read there.
+    // Without the expected delay the phase lies near -180 deg, and the rest of the delay is read there.
     const FrequencyResponse aligned = response.remove_delay(expected);
     double phase = std::arg(aligned.at(frequency_hz)) * degrees;
 

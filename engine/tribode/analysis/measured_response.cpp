@@ -22,7 +22,7 @@ using std::numbers::pi;
 using Complex = std::complex<double>;
 using Spectrum = std::vector<Complex>;
 
-constexpr double most_variance = 0.1; // of a value: above, gain and phase are known to 2 dB and 13 deg only
+constexpr double max_variance = 0.1; // of a value: above, gain and phase are known to 2 dB and 13 deg only
 
 const char* const too_uncertain = "noise, distortion or a transient are too large: a standard deviation above 2 dB";
 
@@ -679,7 +679,7 @@ std::vector<std::vector<MeasuredPoint>> merged(const std::vector<Observation>& o
             }
             point.settled = point.bias <= std::max(options.tolerance, 2 * std::sqrt(point.variance));
             point.variance += point.bias * point.bias;
-            if (std::abs(point.value) == 0 || point.variance > most_variance || !std::isfinite(std::abs(point.value))) {
+            if (std::abs(point.value) == 0 || point.variance > max_variance || !std::isfinite(std::abs(point.value))) {
                 point.missing = too_uncertain;
                 point.value = {MeasuredPoint::unknown, MeasuredPoint::unknown};
             }
@@ -792,7 +792,7 @@ std::vector<std::vector<MeasuredPoint>> cross_spectra(const std::vector<Measured
             const double z = yy[l] / std::norm(point.value) + ww[i][l] - 2 * (yw[i][l] / point.value).real();
             point.variance = std::max(z, 0.0) * ee[l] / std::norm(we[i][l]) / averages;
             point.coherence = std::norm(yw[i][l]) / (yy[l] * ww[i][l]);
-            if (!(point.variance <= most_variance)) {
+            if (!(point.variance <= max_variance)) {
                 point.missing = too_uncertain;
                 point.value = {MeasuredPoint::unknown, MeasuredPoint::unknown};
             }

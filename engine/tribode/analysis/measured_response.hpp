@@ -78,7 +78,7 @@ struct SineOptions {
 //
 // Noise and transient are told apart in the spectrum of the window: lines between the harmonics hold no steady response.
 // There Z is fitted by a parabola over the lines next to f (a transient is smooth over frequency; this is the local
-// polynomial method [Pintelon 2012, chapter 7]). Its value at f is the transient, what it leaves is the noise. A transient of
+// polynomial method [Pintelon 2012, chapter 7]). Its value at f is the transient, the residual is the noise. A transient of
 // less than four standard deviations is left alone. The bias left is taken from a fit of lower order. A transient next to
 // f that decays slowly is in no line; it shows in the ratios over the thirds of the segment, and their differences, taken for a
 // geometric series, are added to the bias. Where the number of

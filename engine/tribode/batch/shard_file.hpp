@@ -32,11 +32,11 @@ struct ShardHeader {
     double seconds;             // spent on them
 };
 
-// What stands in front of each record, behind its length (8 bytes each): FNV-1a over words of eight bytes. Tells a torn
+// What precedes each record, behind its length (8 bytes each): FNV-1a over words of eight bytes. Tells a torn
 // record from a whole one.
 std::uint64_t record_checksum(std::string_view record);
 
-// A point as it stands in such a file: the same row gives the same bytes.
+// A point as it is in such a file: the same row gives the same bytes.
 std::string to_bytes(const PointRow& row);
 
 std::filesystem::path rows_path(const std::filesystem::path& folder, std::size_t shard);

@@ -188,7 +188,7 @@ void check_thrust(const Measurement& m, const std::vector<double>& output, const
     }
 }
 
-// Whether what is left of u comes from when or how finely it was logged, not from another controller: it is no more than
+// Whether the residual of u comes from when or how finely it was logged, not from another controller: it is no more than
 // one step of the encoder makes, or u is the controller's output one sample earlier or later. The excitation makes up for
 // that. The first samples depend on what was before the record.
 bool differs_by_the_log(const Measurement& m, const std::vector<double>& output, const MachineModel& machine) {
@@ -235,7 +235,7 @@ void check_controller(const Measurement& m, const std::vector<double>& output, c
     // controller of other gains, or the log has another instant or other digits than the controller had.
     const double shared = std::abs(correlation(fine_part(excitation), fine_part(output)));
     if (shared > 0.4 && !differs_by_the_log(m, output, machine)) {
-        refuse(where, fmt::format("the machine's controller does not make the recorded u from r and y: what is left is "
+        refuse(where, fmt::format("the machine's controller does not make the recorded u from r and y: the residual is "
                                   "{:.0f} % of u (rms) and follows y; gains, filter, delay or order of operations are "
                                   "other than described",
                                   100 * rms(excitation) / scale));

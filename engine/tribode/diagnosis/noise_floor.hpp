@@ -22,7 +22,7 @@ struct NoiseFloor {
     std::vector<double> whitened(const std::vector<double>& errors) const;
 };
 
-// Where the machine tells no noise and no rounding, the fine part of the measured positions stands in for them.
+// Where the machine tells no noise and no rounding, the fine part of the measured positions takes their place.
 // Nothing where the machine could not be simulated under the record.
 std::optional<NoiseFloor> noise_floor(const MachineModel& machine, const Measurement& measurement,
                                       const RunControl& control);

@@ -101,7 +101,7 @@ std::string where_the_gap_is(const SystemComparison& comparison, const SystemMod
     if (!(total > 0) || !std::isfinite(total)) return text;
     // The fifth of a variable's range that holds most for its time.
     constexpr std::size_t parts = 5;
-    constexpr double least_time = 0.02, worth_saying = 1.5;
+    constexpr double min_time = 0.02, worth_saying = 1.5;
     struct Most {
         double excess = 0;
         std::string name;
@@ -118,7 +118,7 @@ std::string where_the_gap_is(const SystemComparison& comparison, const SystemMod
             counts[part] += 1;
         }
         for (std::size_t b = 0; b < parts; ++b) {
-            if (counts[b] < least_time * static_cast<double>(n)) continue;
+            if (counts[b] < min_time * static_cast<double>(n)) continue;
             const double excess = sums[b] / total / (counts[b] / static_cast<double>(n - comparison.first));
             if (excess <= most.excess) continue;
             most = {excess, name, low + static_cast<double>(b) * width, low + static_cast<double>(b + 1) * width};

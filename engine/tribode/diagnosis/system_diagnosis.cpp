@@ -18,13 +18,13 @@ namespace {
 
 // Of the budget, what the search may take, and where all fits end.
 constexpr double search_share = 0.7, fit_share = 0.95;
-constexpr double least_gain = 0.03; // of the rms of a prediction, for a term to be worth having
+constexpr double min_gain = 0.03; // of the rms of a prediction, for a term to be worth having
 // How sure it must be that a term predicts better. Of many hypotheses some are by chance: so each step must be as sure again
 // on the validation records, which chose nothing.
 constexpr double sure_enough = 0.95;
 constexpr double as_good = 1.02; // of the best score: then the simplest is taken
 constexpr std::size_t max_terms = 12, max_rivals = 5;
-constexpr double least_rival = 0.05; // probability worth showing
+constexpr double min_rival = 0.05; // probability worth showing
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
 constexpr double half = 0.5; // of the squared gap, for a partial explanation
@@ -122,7 +122,7 @@ class Diagnoser {
             for (std::size_t i = 0; i < found.size(); ++i) {
                 gains.push_back(1 - rms_of_errors(found[i].predicted) / rms_of_errors(current.predicted));
                 certainties.push_back(probability_of_gain(current.predicted, found[i].predicted));
-                if (gains[i] > least_gain && certainties[i] > sure_enough && found[i].score() < current.score()) {
+                if (gains[i] > min_gain && certainties[i] > sure_enough && found[i].score() < current.score()) {
                     passed.push_back(i);
                 }
             }
@@ -192,7 +192,7 @@ class Diagnoser {
                               [](double total, const auto& one) { return total + one.second; });
         step.probability = own / sum * step.certainty;
         for (const auto& [name, w] : weight) {
-            if (w / sum > least_rival) step.rivals.emplace_back(name, w / sum);
+            if (w / sum > min_rival) step.rivals.emplace_back(name, w / sum);
         }
         std::stable_sort(step.rivals.begin(), step.rivals.end(),
                          [](const auto& a, const auto& b) { return a.second > b.second; });
@@ -218,7 +218,7 @@ class Diagnoser {
                 one.lost =
                     fmt::format("{} the error of the fit by {:.0f} % and raises that of the prediction by {:.0f} %",
                                 fitted < 0 ? "raises" : "lowers", 100 * std::abs(fitted), -100 * gains[i]);
-            } else if (gains[i] <= least_gain) {
+            } else if (gains[i] <= min_gain) {
                 one.lost = fmt::format("predicts the rest of the records only {:.1f} % better", 100 * gains[i]);
             } else if (certainties[i] <= sure_enough) {
                 one.lost = fmt::format("predicts better with a probability of only {:.2f}", certainties[i]);

@@ -12,8 +12,8 @@ namespace tribode {
 namespace {
 
 constexpr std::size_t max_rows = 4000; // of the errors: of more, some are left out evenly
-constexpr double least_share = 1e-3;   // of the squared errors, for a term to be worth a fit
-constexpr double least_of_pair = 1.2;  // times what the better one explains alone
+constexpr double min_share = 1e-3;     // of the squared errors, for a term to be worth a fit
+constexpr double min_of_pair = 1.2;    // times what the better one explains alone
 constexpr std::size_t max_pairs = 60;
 
 class Screen {
@@ -55,7 +55,7 @@ class Screen {
         for (std::size_t i = 0; i < terms_.size(); ++i) {
             Eigen::VectorXd coefficients;
             explained_[i] = solved(effect_[i], coefficients);
-            if (explained_[i] > least_share * open_.squaredNorm()) {
+            if (explained_[i] > min_share * open_.squaredNorm()) {
                 found.push_back({{i}, {started(terms_[i], coefficients.data())}, share(explained_[i])});
             }
         }
@@ -75,7 +75,7 @@ class Screen {
                 const Eigen::VectorXd c = gram.ldlt().solve(right);
                 const double together = 2 * c.dot(right) - c.dot(gram * c);
                 const double best = std::max(explained_[some[a]], explained_[some[b]]);
-                if (std::isfinite(together) && together > least_of_pair * best) {
+                if (std::isfinite(together) && together > min_of_pair * best) {
                     found.push_back({{some[a], some[b]}, {}, share(together)});
                 }
             }

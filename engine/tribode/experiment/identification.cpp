@@ -23,9 +23,9 @@ namespace {
 using Complex = std::complex<double>;
 using Spectrum = Eigen::VectorXcd;
 
-constexpr double most_change = 1;      // of the logarithm of a parameter in one step
-constexpr double farthest = 9;         // from the start
-constexpr std::size_t least_lines = 8; // of a band
+constexpr double max_change = 1;     // of the logarithm of a parameter in one step
+constexpr double farthest = 9;       // from the start
+constexpr std::size_t min_lines = 8; // of a band
 
 // Numbers of the machine that are moved by one factor.
 struct Moved {
@@ -193,7 +193,7 @@ class Fit {
         const auto top = options.f_max > 0 ? std::min(last, static_cast<Eigen::Index>(options.f_max / line)) : last;
         auto first = std::max<Eigen::Index>(1, static_cast<Eigen::Index>(std::ceil(options.f_min / line)));
         while (first <= top) {
-            auto count = std::max(static_cast<Eigen::Index>(least_lines),
+            auto count = std::max(static_cast<Eigen::Index>(min_lines),
                                   static_cast<Eigen::Index>(options.band * static_cast<double>(first)));
             if (first + 2 * count > top + 1) count = top + 1 - first; // nothing is left over at the end
             record.bands.push_back({first, count});
@@ -507,7 +507,7 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
             const double small = 1e-9 * damped.diagonal().maxCoeff();
             for (Eigen::Index j = 0; j < n; ++j) damped(j, j) += damping * damped(j, j) + small * 1e-6;
             const Eigen::VectorXd step =
-                (-damped.ldlt().solve(normal.gradient)).cwiseMax(-most_change).cwiseMin(most_change);
+                (-damped.ldlt().solve(normal.gradient)).cwiseMax(-max_change).cwiseMin(max_change);
             const Eigen::VectorXd tried = (at + step).cwiseMax(-farthest).cwiseMin(farthest);
             if (!step.allFinite()) {
                 damping *= 10;

@@ -20,7 +20,7 @@ namespace {
 
 using std::numbers::pi;
 
-constexpr std::size_t least_samples = 64;
+constexpr std::size_t min_fra_samples = 64;
 
 double range_of(const std::vector<double>& values) {
     const auto [low, high] = std::minmax_element(values.begin(), values.end());
@@ -151,8 +151,8 @@ FraRecord prepared(const MachineModel& machine, const Table& table, const Measur
     record.source = table.source.empty() ? "record" : table.source;
     const std::string& where = record.source;
     for (const char* name : {"t", "u", "y"}) table[name];
-    if (table.rows() < least_samples) {
-        throw InputError(fmt::format("{}: {} samples, must be {} at least", where, table.rows(), least_samples));
+    if (table.rows() < min_fra_samples) {
+        throw InputError(fmt::format("{}: {} samples, must be {} at least", where, table.rows(), min_fra_samples));
     }
     const double own = time_grid(table).sample_time;
     if (std::abs(own / machine.sample_time - 1) > 1e-3) {

@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr std::uint64_t most_bytes = std::uint64_t{4} << 30; // unpacked, all files together
+constexpr std::uint64_t max_bytes = std::uint64_t{4} << 30; // unpacked, all files together
 
 const char* binaries_of(int version) { return version == 2 ? "binaries/linux64/" : "binaries/x86_64-linux/"; }
 
@@ -53,7 +53,7 @@ class Archive {
         zip_stat_init(&entry);
         if (zip_stat(archive_.get(), name.c_str(), 0, &entry) != 0) fail(name, "is missing");
         read_ += entry.size;
-        if (read_ > most_bytes) fail(name, fmt::format("unpacks to more than {} bytes", most_bytes));
+        if (read_ > max_bytes) fail(name, fmt::format("unpacks to more than {} bytes", max_bytes));
         const std::unique_ptr<zip_file_t, CloseZip> file(zip_fopen(archive_.get(), name.c_str(), 0));
         std::string bytes(entry.size, '\0');
         if (!file || zip_fread(file.get(), bytes.data(), bytes.size()) != static_cast<zip_int64_t>(bytes.size())) {

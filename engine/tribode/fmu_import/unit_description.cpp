@@ -64,13 +64,13 @@ class Reader {
     [[noreturn]] void fail(const std::string& what) const { throw InputError(fmt::format("{}: {}", source_, what)); }
 
     // pugixml itself takes a text that is no number for zero.
-    double number(const pugi::xml_attribute& attribute, const std::string& where, double most_natural = 0) const {
+    double number(const pugi::xml_attribute& attribute, const std::string& where, double max_natural = 0) const {
         const auto value = parse_number(attribute.value());
         const bool natural =
-            most_natural == 0 || (value && *value >= 0 && *value <= most_natural && *value == std::floor(*value));
+            max_natural == 0 || (value && *value >= 0 && *value <= max_natural && *value == std::floor(*value));
         if (value && std::isfinite(*value) && natural) return *value;
         fail(fmt::format("{}: {} = \"{}\", must be a {}number", printable(where), attribute.name(),
-                         printable(attribute.value()), most_natural == 0 ? "finite " : "natural "));
+                         printable(attribute.value()), max_natural == 0 ? "finite " : "natural "));
     }
 
     void read_units() {

@@ -162,7 +162,7 @@ std::string read_file(const fs::path& path) {
     if (::fstat(file.number(), &about) != 0) fail(std::strerror(errno));
     if (S_ISDIR(about.st_mode)) fail("it is a folder");
 
-    constexpr std::size_t most_of_no_file = std::size_t{1} << 30; // of a pipe or a device
+    constexpr std::size_t max_without_file = std::size_t{1} << 30; // of a pipe or a device
     // One byte more than the file has, so that its end is seen without growing; pipes tell no size and grow.
     std::string bytes(static_cast<std::size_t>(about.st_size) + 1, '\0');
     std::size_t length = 0;
@@ -172,7 +172,7 @@ std::string read_file(const fs::path& path) {
         if (got < 0) fail(std::strerror(errno));
         if (got == 0) break;
         length += static_cast<std::size_t>(got);
-        if (length > most_of_no_file && !S_ISREG(about.st_mode)) fail("it is no file and has no end");
+        if (length > max_without_file && !S_ISREG(about.st_mode)) fail("it is no file and has no end");
         if (length == bytes.size()) bytes.resize(2 * bytes.size() + 65536);
     }
     bytes.resize(length);

@@ -231,7 +231,7 @@ std::string data_of(const Plot& given) {
     }
     json["x"] = std::move(lists);
     json["panels"] = std::move(panels);
-    // Within a script element nothing but `<` can end or open anything; in JSON it stands in texts only.
+    // Within a script element nothing but `<` can end or open anything; in JSON it is in texts only.
     std::string text;
     for (const char c : json.dump()) text += c == '<' ? std::string("\\u003c") : std::string(1, c);
     return text;

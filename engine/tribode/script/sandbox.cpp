@@ -282,7 +282,7 @@ void open_system(lua_State* lua) {
     keep_only(lua, {"close", "lines", "open", "stderr", "stdout", "type", "write"});
     replace(lua, "open", safe_open);
     replace(lua, "lines", safe_lines);
-    // The finalizer of files stands in their metatable, out of reach.
+    // The finalizer of files is in their metatable, out of reach.
     luaL_getmetatable(lua, LUA_FILEHANDLE);
     lua_pushboolean(lua, false);
     lua_setfield(lua, -2, "__metatable");

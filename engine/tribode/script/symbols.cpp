@@ -246,7 +246,7 @@ constexpr const char* no_remainder =
     "math.fmod, math.modf and math.tointeger of a symbolic value cannot be recorded; %, //, "
     "math.floor and math.ceil can";
 
-// a // b, and a % b as what is left over it.
+// a // b, and a % b as its remainder.
 LuaState::StackFunction quotient(const Graph& symbols, bool remainder, const char* what) {
     return [symbols, remainder, what](lua_State* lua) {
         auto& graph = *symbols->graph;

@@ -226,8 +226,8 @@ expand_together(const double* a, std::size_t any_states, double rate, const Part
                     const std::size_t at = column * height + row;
                     const Block value = (even + odd) * factor;
                     const Block amount = (Block)((Bits)value & not_sign);
-                    const Block most_before = block(largest + at);
-                    const Block most = amount > most_before ? amount : most_before;
+                    const Block max_before = block(largest + at);
+                    const Block most = amount > max_before ? amount : max_before;
                     block(largest + at) = most;
                     block(next + at) = value;
                     block(sums + at) += value;

@@ -226,7 +226,7 @@ class Closing {
     }
 
     // What an impulse of the force sets: the velocity to a value. What else is held, and moves by rounding only then, is put
-    // to rest too; as what is left of a velocity comes to zero in stick, it takes along whatever is held.
+    // to rest too; as the rest of a velocity comes to zero in stick, it takes along whatever is held.
     Equations::Assignments impulse(std::size_t i, Term to, bool takes_along = false) {
         const Motion& motion = motions_[i];
         const Term size = graph_.make(Op::divide, graph_.make(Op::subtract, to, motion.velocity), motion.by_force[i]);

@@ -12,7 +12,7 @@ namespace tribode {
 
 // Equations as a hybrid system: parameters are put in as numbers, everything is differentiated and made into tapes.
 //
-// Relations. Each a < b and a <= b that depends on t or x, stands in a rate or in the condition of a `when`, and not
+// Relations. Each a < b and a <= b that depends on t or x, is in a rate or in the condition of a `when`, and not
 // below no_event, is an event: its value is held between events, and a guard is positive while it is right. Where the
 // guard crosses zero, the value changes. So a branch (select) changes at a located instant and never within a step, and
 // outputs take relations as they are. A guard is watched only where its relation matters: not in the branch of a select

@@ -82,7 +82,7 @@ struct Equations {
     };
 
     // A force that nature chooses: dry friction, which holds a velocity at zero as long as that takes no more than a level,
-    // or a contact that lets a gap not close. The rates of change depend on the force, which is a variable that stands in
+    // or a contact that lets a gap not close. The rates of change depend on the force, which is a variable that is in
     // them until close_contacts() puts in what it is.
     //
     // In stick, and at rest, the force is what keeps the velocity at zero: the solution of a linear equation, of as many as

@@ -31,7 +31,7 @@ TEST(DescribingFunction, IsASpringBelowTheLeastLimit) {
     }
 }
 
-// The angle th is 2 sqrt(X/a) then, so what is left falls with sqrt(X/a) = 3e-4 relative to the force.
+// The angle th is 2 sqrt(X/a) then, so the error falls with sqrt(X/a) = 3e-4 relative to the force.
 TEST(DescribingFunction, TendsToThatOfDryFrictionForLargeMotions) {
     const double amplitude = 1e3;
     const Complex found = describing_function({{1e5, 10, 0}}, amplitude).stiffness;

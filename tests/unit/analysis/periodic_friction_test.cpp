@@ -23,7 +23,7 @@ TEST(PeriodicFriction, an_element_that_never_slips_is_a_spring_with_its_damping)
     const double amplitude = 0.8 * element.limit();
     const Phasor force = of_sine(amplitude, {element.stiffness, element.level, 3.0}, 2.0);
     // It slips once on the way to its steady state, since it begins relaxed at a turning point; after that a sum over
-    // equidistant points of sine and cosine is exact, so rounding is what is left.
+    // equidistant points of sine and cosine is exact, so the error is rounding.
     EXPECT_NEAR(force.real(), element.stiffness * amplitude, 1e-9);
     EXPECT_NEAR(force.imag(), 2 * pi * frequency * 5.0 * amplitude, 1e-9);
 }

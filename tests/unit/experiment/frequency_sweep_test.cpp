@@ -127,7 +127,7 @@ TEST(FrequencySweep, the_improved_analysis_is_made_on_request_and_leaves_the_oth
     EXPECT_EQ(more, 2u);
 }
 
-// Hold, delays and thrust lag are exact; what is left are the images of the hold that fold onto f.
+// Hold, delays and thrust lag are exact; the remaining error is the images of the hold that fold onto f.
 TEST(FrequencySweep, the_improved_analysis_finds_a_linear_machine_exactly_but_for_the_images_of_the_hold) {
     const MachineModel machine = linear();
     SweepOptions options = sweep({10, 20, 30, 34, 60, 82, 120, 200});

@@ -48,7 +48,7 @@ TEST(Positioning, WithoutFrictionAndDelayTheExactModelIsFollowedToRounding) {
     EXPECT_EQ(*std::max_element(result.friction_compensation.begin(), result.friction_compensation.end()), 0);
 }
 
-// One sample of dead time at the input, one at the output, and C of these two samples: what is left is the phase error
+// One sample of dead time at the input, one at the output, and C of these two samples: the remaining error is the phase error
 // of the Pade model on the reference, about 1e-4 of 0.5 mm, and what the controller makes of it.
 TEST(Positioning, TheDelayModelBringsReferenceAndPositionTogether) {
     Json delayed = without(positioning_description(), {"friction", "current_loop_hz", "encoder_resolution_m"});

@@ -124,7 +124,7 @@ TEST(ServoPlant, DerivativeWithTheCurrentLoopByHand) {
 }
 
 // v = 0 with the mode in motion: (2 z w q' + w^2 q)/sum k = (0.2 + 0.2)/0.75 N is the effective thrust that keeps the
-// driven point where it is, and friction is what is left of 20.5 N, of which the element holds 0.3 N.
+// driven point where it is, and friction is the rest of 20.5 N, of which the element holds 0.3 N.
 TEST(ServoPlant, DerivativeInStickByHand) {
     Machine m(simple(coulomb(40)));
     m.x = {0.003, 0, 0.002, 0.1};

@@ -226,7 +226,7 @@ TEST(Plot, SaysThatGnuplotIsMissing) {
     EXPECT_EQ(status, 0);
 }
 
-// Whatever stands in a text, gnuplot sees a text: each of these once ended its quotes or would run a command.
+// Whatever a text contains, gnuplot sees a text: each of these once ended its quotes or would run a command.
 TEST(Plot, NoTextBecomesACommand) {
     const TemporaryFolder folder;
     const std::string target = (folder / "made").string();

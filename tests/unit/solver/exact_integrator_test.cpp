@@ -233,7 +233,7 @@ TEST(ExactIntegrator, rounded_sample_instants_do_not_add_up_to_a_drift) {
     }
 }
 
-TEST(ExactIntegrator, leaps_take_fewer_evaluations_and_come_to_the_same) {
+TEST(ExactIntegrator, propagated_steps_take_fewer_evaluations_and_come_to_the_same) {
     std::vector<double> reached;
     std::vector<long> evaluations;
     for (const bool patterns : {true, false}) {

@@ -309,7 +309,7 @@ TEST(IntegralOfExponential, of_an_oscillator_is_sine_and_cosine) {
         const Matrix psi = integral_of_exponential({0, -1, 1, 0}, 2, h);
         const double s = std::sin(h), c = 1 - std::cos(h);
         const Matrix wanted = {s, -c, c, s};
-        // Absolute: at 20 s sine and cosine are what is left of five doublings.
+        // Absolute: at 20 s sine and cosine remain of five doublings.
         for (std::size_t i = 0; i < 4; ++i) EXPECT_NEAR(psi[i], wanted[i], 1e-13) << h;
     }
 }
