@@ -291,8 +291,9 @@ template <std::size_t Fixed>
 
 } // namespace
 
-// Clang before version 18 gives clones a name by which other files do not find them.
-#ifdef __clang__
+// Clang before version 18 gives clones a name by which other files do not find them. With the thread sanitizer the choice
+// between clones, which the loader makes, would come before the sanitizer is ready.
+#if defined(__clang__) || defined(__SANITIZE_THREAD__)
 #define TRIBODE_CLONES
 #else
 #define TRIBODE_CLONES [[gnu::target_clones("avx512f", "avx2", "default")]]
