@@ -72,9 +72,12 @@ FieldRow machine_row() {
     return {"machine", "", "table", "required", "a [machine description](machine-description.md)"};
 }
 
-std::vector<FieldRow> column_rows() {
-    return {{"columns", "", "table of texts", "none", "names of columns in the file, as for `tb.read_record`"},
-            {"scale", "", "table of numbers", "none", "factors of columns, as for `tb.read_record`"}};
+std::vector<FieldRow> with_columns(std::vector<FieldRow> before, const std::vector<FieldRow>& after) {
+    before.push_back(
+        {"columns", "", "table of texts", "none", "names of columns in the file, as for `tb.read_record`"});
+    before.push_back({"scale", "", "table of numbers", "none", "factors of columns, as for `tb.read_record`"});
+    before.insert(before.end(), after.begin(), after.end());
+    return before;
 }
 
 Json to_json(const FrequencyResponse& response) {

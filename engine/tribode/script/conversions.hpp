@@ -28,7 +28,8 @@ Record record_of(const ScriptContext& script, FieldReader& fields, const char* f
 
 // The options read by these, for the reference.
 FieldRow machine_row();
-std::vector<FieldRow> column_rows(); // columns, scale
+// Rows with those of the columns and scale of a record between.
+std::vector<FieldRow> with_columns(std::vector<FieldRow> before, const std::vector<FieldRow>& after = {});
 
 Json to_json(const FrequencyResponse& response);
 Json to_json(const RunStatistics& statistics);

@@ -67,29 +67,25 @@ const std::vector<LuaFunction>& diagnosis_functions() {
         {"diagnose", diagnose_machine, "`tb.diagnose{ machine =, data = { files }, … }`",
          "finds the effect that the machine lacks ([options and result](#tbdiagnose))",
          [] {
-             std::vector<FieldRow> rows = {
-                 machine_row(),
-                 {"data", "", "list of texts", "required", "files of measured [records](records.md)"},
-                 {"validate", "", "text", "none",
-                  "file of a record that is not used for the fit; default: the last third of the first record"}};
-             for (auto& row : column_rows()) rows.push_back(std::move(row));
-             rows.push_back({"folder", "", "text", "`\"diagnosis\"`", "of the files of `tribode diagnose`"});
-             return option_rows<DiagnosisOptions>(std::move(rows));
+             return option_rows<DiagnosisOptions>(with_columns(
+                 {machine_row(),
+                  {"data", "", "list of texts", "required", "files of measured [records](records.md)"},
+                  {"validate", "", "text", "none",
+                   "file of a record that is not used for the fit; default: the last third of the first record"}},
+                 {{"folder", "", "text", "`\"diagnosis\"`", "of the files of `tribode diagnose`"}}));
          }},
         {"diagnose_system", diagnose_system_in_script, "`tb.diagnose_system{ system =, data = { files }, … }`",
          "finds the term that a system of equations lacks ([options and result](#tbdiagnose_system))",
          [] {
-             std::vector<FieldRow> rows = {
-                 {"system", "", "system", "required", "of `tb.system`"},
-                 {"data", "", "list of texts", "required", "files of measured [records](records.md)"},
-                 {"validate", "", "list of texts", "none",
-                  "files of records that are not used for the fit; default: the last third of the first record"},
-                 {"free", "", "list of texts", "none",
-                  "parameters and start values, `x.start`, that may be fitted; default: `free` of the system, else "
-                  "all"}};
-             for (auto& row : column_rows()) rows.push_back(std::move(row));
-             rows.push_back({"folder", "", "text", "`\"diagnosis\"`", "of the files of `tribode diagnose --system`"});
-             return option_rows<SystemDiagnosisOptions>(std::move(rows));
+             return option_rows<SystemDiagnosisOptions>(with_columns(
+                 {{"system", "", "system", "required", "of `tb.system`"},
+                  {"data", "", "list of texts", "required", "files of measured [records](records.md)"},
+                  {"validate", "", "list of texts", "none",
+                   "files of records that are not used for the fit; default: the last third of the first record"},
+                  {"free", "", "list of texts", "none",
+                   "parameters and start values, `x.start`, that may be fitted; default: `free` of the system, else "
+                   "all"}},
+                 {{"folder", "", "text", "`\"diagnosis\"`", "of the files of `tribode diagnose --system`"}}));
          }},
     };
     return functions;

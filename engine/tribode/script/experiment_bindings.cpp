@@ -24,16 +24,14 @@ DriveRecord drive_of(const ScriptContext& script, FieldReader& fields, const Mac
 }
 
 std::vector<FieldRow> drive_rows() {
-    std::vector<FieldRow> rows = {
+    return with_columns({
         machine_row(),
         {"u", "N", "list of numbers", "none", "thrust reference: open loop"},
         {"r", "m", "list of numbers", "none", "closed loop: reference; zero if only `exc` is given"},
         {"exc", "N", "list of numbers", "none", "closed loop: excitation, added to the controller's output"},
         {"y", "m", "list of numbers", "none", "measured position, for a machine with `initial = \"fitted\"`"},
         {"input", "", "text", "none", "instead of these lists: the file of a [record](records.md) with them and t"},
-    };
-    for (auto& row : column_rows()) rows.push_back(std::move(row));
-    return rows;
+    });
 }
 
 std::vector<FieldRow> simulation_rows() {

@@ -141,12 +141,18 @@ Json response_between(const Json& arguments) {
     return to_json(cross_spectra({signals}, static_cast<std::size_t>(window)).front());
 }
 
-Json multisine(const Json& arguments) {
-    FieldReader fields(arguments, "tb.multisine");
-    MultisineOptions o;
-    read_options(o, fields);
+// A signal from its options alone.
+template <class Options, class Signal>
+Signal signal_of(const Json& arguments, const char* function, Signal (*make)(const Options&)) {
+    FieldReader fields(arguments, function);
+    Options options;
+    read_options(options, fields);
     fields.finish();
-    const Multisine made = make_multisine(o);
+    return make(options);
+}
+
+Json multisine(const Json& arguments) {
+    const Multisine made = signal_of(arguments, "tb.multisine", make_multisine);
     return {{"values", made.values},
             {"period_samples", made.period},
             {"frequency_hz", made.frequency_hz},
@@ -154,20 +160,12 @@ Json multisine(const Json& arguments) {
 }
 
 Json chirp(const Json& arguments) {
-    FieldReader fields(arguments, "tb.chirp");
-    ChirpOptions o;
-    read_options(o, fields);
-    fields.finish();
-    const Chirp made = make_chirp(o);
+    const Chirp made = signal_of(arguments, "tb.chirp", make_chirp);
     return {{"values", made.values}, {"frequency_hz", made.frequency_hz}};
 }
 
 Json binary_sequence(const Json& arguments) {
-    FieldReader fields(arguments, "tb.binary_sequence");
-    BinarySequenceOptions o;
-    read_options(o, fields);
-    fields.finish();
-    const BinarySequence made = make_binary_sequence(o);
+    const BinarySequence made = signal_of(arguments, "tb.binary_sequence", make_binary_sequence);
     return {{"values", made.values}, {"period_samples", made.period}};
 }
 
@@ -182,13 +180,11 @@ const std::vector<LuaFunction>& measurement_functions() {
          "phase_deg, std_gain_db, std_phase_deg, coherence, odd_distortion_db, even_distortion_db, settled`, and "
          "`missing`), `fits` by method, `records`, `notes`, `delay_s`, `text`",
          [] {
-             std::vector<FieldRow> rows = {
-                 machine_row(),
-                 {"records", "", "list", "required",
-                  "files, or tables with the lists `u`, `y` and, if the loop was closed, `exc` or `r`"}};
-             for (auto& row : column_rows()) rows.push_back(std::move(row));
-             rows.push_back({"report", "", "text", "none", "a folder for the files of `tribode fra`"});
-             return option_rows<MeasuredFraOptions>(std::move(rows));
+             return option_rows<MeasuredFraOptions>(
+                 with_columns({machine_row(),
+                               {"records", "", "list", "required",
+                                "files, or tables with the lists `u`, `y` and, if the loop was closed, `exc` or `r`"}},
+                              {{"report", "", "text", "none", "a folder for the files of `tribode fra`"}}));
          }},
         {"identify", identify_machine, "`tb.identify{ machine =, records = {…}, … }`",
          "the parameters of a machine from one or several records at once, by its simulated position ([how](measured-"
@@ -198,12 +194,10 @@ const std::vector<LuaFunction>& measurement_functions() {
          "(of the standard errors over those of pure noise), `objective` (for comparing structures), `iterations`, "
          "`converged`, `notes`",
          [] {
-             std::vector<FieldRow> rows = {
-                 machine_row(),
-                 {"records", "", "list", "required",
-                  "files, or tables with the lists `y` and `u`, or `y` and `r` or `exc` in a closed loop"}};
-             for (auto& row : column_rows()) rows.push_back(std::move(row));
-             return option_rows<IdentifyOptions>(std::move(rows));
+             return option_rows<IdentifyOptions>(with_columns(
+                 {machine_row(),
+                  {"records", "", "list", "required",
+                   "files, or tables with the lists `y` and `u`, or `y` and `r` or `exc` in a closed loop"}}));
          }},
         {"frf", response_between,
          "`tb.frf{ input = {…}, output = {…}, sample_time_s =, excitation = input, window_samples = 0 }`",
