@@ -5,7 +5,7 @@
 --   tribode run scripts/cascaded_tanks.lua -D data=/data/cascaded_tanks -o results/tanks
 --
 -- The data are not part of Tribode: the folder must hold est.csv and val.csv with the columns t_s, u_V, y_V. Results:
--- steps.json, report.html, and below diagnosis what the diagnosis writes.
+-- steps.json, report.html, the plot steps, and below diagnosis what the diagnosis writes.
 
 local tb = require "tribode"
 local steps = require "lib.system_steps"

@@ -5,7 +5,7 @@
 --   tribode run scripts/cogging.lua -D data=/data/cogging -o results/cogging
 --
 -- The data are not part of Tribode: the folder must hold map_a_16.csv, map_b_16.csv and map_d_16.csv with the columns
--- theta_rad, iq_A. Results: steps.json, report.html, and below diagnosis what the diagnosis writes.
+-- theta_rad, iq_A. Results: steps.json, report.html, the plot steps, and below diagnosis what the diagnosis writes.
 
 local tb = require "tribode"
 local steps = require "lib.system_steps"

@@ -4,8 +4,8 @@
 --   tribode run scripts/pendulum.lua -D data=/data/pendulum -o results/pendulum
 --
 -- The data are not part of Tribode: the folder must hold swing_A.csv with the columns t_s, theta_rad (pi hangs down).
--- The first two thirds are fitted, the last one is predicted. Results: steps.json, report.html, and below diagnosis
--- what the diagnosis writes.
+-- The first two thirds are fitted, the last one is predicted. Results: steps.json, report.html, the plot steps,
+-- and below diagnosis what the diagnosis writes.
 
 local tb = require "tribode"
 local steps = require "lib.system_steps"

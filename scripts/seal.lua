@@ -5,8 +5,8 @@
 --   tribode run scripts/seal.lua -D data=/data/seal -o results/seal
 --
 -- The data are not part of Tribode: the folder must hold oring_X_Pbar.csv, X one of a and e, P one of 1, 3, 5, 7,
--- with the columns t_s, x_m, p_Pa, F_N. Results: steps.json, report.html, and below diagnosis what the diagnosis
--- writes.
+-- with the columns t_s, x_m, p_Pa, F_N. Results: steps.json, report.html, the plot steps, and below diagnosis what
+-- the diagnosis writes.
 
 local tb = require "tribode"
 local steps = require "lib.system_steps"

@@ -80,7 +80,7 @@ for _, name in ipairs(names) do
         events = #run.events <= 60 and run.events or nil,
       }
     end
-    tb.plot { file = name, panels = panels }
+    tb.plot { file = name, title = "models/systems/" .. name .. ".lua", panels = panels }
     tb.write_csv { file = name .. ".csv", columns = run.columns }
     summary[name] = {
       solver = run.solver,

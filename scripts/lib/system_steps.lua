@@ -22,7 +22,9 @@ function steps.fit(common, models)
   for i, model in ipairs(models) do
     local options = { system = model.system, max_effects = 0, folder = "step_" .. i }
     for key, value in pairs(common) do options[key] = value end
+    options.budget_s = nil -- of the diagnosis; a fit is to come to its end
     local result = tb.diagnose_system(options)
+    if result.out_of_time then print("the fit did not come to its end:") end
     local published = model.published or {}
     local gap = result.gap
     rows[i] = { model.name, gap.ident.before, published[1] or "", gap.validate.before, published[2] or "" }
@@ -47,7 +49,29 @@ function steps.diagnose(common, system)
   return result
 end
 
--- A report of both. unit: of the gaps.
+-- The gap of each model on the validation records beside the published one, and, in the top row, what the diagnosis
+-- makes of the first model.
+local function plot_of(title, unit, rows, result)
+  local names = {}
+  local own, published = { x = {}, y = {} }, { x = {}, y = {} }
+  for i, row in ipairs(rows) do
+    names[i], own.x[i], own.y[i] = row[1], row[4], i
+    if row[5] ~= "" then published.x[#published.x + 1], published.y[#published.y + 1] = row[5], i end
+  end
+  names[#rows + 1] = "diagnosis of the first model"
+  local low, high = math.huge, 0
+  for _, x in ipairs { result.gap.validate.after, table.unpack(own.x) } do
+    low, high = math.min(low, x), math.max(high, x)
+  end
+  return { file = "steps", title = title .. ": error on the validation records", panels = { {
+    x_label = "rms of measured minus simulated [" .. unit .. "]", x_log = true, x_range = { low / 1.5, high * 1.5 },
+    y_names = names, y_range = { 0.5, #names + 0.5 }, series = {
+      { name = "fitted with this model", x = own.x, y = own.y, style = "points" },
+      { name = "published", x = published.x, y = published.y, style = "points" },
+      { name = "found by the diagnosis", x = { result.gap.validate.after }, y = { #names }, style = "points" } } } } }
+end
+
+-- A report of both, with the plot "steps". unit: of the gaps.
 function steps.report(title, unit, rows, result)
   local list = {}
   for _, effect in ipairs(result.effects) do
@@ -56,13 +80,14 @@ function steps.report(title, unit, rows, result)
   tb.write_json { file = "steps.json", value = { steps = rows, verdict = result.verdict, effects = list,
     validate = result.gap.validate, seconds = result.seconds } }
   tb.report { file = "report.html", title = title,
-    summary = string.format("The diagnosis of the first model says %s; on the validation records the gap decreases "
-      .. "from %.3g to %.3g %s.", result.verdict, result.gap.validate.before, result.gap.validate.after, unit),
+    summary = string.format("The diagnosis of the first model says %s", result.verdict) .. (#list == 0 and "."
+      or string.format("; on the validation records the gap decreases from %.3g to %.3g %s.",
+        result.gap.validate.before, result.gap.validate.after, unit)),
     sections = {
       { title = "Models one after another", content = { { table = {
         caption = "rms of measured minus simulated [" .. unit .. "], beside an independent fit",
         columns = { { name = "model" }, { name = "fitted" }, { name = "published" }, { name = "validation" },
-          { name = "published" } }, rows = rows } } } },
+          { name = "published" } }, rows = rows } }, { plot = plot_of(title, unit, rows, result) } } },
       { title = "What the diagnosis finds",
         content = #list > 0 and list or { "Nothing that predicts better." } },
     } }

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -54,14 +55,17 @@ std::vector<double> differences(const std::vector<double>& measured, const std::
 }
 
 Plot responses(const SystemDiagnosis& d, const SystemComparison& one) {
-    Plot plot{.title = "Measured and simulated: " + one.record.source};
+    Plot plot{.title = "Measured and simulated: " + std::filesystem::path(one.record.source).filename().string()};
     for (std::size_t o = 0; o < one.record.outputs.size(); ++o) {
         const auto& output = d.before.equations.outputs[d.before.measured[o]];
         Panel panel{.y_label = label(measured_name(d.before, o), output.unit)};
-        panel.series.push_back({.name = "measured", .x = one.record.t, .y = one.record.outputs[o], .color = "#000000"});
-        panel.series.push_back({.name = "the model as given", .x = one.record.t, .y = one.before[o]});
+        panel.series.push_back(
+            {.name = "measured", .x = one.record.t, .y = one.record.outputs[o], .color = measured_color});
+        panel.series.push_back(
+            {.name = "the model as given", .x = one.record.t, .y = one.before[o], .color = before_color});
         if (!d.effects.empty()) {
-            panel.series.push_back({.name = "with what was missing", .x = one.record.t, .y = one.after[o]});
+            panel.series.push_back(
+                {.name = "with what was missing", .x = one.record.t, .y = one.after[o], .color = after_color});
         }
         plot.panels.push_back(std::move(panel));
         Panel errors{.y_label = label("measured - simulated", output.unit)};
