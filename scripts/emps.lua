@@ -197,7 +197,8 @@ end
 
 -- Terms put beside friction by direction, one at a time: how much of the residual each takes, by inverse dynamics on
 -- both records. A pitch is sought over the range of a screw, the way over which friction builds up over that of
--- bearings.
+-- bearings. A ripple is told from one whose count of periods over the stroke differs by one, so pitches are half a
+-- period over the stroke apart.
 local last = models[#models]
 local function candidate(name, list)
   local columns, other = columns_of(train, last.terms), columns_of(pulses, last.terms)
@@ -226,15 +227,27 @@ local leftovers = {
     { function(s, k) return sign(s.v[k]) * math.exp(-math.abs(s.v[k]) / 8e-3) end }),
   candidate("friction with the load", { function(s, k) return math.abs(s.a[k]) * sign(s.v[k]) end }),
 }
-local pitches, taken = tb.logspace(2e-3, 5e-2, tb.quick and 20 or 120), {}
-local best
+local positions = column(train, function(s, k) return s.q[k] end)
+local stroke = math.max(table.unpack(positions)) - math.min(table.unpack(positions))
+local pitches, taken = {}, {}
+for count = 2 * stroke / 5e-2, 2 * stroke / 2e-3 do pitches[#pitches + 1] = 2 * stroke / count end
+local best, best_pitch
 for i, pitch in ipairs(pitches) do
   local one = candidate(string.format("ripple over %.2f mm", 1e3 * pitch),
     { ripple(pitch, 0), ripple(pitch, math.pi / 2) })
   taken[i] = 100 * (1 - (one.train / last.train) ^ 2)
-  if not best or one.train < best.train then best = one end
+  if not best or one.train < best.train then best, best_pitch = one, pitch end
 end
 leftovers[#leftovers + 1] = best
+-- The origin of the positions may differ between records, and with it the phase: its amplitude in one of them.
+local function ripple_amplitude(record)
+  local columns = columns_of(record, last.terms)
+  for _, phase in ipairs { 0, math.pi / 2 } do columns[#columns + 1] = column(record, ripple(best_pitch, phase)) end
+  local c = tb.least_squares { columns = columns, values = column(record, force) }.coefficients
+  return math.sqrt(c[#c - 1] ^ 2 + c[#c] ^ 2)
+end
+local ripple_text = string.format("The ripple over %.2f mm, fitted to each record with its own phase: %.2f N, in the "
+  .. "pulses %.2f N.", 1e3 * best_pitch, ripple_amplitude(train), ripple_amplitude(pulses))
 local build_up
 for _, length in ipairs(tb.logspace(1e-5, 3e-3, tb.quick and 4 or 12)) do
   local one = candidate(string.format("friction that builds up over %.3f mm after a reversal", 1e3 * length),
@@ -282,8 +295,9 @@ local function residual_panels(residual)
 end
 
 local function spectrum(residual, rate_hz)
-  local frequency, amplitude = tb.logspace(0.05, 45, tb.quick and 60 or 300), {}
   local n = #residual
+  local frequency, amplitude = {}, {}
+  for i = 1, math.floor(2 * n * 45 / rate_hz) do frequency[i] = 0.5 * i * rate_hz / n end
   for i, f in ipairs(frequency) do
     local re, im = 0, 0
     for k, value in ipairs(residual) do
@@ -352,6 +366,7 @@ for _, one in ipairs(leftovers) do
   leftover_rows[#leftover_rows + 1] = { one.name, one.train, one.pulses, one.coefficient / one.error }
   print(string.format("left over, with %-36s %7.4f %% (pulses %7.4f %%)", one.name, one.train, one.pulses))
 end
+print(ripple_text)
 local agreement = string.format("Inverse dynamics gives every published number within %.2f %%.", largest)
 print(agreement)
 
@@ -397,6 +412,7 @@ tb.report {
       { plot = { file = "residual", title = "What friction by direction leaves",
         panels = residual_panels(last.residual) } },
       { plot = spectra_plot() },
+      ripple_text,
       { table = { caption = "Terms put beside it, one at a time", rows = leftover_rows, columns = { { name = "term" },
         { name = "first record", unit = "%", decimals = 4 }, { name = "pulses", unit = "%", decimals = 4 },
         { name = "coefficient over its error", decimals = 1 } } } } } },

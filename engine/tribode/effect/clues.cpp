@@ -22,6 +22,17 @@ Clues::Clues(const ServoAxis& axis_, double sample_time_, const ResidualForce& r
     stroke = max_position - min_position;
     reach = std::max(std::abs(min_position), std::abs(max_position));
     max_speed = largest(velocity);
+    // A quarter of the motion is slow enough that a force over so short a way stays below the bandwidth.
+    Signal speeds;
+    for (const double v : velocity) {
+        if (std::abs(v) > 0.05 * max_speed) speeds.push_back(std::abs(v));
+    }
+    shortest_period = 2e-6;
+    if (!speeds.empty()) {
+        const auto quarter = speeds.begin() + static_cast<std::ptrdiff_t>(speeds.size() / 4);
+        std::nth_element(speeds.begin(), quarter, speeds.end());
+        shortest_period = std::max({shortest_period, 4 * axis.encoder_resolution, 1.25 * *quarter / residual.bandwidth});
+    }
     max_thrust = largest(residual.reference_thrust);
     duration = static_cast<double>(measured.size()) * sample_time;
     const double slow = 0.01 * max_speed;

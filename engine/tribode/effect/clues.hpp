@@ -48,6 +48,7 @@ struct Clues {
     Signal direction;                  // sign of the velocity, in between about zero
     double min_position, max_position; // [m]
     double stroke;                     // their difference [m]
+    double shortest_period;            // over the travel, that `force` shows [m]
     double reach;                      // the larger magnitude [m]
     double max_speed, max_thrust;      // [m/s], [N]
     double duration;                   // [s]

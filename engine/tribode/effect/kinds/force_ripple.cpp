@@ -73,7 +73,7 @@ m.add_force {
 )lua",
     .forms = [](const Clues& c) -> std::vector<EffectForm> {
         if (c.stroke < 1e-6) return {};
-        const double shortest = std::max(c.stroke / 60, 2e-6), longest = c.stroke, typical = c.typical_force();
+        const double shortest = c.shortest_period, longest = c.stroke, typical = c.typical_force();
         std::vector<std::vector<double>> one, two;
         for (const auto& first : sinusoids(c.position, c.force, {}, shortest, longest, 3)) {
             one.push_back({std::max(first.amplitude, 0.05 * typical), first.period, first.phase});

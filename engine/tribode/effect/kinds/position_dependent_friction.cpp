@@ -86,7 +86,7 @@ end
         if (!c.has_friction() || c.stroke < 1e-6) return {};
         const Signal friction = map(c.residual.friction, [](double f) { return -f; });
         std::vector<std::vector<double>> sines, gradients;
-        for (const auto& one : sinusoids(c.position, c.force, friction, c.stroke / 40, 1.5 * c.stroke, 3)) {
+        for (const auto& one : sinusoids(c.position, c.force, friction, c.shortest_period, 1.5 * c.stroke, 3)) {
             sines.push_back({std::clamp(one.amplitude, 0.03, 0.9), one.period, one.phase});
         }
         for (const double period : {1.2 * c.reach, 0.5 * c.reach}) {
@@ -99,7 +99,7 @@ end
         return {
             {.form = "sine",
              .fixed = {{"mode", "sine"}},
-             .parameters = {{"a", 0, 3, false, 1e-3}, factor("period_m", c.stroke / 60, 3 * c.stroke), angle("phase")},
+             .parameters = {{"a", 0, 3, false, 1e-3}, factor("period_m", c.shortest_period, 3 * c.stroke), angle("phase")},
              .starts = sines},
             {.form = "gradient",
              .fixed = {{"mode", "gradient"}},
