@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <gtest/gtest.h>
+#include <numbers>
 #include <set>
 #include <stdexcept>
 
@@ -110,6 +111,21 @@ TEST(Candidate, a_start_is_read_from_the_residual_force) {
         if (candidate.kind().name != "spring_force" || !candidate.form.empty()) continue;
         EXPECT_NEAR(candidate.starts[0][0], 100, 1e-5);
         EXPECT_NEAR(candidate.starts[0][1], 0.01, 1e-9);
+        return;
+    }
+    FAIL();
+}
+
+TEST(Candidate, a_ripple_is_sought_down_to_the_period_that_the_motion_shows) {
+    Record record;
+    const double period = 0.4e-3; // a hundred times over the stroke
+    for (std::size_t k = 0; k < record.residual.force.size(); ++k) {
+        record.residual.force[k] = 2 * std::sin(2 * std::numbers::pi / period * record.residual.position[k] + 0.3);
+    }
+    for (const auto& candidate : record.candidates()) {
+        if (candidate.kind().name != "force_ripple" || candidate.form != "one harmonic") continue;
+        EXPECT_NEAR(candidate.starts[0][0], 2, 1e-2);
+        EXPECT_NEAR(candidate.starts[0][1], period, 1e-3 * period);
         return;
     }
     FAIL();
