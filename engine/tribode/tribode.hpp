@@ -23,6 +23,7 @@
 #include "tribode/experiment/system_run.hpp"
 #include "tribode/system/equation_system.hpp"
 #include "tribode/system/linearization.hpp"
+#include "tribode/system/sensitivities.hpp"
 #include "tribode/system/steady_state.hpp"
 #include "tribode/system/system_builder.hpp"
 

@@ -120,6 +120,31 @@ Table empty_table(const Equations& equations) {
     return table;
 }
 
+// Takes the columns of derivatives out of the table.
+std::vector<SystemSensitivity> take_sensitivities(Table& table, const Equations& equations) {
+    std::vector<SystemSensitivity> list;
+    const std::size_t discrete = 1 + equations.states.size(), outputs = discrete + equations.discrete.size();
+    for (const auto& by : equations.sensitivities) {
+        Table& own = list.emplace_back(SystemSensitivity{by.name, {}}).table;
+        const auto take = [&](const std::string& name, std::size_t column) {
+            own.add(name, "", std::move(table.columns[column].values));
+        };
+        for (std::size_t i = 0; i < equations.own_states(); ++i) take(equations.states[i].name, 1 + by.states + i);
+        for (const auto& [of, place] : by.discrete) take(equations.discrete[of].name, discrete + place);
+        for (std::size_t i = 0; i < equations.own_outputs(); ++i) {
+            take(equations.outputs[i].name, outputs + by.outputs + i);
+        }
+    }
+    const auto erase = [&](std::size_t from, std::size_t to) {
+        table.columns.erase(table.columns.begin() + static_cast<std::ptrdiff_t>(from),
+                            table.columns.begin() + static_cast<std::ptrdiff_t>(to));
+    };
+    erase(outputs + equations.own_outputs(), outputs + equations.outputs.size());
+    erase(discrete + equations.own_discrete(), outputs);
+    erase(1 + equations.own_states(), discrete);
+    return list;
+}
+
 // Of the tables in a term that have no values everywhere, where they have.
 std::string limits_of_tables(const Equations& equations, Term root) {
     std::string text;
@@ -175,6 +200,12 @@ SystemRun run_system(const EquationSystem& system, const SystemRunOptions& optio
     SystemRun result;
     result.table = empty_table(system.equations());
     result.method = resolved(options.solver.method, system);
+    if (!system.equations().sensitivities.empty() && has_fixed_step(result.method)) {
+        throw InputError(
+            fmt::format("solver \"{}\" gives no sensitivities, because a fixed step locates no events; must "
+                        "be auto, exact, erk, adams, bdf or ida",
+                        name_of(result.method)));
+    }
     SystemState start = options.resume ? system.restored(options.resume->system) : system.initial_state(options.start);
     const double begin = start.t, end = options.end.value_or(begin + options.duration.value_or(0));
     if (!(end > begin)) {
@@ -214,8 +245,10 @@ SystemRun run_system(const EquationSystem& system, const SystemRunOptions& optio
         });
         if (last != result.events.rend()) result.ended_by = static_cast<std::size_t>(last->subject);
     }
+    result.sensitivities = take_sensitivities(result.table, system.equations());
     result.final_states = run.state().x;
-    const auto discrete = system.discrete(run.state());
+    result.final_states.resize(system.equations().own_states());
+    const auto discrete = system.discrete(run.state()).first(system.equations().own_discrete());
     result.final_discrete.assign(discrete.begin(), discrete.end());
     result.stiff_from = run.stiff_from();
     const Method method = result.stiff_from ? Method::bdf : result.method;

@@ -35,12 +35,20 @@ struct SystemRunOptions {
     void check(const FieldReader& fields) const;
 };
 
+// The derivatives of a run by a parameter or a start value: a column for each state, discrete variable and output, in the rows
+// of the run. Those of discrete variables that depend on none, such as modes, are left out: they are zero.
+struct SystemSensitivity {
+    std::string name;
+    Table table;
+};
+
 // What a run of a system of equations gave, up to where it came.
 struct SystemRun {
-    Table table;     // t, states, discrete variables, outputs, at the grid: left limits; where an event ends
-                     // the run, a last row there
-    EventLog events; // in time; subject: the place of the `when`
-    std::vector<double> final_states; // right limits, in the order of the equations
+    Table table; // t, states, discrete variables, outputs, at the grid: left limits; where an event ends
+                 // the run, a last row there
+    std::vector<SystemSensitivity> sensitivities; // where the equations have them
+    EventLog events;                              // in time; subject: the place of the `when`
+    std::vector<double> final_states;             // right limits, in the order of the equations
     std::vector<double> final_discrete;
     RunState state;                    // there, to continue with
     Method method = Method::automatic; // the one used

@@ -7,6 +7,7 @@
 #include "tribode/script/system_options.hpp"
 #include "tribode/script/system_reader.hpp"
 #include "tribode/script/value.hpp"
+#include "tribode/system/sensitivities.hpp"
 #include "tribode/system/steady_state.hpp"
 
 #include <algorithm>
@@ -79,10 +80,10 @@ Json statistics_of(const RunStatistics& s) {
 
 Json to_json(const SystemRun& run, const Equations& equations) {
     Json json{{"final", Json::object()}};
-    for (std::size_t i = 0; i < equations.states.size(); ++i) {
+    for (std::size_t i = 0; i < run.final_states.size(); ++i) {
         set_element(json["final"], equations.states[i].name, run.final_states[i]);
     }
-    for (std::size_t i = 0; i < equations.discrete.size(); ++i) {
+    for (std::size_t i = 0; i < run.final_discrete.size(); ++i) {
         const auto& discrete = equations.discrete[i];
         const double value = run.final_discrete[i];
         if (discrete.modes.empty()) {
@@ -138,6 +139,20 @@ void add_lists(lua_State* lua, const Table& table) {
     lua_setfield(lua, result, "values");
 }
 
+// A table of lists by name in the field `sensitivities` of what is on top. [-0, +0]
+void add_sensitivities(lua_State* lua, const std::vector<SystemSensitivity>& all) {
+    if (all.empty()) return;
+    lua_newtable(lua);
+    for (const auto& by : all) {
+        lua_newtable(lua);
+        add_lists(lua, by.table);
+        lua_getfield(lua, -1, "values");
+        lua_setfield(lua, -3, by.name.c_str());
+        lua_pop(lua, 1);
+    }
+    lua_setfield(lua, -2, "sensitivities");
+}
+
 // { states = { { name =, unit =, value = }, … }, … }: the value of a state is its start.
 int variables_in_script(const ScriptContext&, lua_State* lua) {
     const Equations equations = system_of(lua, "tb.system_variables");
@@ -173,12 +188,19 @@ int run_in_script(const ScriptContext& script, lua_State* lua) {
     FieldReader fields(options, "tb.run_system");
     SystemRunOptions run_with = run_options(fields);
     for (const char* key : {"parameters", "start"}) fields.value(key);
+    const auto sensitivities = fields.texts("sensitivities", {});
+    if (!sensitivities.empty() && options.contains("start") && options["start"] == "steady") {
+        fields.fail("sensitivities", "cannot stand beside start = \"steady\", which depends on the parameters too; "
+                                     "start = tb.steady_state{ … }.start is a fixed one");
+    }
     fields.finish();
     read_values(options, "parameters", equations.parameters, &Equations::Parameter::value, "tb.run_system");
+    check_delays(equations, sensitivities);
     std::vector<std::string> inputs;
     for (const auto& input : equations.inputs) inputs.push_back(input.name);
     read_inputs(lua, equations, script.symbols, run_with.start, "tb.run_system");
     read_start(options, equations, inputs, run_with.start);
+    equations = with_sensitivities(std::move(equations), sensitivities);
     run_with.fingerprint = equations.fingerprint();
     if (options.contains("resume")) {
         run_with.resume = read_run_state(options["resume"], run_with.fingerprint, "tb.run_system: resume");
@@ -202,6 +224,7 @@ int run_in_script(const ScriptContext& script, lua_State* lua) {
                           {"statistics", statistics_of(result.statistics)}});
     push(lua, to_json(result, system.equations()));
     add_lists(lua, result.table);
+    add_sensitivities(lua, result.sensitivities);
     return 1;
 }
 
@@ -307,6 +330,9 @@ const std::vector<LuaFunction>& system_functions() {
                       "start value in the system starts at 0"},
                      {"inputs", "", "table", "none",
                       "`{ name = … }`: a number, a function of the time, which is recorded, or samples, below"},
+                     {"sensitivities", "", "list of texts", "none",
+                      "parameters, inputs that are numbers, and `\"STATE.start\"`, by which the run is differentiated "
+                      "([sensitivities](sensitivities.md#systems-of-equations))"},
                  });
              }},
             {"table1",

@@ -51,6 +51,7 @@ EquationSystem::EquationSystem(Equations equations) : equations_(std::move(equat
     put_in_parameters();
     assign_equations(equations_);
     hold_relations();
+    differentiate_relations();
     mark_active();
     join_clocks();
     make_tapes();
@@ -58,13 +59,56 @@ EquationSystem::EquationSystem(Equations equations) : equations_(std::move(equat
     make_blocks();
 }
 
-// From here on the equations hold no parameters and no inputs.
+// From here on the equations hold no parameters and no inputs, but for those by which the events are still to be
+// differentiated.
 void EquationSystem::put_in_parameters() {
     auto& graph = *equations_.graph;
     Expressions::Replacement numbers;
     for (const auto& parameter : equations_.parameters) numbers[parameter.symbol] = graph.constant(parameter.value);
     for (const auto& input : equations_.inputs) numbers[input.symbol] = graph.constant(input.value);
+    for (const auto& by : equations_.sensitivities) {
+        const auto number = numbers.extract(by.parameter);
+        if (!number.empty()) differentiated_[number.key()] = number.mapped();
+    }
     equations_.replace(numbers);
+}
+
+// How the instant of each relation moves with the parameters; and their numbers.
+void EquationSystem::differentiate_relations() {
+    if (equations_.sensitivities.empty()) return;
+    auto& graph = *equations_.graph;
+    std::vector<Term> margins, symbols;
+    for (const auto& relation : relations_) margins.push_back(relation.margin);
+    for (std::size_t i = 0; i < equations_.own_states(); ++i) symbols.push_back(equations_.states[i].symbol);
+    relation_rates_.resize(relations_.size());
+    const auto by_time = graph.derivatives(margins, equations_.time);
+    for (std::size_t i = 0; i < relations_.size(); ++i) relation_rates_[i].terms.push_back(by_time[i]);
+    for (const auto& [row, column, term] : graph.jacobian(margins, symbols)) {
+        relation_rates_[row].states.push_back(column);
+        relation_rates_[row].terms.push_back(term);
+    }
+    for (const auto& by : equations_.sensitivities) {
+        Expressions::Replacement direction{{by.parameter, graph.constant(1)}};
+        for (std::size_t i = 0; i < symbols.size(); ++i) {
+            direction[symbols[i]] = equations_.states[by.states + i].symbol;
+        }
+        for (const auto& [of, derivative] : by.discrete) {
+            direction[equations_.discrete[of].symbol] = equations_.discrete[derivative].symbol;
+        }
+        const auto moved = graph.derivatives(margins, direction);
+        for (std::size_t i = 0; i < relations_.size(); ++i) relation_rates_[i].terms.push_back(moved[i]);
+    }
+    const auto put_in = [&](std::vector<Term>& terms) { terms = graph.substitute(terms, differentiated_); };
+    for (auto& rate : relation_rates_) put_in(rate.terms);
+    put_in(rates_);
+    put_in(conditions_);
+    put_in(margins);
+    for (std::size_t i = 0; i < relations_.size(); ++i) relations_[i].margin = margins[i];
+    std::vector<Term> operands;
+    for (const auto& counter : counters_) operands.push_back(counter.operand);
+    put_in(operands);
+    for (std::size_t i = 0; i < counters_.size(); ++i) counters_[i].operand = operands[i];
+    equations_.replace(differentiated_);
 }
 
 // Finds the relations that are events and puts a held value in the place of each.
@@ -133,21 +177,6 @@ Term EquationSystem::add_counter(Term floor) {
 // operands at once: sqrt(max(h, 0)) has a value wherever a step leads.
 void EquationSystem::keep_in_domain(const std::vector<Term>& order, Expressions::Replacement& held) {
     auto& graph = *equations_.graph;
-    const auto is_continuous = [&](const Expressions::Node& node) {
-        if (node.op != Op::select || !held.contains(node.a)) return false;
-        const auto& relation = graph[node.a];
-        if (relation.op != Op::less && relation.op != Op::less_equal) return false;
-        const auto are = [&](Term x, Term y) {
-            return (x == relation.a && y == relation.b) || (x == relation.b && y == relation.a);
-        };
-        if (are(node.b, node.c)) return true;
-        // abs: one branch the negative of the other, which is compared with zero.
-        const Term compared = graph.is_constant(relation.b, 0) ? relation.a : relation.b;
-        const bool with_zero = graph.is_constant(relation.a, 0) || graph.is_constant(relation.b, 0);
-        const auto is_negative = [&](Term x) { return graph[x].op == Op::negate && graph[x].a == compared; };
-        return with_zero &&
-               ((node.b == compared && is_negative(node.c)) || (node.c == compared && is_negative(node.b)));
-    };
     for (const Term term : order) {
         const auto node = graph[term];
         const bool limited = node.op == Op::sqrt || node.op == Op::log || node.op == Op::asin || node.op == Op::acos ||
@@ -155,7 +184,7 @@ void EquationSystem::keep_in_domain(const std::vector<Term>& order, Expressions:
         if (!limited) continue;
         Expressions::Replacement others = held;
         for (const Term below : graph.reachable(std::span(&node.a, 1), false)) {
-            if (is_continuous(graph[below])) others.erase(graph[below].a);
+            if (graph.is_continuous(below)) others.erase(graph[below].a);
         }
         if (others.size() == held.size()) continue;
         std::vector<Term> operands = {node.a, node.b};
@@ -339,6 +368,7 @@ void EquationSystem::make_tapes() {
     for (const auto& counter : counters_) inputs_.push_back(counter.held);
 
     rate_ = tape_of(rates_);
+    for (auto& rate : relation_rates_) rate.tape = tape_of(rate.terms);
     std::vector<Term> terms;
     for (const auto& output : equations_.outputs) terms.push_back(output.value);
     output_ = tape_of(terms);
@@ -1090,6 +1120,95 @@ EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, Event
 }
 
 EventEffect EquationSystem::on_crossings(std::span<const GuardId> guards, SystemState& state, EventLog& log) const {
+    if (equations_.sensitivities.empty()) return carry_out_crossings(guards, state, log);
+    // The derivatives of the state at the event, whose time moves too, change as what is set; dx/dp = D x/dp - dx/dt dt/dp.
+    const std::size_t n = equations_.own_states(), fired = log.size();
+    auto& values = static_cast<Memory&>(*state.discrete).values;
+    std::vector<double> before(state.x.size()), after(state.x.size());
+    rates(state.t, state.x, *state.discrete, before);
+    const EventShift shift = shift_of(guards, state, before);
+    const std::vector<double> x = state.x;
+    const auto move = [&](const std::vector<double>& rate, double sign) {
+        for (std::size_t p = 0; p < shift.by.size(); ++p) {
+            double* s = state.x.data() + equations_.sensitivities[p].states;
+            for (std::size_t i = 0; i < n && shift.by[p] != 0; ++i) s[i] += sign * rate[i] * shift.by[p];
+        }
+    };
+    const auto set_instant = [&](bool moving) {
+        for (std::size_t p = 0; p < shift.by.size(); ++p) {
+            values[equations_.sensitivities[p].instant] = moving ? shift.by[p] : 0;
+        }
+    };
+    move(before, 1);
+    set_instant(true);
+    const EventEffect effect = carry_out_crossings(guards, state, log);
+    set_instant(false);
+    rates(state.t, state.x, *state.discrete, after);
+    const auto own = [&](const std::vector<double>& all) { return std::span(all).first(n); };
+    if (log.size() == fired && std::ranges::equal(own(before), own(after)) &&
+        std::ranges::equal(own(x), own(state.x))) {
+        std::copy(x.begin() + static_cast<std::ptrdiff_t>(n), x.end(),
+                  state.x.begin() + static_cast<std::ptrdiff_t>(n));
+        return effect;
+    }
+    if (!shift.problem.empty()) throw NoSolution(shift.problem);
+    move(after, -1);
+    if (!algebraic_.empty()) {
+        std::vector<double> uncertain;
+        if (const auto problem = solve_algebraic(state.t, state.x, memory(*state.discrete), uncertain)) {
+            throw NoSolution(*problem);
+        }
+    }
+    return EventEffect::restart;
+}
+
+// How the instant at which the relations cross moves with each parameter.
+EquationSystem::EventShift EquationSystem::shift_of(std::span<const GuardId> guards, const SystemState& state,
+                                                    std::span<const double> rates) const {
+    constexpr double rounding = 64 * std::numeric_limits<double>::epsilon();
+    constexpr double same = 1e-6; // relative: of one instant, for which conditions are written in several ways
+    const auto& all = equations_.sensitivities;
+    EventShift shift{std::vector<double>(all.size()), {}};
+    const Memory& held = memory(*state.discrete);
+    std::optional<GuardId> first;
+    std::vector<double> values;
+    for (const GuardId guard : guards) {
+        if (guard >= relations_.size()) continue;
+        const RelationRate& relation = relation_rates_[guard];
+        values.resize(relation.tape.output_count());
+        relation.tape.evaluate({std::span(&state.t, 1), state.x, held.values}, values);
+        double rate = values[0], size = std::abs(values[0]);
+        for (std::size_t i = 0; i < relation.states.size(); ++i) {
+            const double part = values[1 + i] * rates[relation.states[i]];
+            rate += part;
+            size += std::abs(part);
+        }
+        // The guard falls.
+        const bool crosses = (held.values[value_place(guard)] != 0 ? -rate : rate) > rounding * size;
+        const double* moved = values.data() + 1 + relation.states.size();
+        for (std::size_t p = 0; p < all.size(); ++p) {
+            const double by = moved[p] == 0 ? 0 : -moved[p] / rate;
+            if (moved[p] != 0 && !crosses) {
+                shift.problem = fmt::format(
+                    "{} touches zero at t = {:.9g} s without crossing it, which changes the motion: there the run has "
+                    "no derivative by {}",
+                    guard_name(guard, state), state.t, all[p].name);
+                continue;
+            }
+            if (first && std::abs(by - shift.by[p]) > same * std::max(std::abs(by), std::abs(shift.by[p]))) {
+                shift.problem = fmt::format("{} and {} change at one instant, t = {:.9g} s, and come apart with {}: "
+                                            "there the run has no derivative by it",
+                                            guard_name(*first, state), guard_name(guard, state), state.t, all[p].name);
+            }
+            if (!first) shift.by[p] = by;
+        }
+        if (!first) first = guard;
+    }
+    return shift;
+}
+
+EventEffect EquationSystem::carry_out_crossings(std::span<const GuardId> guards, SystemState& state,
+                                                EventLog& log) const {
     Instant& now = instant_of(state);
     const bool of_relations = guards.empty() || guards.back() < relations_.size();
     if (!of_relations && !now.memory->unsettled) return EventEffect::none; // restless: the run ends

@@ -46,6 +46,12 @@ namespace tribode {
 // are solved for again. A relation of theirs that is then on its other side changes, and they are solved for again,
 // until all agree. How far off the solution may be counts as rounding, and at an event also how far it was off before.
 //
+// Sensitivities (with_sensitivities()). Where a relation crosses zero, dt/dp = -g_p / g', with g_p and g' the derivatives of its
+// margin by the parameter, along the run, and by time. The derivatives of all that happens at the instant are those with its
+// time: before it s becomes s + x' dt/dp, behind it s - x' dt/dp, with x' of before and behind. So an event may set what it
+// likes, cause others, or only open a branch. At samples and at the start dt/dp is zero. Where a relation touches zero
+// only, or several cross at once that come apart with a parameter, there is no derivative, and the run ends with NoSolution.
+//
 // The system is affine where all rates and guards are affine in x, with coefficients that do not depend on t, plus a
 // polynomial in t of degree 3 at most, whatever d is. Then the exact integrator runs it.
 class EquationSystem final : public HybridSystem, public PiecewiseAffine {
@@ -225,8 +231,22 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
         bool motion = false, events = false;
     };
 
+    // How the margin of a relation changes: by time, by the states it depends on, and in all by each parameter.
+    struct RelationRate {
+        std::vector<std::size_t> states;
+        std::vector<Term> terms;
+        Tape tape; // of the terms
+    };
+
+    // dt/dp of an event by each parameter; why it has none, in a sentence.
+    struct EventShift {
+        std::vector<double> by;
+        std::string problem;
+    };
+
     void put_in_parameters();
     void hold_relations();
+    void differentiate_relations();
     Term add_counter(Term floor);
     void keep_in_domain(const std::vector<Term>& order, Expressions::Replacement& held);
     void mark_active();
@@ -260,6 +280,8 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     void take_anew(Instant& now, std::span<const std::size_t> written) const;
     void settle(Instant& now, std::vector<int>& fired) const;
     bool turn_back(Instant& now, std::span<const GuardId> guards) const;
+    EventEffect carry_out_crossings(std::span<const GuardId> guards, SystemState& state, EventLog& log) const;
+    EventShift shift_of(std::span<const GuardId> guards, const SystemState& state, std::span<const double> rates) const;
     Interval rate_ahead(Instant& now, std::size_t relation) const;
     void find_dependences();
     void find_active(SystemState& state) const;
@@ -284,9 +306,11 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     std::vector<char> moves_;    // of each place: whether it is a state or dx/dt depends on it
     Sparse jacobian_, guard_jacobian_;
     SparsityPattern jacobian_pattern_;
-    std::vector<std::size_t> algebraic_; // places among the states
-    std::vector<Block> blocks_;          // of the algebraic variables, in the order in which they are solved for
-    Tape algebraic_by_time_;             // derivatives of the algebraic equations by t
+    std::vector<std::size_t> algebraic_;       // places among the states
+    std::vector<Block> blocks_;                // of the algebraic variables, in the order in which they are solved for
+    Tape algebraic_by_time_;                   // derivatives of the algebraic equations by t
+    Expressions::Replacement differentiated_;  // parameters of sensitivities, by their values
+    std::vector<RelationRate> relation_rates_; // of the relations, where there are sensitivities
     std::vector<Update> when_updates_, clock_updates_;
     std::vector<std::optional<Call>> calls_; // of the clocks
     std::vector<Reach> reach_;               // of the clocks

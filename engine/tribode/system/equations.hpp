@@ -117,6 +117,22 @@ struct Equations {
     std::vector<Contact> contacts;
     std::vector<std::string> free; // names of parameters and "STATE.start" that may be fitted; empty: all
 
+    // The derivatives by a parameter or a start value, which stand behind what they are of (with_sensitivities()).
+    struct Sensitivity {
+        std::string name;
+        Term parameter = 0;      // its symbol; of a start value a variable on which nothing depends
+        std::size_t instant = 0; // among the discrete variables: dt/dp of the event that happens, else 0
+        std::size_t states = 0;  // where those of the states begin, among the states
+        std::size_t outputs = 0; // and those of the outputs
+        std::vector<std::pair<std::size_t, std::size_t>> discrete; // of which discrete variables, and which they are
+    };
+    std::vector<Sensitivity> sensitivities;
+
+    // Without derivatives.
+    std::size_t own_states() const { return sensitivities.empty() ? states.size() : sensitivities.front().states; }
+    std::size_t own_outputs() const { return sensitivities.empty() ? outputs.size() : sensitivities.front().outputs; }
+    std::size_t own_discrete() const { return sensitivities.empty() ? discrete.size() : sensitivities.front().instant; }
+
     // All that is evaluated: rates, outputs, conditions, new values and what outside functions read.
     std::vector<Term> terms() const;
 

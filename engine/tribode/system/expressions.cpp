@@ -355,7 +355,27 @@ Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
     return constant(0);
 }
 
+bool Expressions::is_continuous(Term select) const {
+    const Node& node = nodes_[select];
+    if (node.op != Op::select) return false;
+    const Node& relation = nodes_[node.a];
+    if (relation.op != Op::less && relation.op != Op::less_equal) return false;
+    const auto are = [&](Term x, Term y) {
+        return (x == relation.a && y == relation.b) || (x == relation.b && y == relation.a);
+    };
+    if (are(node.b, node.c)) return true;
+    // abs: one branch the negative of the other, which is compared with zero.
+    const Term compared = is_constant(relation.b, 0) ? relation.a : relation.b;
+    const bool with_zero = is_constant(relation.a, 0) || is_constant(relation.b, 0);
+    const auto is_negative = [&](Term x) { return nodes_[x].op == Op::negate && nodes_[x].a == compared; };
+    return with_zero && ((node.b == compared && is_negative(node.c)) || (node.c == compared && is_negative(node.b)));
+}
+
 std::vector<Term> Expressions::derivatives(std::span<const Term> roots, Term variable) {
+    return derivatives(roots, Replacement{{variable, constant(1)}});
+}
+
+std::vector<Term> Expressions::derivatives(std::span<const Term> roots, const Replacement& direction) {
     const Term zero = constant(0);
     std::unordered_map<Term, Term> made; // those that are not zero
     const auto of = [&](Term term) {
@@ -363,8 +383,8 @@ std::vector<Term> Expressions::derivatives(std::span<const Term> roots, Term var
         return known == made.end() ? zero : known->second;
     };
     for (const Term term : reachable(roots)) {
-        if (term == variable) {
-            made[term] = constant(1);
+        if (const auto moves = direction.find(term); moves != direction.end()) {
+            made[term] = moves->second;
             continue;
         }
         const Node node = nodes_[term];

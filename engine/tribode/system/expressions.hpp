@@ -92,6 +92,9 @@ class Expressions {
     }
     const std::string& name(Term variable) const { return names_[nodes_[variable].a]; }
 
+    // Whether a branch goes on continuously where its condition changes, as far as that is seen: those of max, min and abs.
+    bool is_continuous(Term select) const;
+
     // As one would write it: "x*(y + 2)".
     std::string text(Term term) const;
 
@@ -109,6 +112,8 @@ class Expressions {
     // The derivatives of the roots by one variable. Where a function has a kink or a jump, the derivative of the side
     // that its condition says.
     std::vector<Term> derivatives(std::span<const Term> roots, Term variable);
+    // The same along a direction, which gives for each variable that moves its derivative.
+    std::vector<Term> derivatives(std::span<const Term> roots, const Replacement& direction);
 
     // The derivatives of the roots by the variables that are not zero, column by column. The effort grows with their number
     // and that of the derivatives of all that the roots are made of.

@@ -31,6 +31,13 @@ SystemBuilder::SystemBuilder(std::string name) {
     equations_.time = equations_.graph->variable("t");
 }
 
+Expression SystemBuilder::parameter(std::string name, double value, std::string unit) {
+    Equations::Parameter parameter{std::move(name), std::move(unit), value, 0};
+    parameter.symbol = equations_.graph->variable(parameter.name);
+    equations_.parameters.push_back(std::move(parameter));
+    return variable(equations_.parameters.back().symbol);
+}
+
 Expression SystemBuilder::state(std::string name, double start, std::string unit, double nominal) {
     if (!std::isfinite(start) || !(nominal > 0) || !std::isfinite(nominal)) {
         throw InputError(fmt::format("{}: {} has the start value {} and the nominal value {}, must be finite, and the "

@@ -74,6 +74,8 @@ class SystemBuilder {
 
     Expression time() const { return variable(equations_.time); } // [s]
 
+    // Constant during a run; Equations has its value.
+    Expression parameter(std::string name, double value, std::string unit = "");
     // A state; its absolute tolerance is `nominal`, of the size of its values, times the run's. Each needs a rate().
     Expression state(std::string name, double start, std::string unit = "", double nominal = 1);
     // A variable that events and samples alone change.
