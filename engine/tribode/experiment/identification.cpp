@@ -303,6 +303,7 @@ class Fit {
         if (exact_) {
             ServoRunOptions options;
             options.solver.method = Method::exact;
+            options.channels = {.t = false, .r = false, .u = false, .motion = false};
             for (std::size_t j = 0; j < moved.size(); ++j) {
                 options.sensitivities.push_back(servo_direction(
                     moved[j].name,
@@ -315,7 +316,7 @@ class Fit {
             }
             ServoRun run = this->run(at(logarithm, record), record, options);
             run.advance_to(static_cast<long>(record.drive.t.size()) - 1);
-            const auto found = run.sensitivities();
+            const auto& found = run.sensitivities();
             for (std::size_t j = 0; j < found.size(); ++j) {
                 columns.col(static_cast<Eigen::Index>(j)) = -record.spectrum(found[j].y);
             }

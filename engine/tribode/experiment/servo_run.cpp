@@ -19,7 +19,7 @@ std::unique_ptr<const ServoSystem> system_of(const MachineModel& machine, Drive 
         return std::make_unique<ServoSystem>(machine, std::move(drive), options.seed, options.start);
     }
     auto system = std::make_unique<SensitiveServoSystem>(machine, std::move(drive), options.seed, options.start,
-                                                         options.sensitivities);
+                                                         options.sensitivities, options.channels);
     const Method method = resolved(options.solver.method, *system, options.purpose);
     if (method == Method::exact) return system;
     throw InputError(
@@ -30,6 +30,7 @@ std::unique_ptr<const ServoSystem> system_of(const MachineModel& machine, Drive 
 
 ServoRun::ServoRun(const MachineModel& machine, Drive drive, const ServoRunOptions& options, const RunControl& control)
     : system_(system_of(machine, std::move(drive), options)),
+      sensitive_(dynamic_cast<const SensitiveServoSystem*>(system_.get())),
       method_(resolved(options.solver.method, *system_, options.purpose)),
       simulator_(*system_, solver_of(options, method_), control),
       recorder_(*system_, options.channels) {
@@ -37,12 +38,13 @@ ServoRun::ServoRun(const MachineModel& machine, Drive drive, const ServoRunOptio
 }
 
 RunOutcome ServoRun::advance_to(long k) {
+    if (sensitive_) sensitive_->expect_samples(k + 1);
     return simulator_.advance_to(static_cast<double>(k) * system_->sample_time());
 }
 
-std::vector<ServoSensitivity> ServoRun::sensitivities() const {
-    const auto* sensitive = dynamic_cast<const SensitiveServoSystem*>(system_.get());
-    return sensitive ? sensitive->sensitivities() : std::vector<ServoSensitivity>{};
+const std::vector<ServoSensitivity>& ServoRun::sensitivities() const {
+    static const std::vector<ServoSensitivity> none;
+    return sensitive_ ? sensitive_->sensitivities() : none;
 }
 
 } // namespace tribode

@@ -16,8 +16,9 @@ struct ServoRunOptions {
     std::uint64_t seed = 0; // of the noise
     ServoSystem::Start start{0.0, 0.0};
     ServoChannels channels;
-    Purpose purpose = Purpose::result;              // what `automatic` is chosen for
-    std::vector<ServoDirection> sensitivities = {}; // what the run is differentiated by; only with the exact solver
+    Purpose purpose = Purpose::result; // what `automatic` is chosen for
+    std::vector<ServoDirection> sensitivities =
+        {}; // by what the channels are differentiated; only with the exact solver
 };
 
 // One run of a machine: its system, simulator and recorder. Whatever simulates a machine does it with this.
@@ -36,11 +37,12 @@ class ServoRun {
     const ServoTrace& trace() const { return recorder_.trace(); } // of the samples reached
     const EventLog& events() const { return simulator_.events(); }
     RunStatistics statistics() const { return simulator_.statistics(); }
-    Method method() const { return method_; }            // the one used
-    std::vector<ServoSensitivity> sensitivities() const; // at the samples reached, as asked for
+    Method method() const { return method_; }                   // the one used
+    const std::vector<ServoSensitivity>& sensitivities() const; // at the samples reached, as asked for
 
   private:
     const std::unique_ptr<const ServoSystem> system_;
+    const SensitiveServoSystem* sensitive_; // the same; null: without sensitivities
     const Method method_;
     Simulator simulator_;
     ServoRecorder recorder_;

@@ -19,9 +19,10 @@ double clipped(double x, double by, double limit, double limit_by) {
 } // namespace
 
 SensitiveServoSystem::SensitiveServoSystem(const MachineModel& model, Drive drive, std::uint64_t seed, Start start,
-                                           std::vector<ServoDirection> directions)
+                                           std::vector<ServoDirection> directions, ServoChannels channels)
     : ServoSystem(model, std::move(drive), seed, start),
       settings_(model.controller),
+      channels_(channels),
       run_(std::make_unique<Run>(Run{.series = SensitivitySeries(plant().states().size(), directions.size())})) {
     const auto refuse = [](const std::string& reason) {
         throw InputError(fmt::format("sensitivities: a run of this machine has none: {}", reason));
@@ -34,7 +35,22 @@ SensitiveServoSystem::SensitiveServoSystem(const MachineModel& model, Drive driv
     for (auto& by : directions) {
         run_->results.push_back({.name = by.name});
         ServoPlantTangent tangent(plant(), by.numbers.plant);
-        run_->directions.push_back({std::move(by), std::move(tangent), {}});
+        const Amplifier& amplifier = by.numbers.amplifier;
+        const bool is_amplified =
+            amplifier_.shapes() || amplifier.limit != 0 || amplifier.half_width != 0 || amplifier.gain != 0;
+        run_->directions.push_back({std::move(by), std::move(tangent), is_amplified});
+    }
+}
+
+void SensitiveServoSystem::expect_samples(long count) const {
+    for (auto& result : run_->results) {
+        const auto reserve = [&](bool recorded, std::vector<double>& values) {
+            if (recorded) values.reserve(static_cast<std::size_t>(std::max(count, 0L)));
+        };
+        reserve(channels_.u, result.u);
+        reserve(channels_.y, result.y);
+        reserve(channels_.motion, result.x);
+        reserve(channels_.motion, result.v);
     }
 }
 
@@ -243,8 +259,9 @@ void SensitiveServoSystem::control(long k, const MachineController::State& befor
             direction.plant.disturbance = by.numbers.process_noise_rms * process_noise_at(k);
         }
         ServoSensitivity& result = run.results[p];
-        result.u.push_back(u);
-        result.y.push_back(y);
+        if (channels_.u) result.u.push_back(u);
+        if (channels_.y) result.y.push_back(y);
+        if (!channels_.motion) continue;
         result.x.push_back(column(p)[0]);
         result.v.push_back(column(p)[1]);
     }
@@ -296,6 +313,7 @@ double SensitiveServoSystem::controller_step(Direction& direction, const State& 
 
 // As Amplifier, with du/dp.
 double SensitiveServoSystem::amplified(const Direction& direction, double u, double by) const {
+    if (!direction.is_amplified) return by;
     const Amplifier &a = amplifier_, &a_by = direction.by.numbers.amplifier;
     const double w = std::clamp(u, -a.limit, a.limit), w_by = clipped(u, by, a.limit, a_by.limit);
     const double beyond = std::abs(w) - a.half_width;

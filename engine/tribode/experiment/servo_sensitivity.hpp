@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/experiment/servo_recorder.hpp"
 #include "tribode/machine/servo_numbers.hpp"
 #include "tribode/solver/sensitivity_series.hpp"
 
@@ -9,7 +10,8 @@
 
 namespace tribode {
 
-// Derivatives of a run by one parameter p, at the sample instants of the controller: as the columns of ServoTrace.
+// Derivatives of a run by one parameter p, at the sample instants of the controller: as the columns of ServoTrace, and those of
+// its channels.
 struct ServoSensitivity {
     std::string name;
     std::vector<double> u; // du/dp [N by the unit of p]
@@ -28,8 +30,9 @@ class SensitiveServoSystem final : public ServoSystem {
     // Throws InputError where a run has no derivatives: the machine is not piecewise affine, u varies between samples, or
     // friction is fed back.
     SensitiveServoSystem(const MachineModel& model, Drive drive, std::uint64_t seed, Start start,
-                         std::vector<ServoDirection> directions);
+                         std::vector<ServoDirection> directions, ServoChannels channels);
 
+    void expect_samples(long count) const; // in all, so that their memory is taken at once
     const std::vector<ServoSensitivity>& sensitivities() const { return run_->results; }
 
     SystemState initial_state() const override;
@@ -41,7 +44,8 @@ class SensitiveServoSystem final : public ServoSystem {
     struct Direction {
         ServoDirection by;
         ServoPlantTangent plant;
-        MachineController::State controller;
+        bool is_amplified; // else the amplifier passes on what it gets, whatever p is
+        MachineController::State controller = {};
         std::vector<double> encoder_ring = {}, hold_ring = {}; // as in ServoSystem::State
     };
 
@@ -72,6 +76,7 @@ class SensitiveServoSystem final : public ServoSystem {
     double amplified(const Direction& direction, double u, double by) const;
 
     const Controller settings_;
+    const ServoChannels channels_;
     const std::unique_ptr<Run> run_;
 };
 

@@ -117,6 +117,7 @@ ServoDirection servo_direction(const MachineModel& model, const std::string& nam
     double value = 0;
     bool is_there = false, may_be_negative = true;
     each_number(model, [&](const double& number, const auto& path, std::string_view, Allowed allowed, const About&) {
+        if (is_there) return;
         known.push_back(path());
         if (known.back() == name) {
             is_there = true;
