@@ -181,12 +181,12 @@ EventEffect SensitiveServoSystem::on_sample(ClockId clock, long k, SystemState& 
     case encoder: {
         const auto effect = ServoSystem::on_sample(clock, k, state);
         const long sample = k + encoder_lead_;
+        const std::size_t place = static_cast<std::size_t>(sample) % s.encoder_ring.size();
         for (std::size_t p = 0; p < run.directions.size(); ++p) {
             Direction& direction = run.directions[p];
             // It is read at k Ts - output_delay.
             const double by = column(p)[0] - state.x[1] * direction.by.numbers.output_delay;
-            direction.encoder_ring[static_cast<std::size_t>(sample) % direction.encoder_ring.size()] =
-                detected(direction, state.x[0], by, sample);
+            direction.encoder_ring[place] = detected(direction, state.x[0], by, sample);
         }
         return effect;
     }
@@ -210,11 +210,11 @@ EventEffect SensitiveServoSystem::on_sample(ClockId clock, long k, SystemState& 
         run.x = state.x; // the states of sine forces are set anew
         if (k < hold_lag_) return effect;
         if (moves) plant().derivative(state.t, state.x, s.plant, std::span(run.f).first(n));
+        const std::size_t place = static_cast<std::size_t>(k - hold_lag_) % s.hold_ring.size();
         for (std::size_t p = 0; p < run.directions.size(); ++p) {
             Direction& direction = run.directions[p];
             if (moves) add_jump(direction.by.numbers.input_delay, p);
-            direction.plant.input =
-                direction.hold_ring[static_cast<std::size_t>(k - hold_lag_) % direction.hold_ring.size()];
+            direction.plant.input = direction.hold_ring[place];
             direction.plant.refresh_sines(state.t, column_of(p));
         }
         run.jump = state.t;
@@ -244,17 +244,18 @@ double SensitiveServoSystem::detected(const Direction& direction, double y, doub
 void SensitiveServoSystem::control(long k, const MachineController::State& before, State& s) const {
     Run& run = *run_;
     const auto* loop = std::get_if<ClosedLoop>(&drive_);
-    const auto place = static_cast<std::size_t>(k);
+    const std::size_t encoder_place = static_cast<std::size_t>(k) % s.encoder_ring.size();
+    const std::size_t hold_place = static_cast<std::size_t>(k) % s.hold_ring.size();
     for (std::size_t p = 0; p < run.directions.size(); ++p) {
         Direction& direction = run.directions[p];
         const ServoDirection& by = direction.by;
-        const double y = direction.encoder_ring[place % direction.encoder_ring.size()];
+        const double y = direction.encoder_ring[encoder_place];
         double u = by.thrust * s.thrust;
         if (loop) {
             u = controller_step(direction, s, before, by.reference * s.reference, y);
             if (by.excitation != 0) u += by.excitation * loop->input(k).excitation;
         }
-        direction.hold_ring[place % direction.hold_ring.size()] = amplified(direction, s.thrust, u);
+        direction.hold_ring[hold_place] = amplified(direction, s.thrust, u);
         if (by.numbers.process_noise_rms != 0) {
             direction.plant.disturbance = by.numbers.process_noise_rms * process_noise_at(k);
         }

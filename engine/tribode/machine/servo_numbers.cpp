@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <fmt/format.h>
+#include <utility>
 
 namespace tribode {
 
@@ -30,23 +31,28 @@ std::vector<double> parts_of(const ServoNumbers& n) {
 // [Richardson 1911]. one_sided: c must not be negative.
 std::vector<double> derivative(const std::function<std::vector<double>(double)>& values, double h, bool one_sided) {
     constexpr std::size_t levels = 5;
+    constexpr double rounding = 0x1p-45; // of differences, relative
     const auto here = values(0);
-    std::vector<std::vector<double>> table;
+    std::vector<std::vector<double>> table; // of the last level, by order
     for (std::size_t level = 0; level < levels; ++level, h /= 2) {
         const auto above = values(h), below = one_sided ? here : values(-h);
-        auto& row = table.emplace_back(here.size());
+        std::vector<double> row(here.size());
         for (std::size_t i = 0; i < row.size(); ++i) {
             row[i] = above[i] == below[i] ? 0 : (above[i] - below[i]) / (one_sided ? h : 2 * h);
         }
-    }
-    for (std::size_t order = 1; order < levels; ++order) {
-        const double power = std::pow(2.0, static_cast<double>(one_sided ? order : 2 * order));
-        for (std::size_t level = levels - 1; level >= order; --level) {
-            for (std::size_t i = 0; i < here.size(); ++i) {
-                const double change = table[level][i] - table[level - 1][i];
-                table[level][i] += change / (power - 1);
+        // Along the row of the table: each entry eliminates one more power of h.
+        bool moves = level == 0;
+        for (std::size_t order = 1; order <= level; ++order) {
+            const double power = std::pow(2.0, static_cast<double>(one_sided ? order : 2 * order));
+            auto& last = table[order - 1];
+            for (std::size_t i = 0; i < row.size(); ++i) {
+                const double change = (row[i] - last[i]) / (power - 1);
+                moves = moves || (order == level && std::abs(change) > rounding * std::abs(row[i]));
+                last[i] = std::exchange(row[i], row[i] + change);
             }
         }
+        table.push_back(std::move(row));
+        if (!moves) break; // numbers that are polynomials of it
     }
     return table.back();
 }

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace tribode {
 
@@ -35,15 +36,45 @@ void SensitivitySeries::set_matrices(Pattern& pattern, std::span<const double> a
         for (std::size_t k = 0; k < states_; ++k) alone = alone && (k == j || a[k * states_ + j] == 0);
         if (alone) pattern.decay = std::min(pattern.decay, a[j * states_ + j]);
     }
+    // Of each A_p column after column, with all that are multiples of it.
+    constexpr double rounding = 4 * std::numeric_limits<double>::epsilon();
+    std::vector<double> rest(partial.begin(), partial.end()), multiples;
     pattern.first = {0, 0};
-    for (std::size_t column = 0; column < parameters_ * states_; ++column) {
-        const auto own = partial.subspan(column * states_, states_);
-        if (std::any_of(own.begin(), own.end(), [](double value) { return value != 0; })) {
-            pattern.parts.insert(pattern.parts.end(), own.begin(), own.end());
-            pattern.parts.resize(pattern.parts.size() + height_ - states_);
-            pattern.places.push_back(column % states_);
+    for (std::size_t p = 0; p < parameters_; ++p) {
+        const auto column = [&](std::size_t j) {
+            return std::span(rest).subspan((p * states_ + j) * states_, states_);
+        };
+        for (std::size_t j = 0; j < states_; ++j) {
+            const std::vector<double> u(column(j).begin(), column(j).end());
+            const auto greatest = static_cast<std::size_t>(
+                std::max_element(u.begin(), u.end(), [](double x, double y) { return std::abs(x) < std::abs(y); }) -
+                u.begin());
+            if (u[greatest] == 0) continue;
+            const std::size_t product = pattern.left.size() / height_;
+            pattern.left.insert(pattern.left.end(), u.begin(), u.end());
+            pattern.left.resize((product + 1) * height_);
+            multiples.resize((product + 1) * states_);
+            for (std::size_t k = j; k < states_; ++k) {
+                const double multiple = column(k)[greatest] / u[greatest];
+                bool is_multiple = true;
+                for (std::size_t i = 0; i < states_; ++i) {
+                    const double part = multiple * u[i];
+                    is_multiple = is_multiple && std::abs(column(k)[i] - part) <= rounding * std::abs(part);
+                }
+                if (!is_multiple) continue;
+                multiples[product * states_ + k] = multiple;
+                std::ranges::fill(column(k), 0.0);
+            }
         }
-        if ((column + 1) % states_ == 0) pattern.first.push_back(pattern.places.size());
+        pattern.first.push_back(pattern.left.size() / height_);
+    }
+    const std::size_t products = pattern.first.back();
+    pattern.rows = padded(products);
+    pattern.right.assign(pattern.rows * height_, 0.0);
+    for (std::size_t product = 0; product < products; ++product) {
+        for (std::size_t j = 0; j < states_; ++j) {
+            pattern.right[j * pattern.rows + product] = multiples[product * states_ + j];
+        }
     }
 }
 
@@ -80,7 +111,9 @@ void SensitivitySeries::expand(const Pattern& pattern, double h, const double* f
         add_columns(own, pattern.a.data(), states_, height_, s + p * height_, own);
     }
     for (std::size_t i = 0; i < parameters_ * height_; ++i) d[i] *= h;
-    const PartialColumns partial{pattern.parts.data(), pattern.places.data(), pattern.first.data()};
+    values_.resize(pattern.rows);
+    const PartialProducts partial{pattern.left.data(), pattern.right.data(), pattern.first.data(), pattern.rows,
+                                  values_.data()};
     if (expand_sensitivities(pattern.a.data(), states_, pattern.decay, partial, 1 + parameters_, height_, h, max_order,
                              room_.data(), sums_.data())) {
         for (std::size_t i = 0; i < parameters_ * height_; ++i) s[i] += sums_[height_ + i];
@@ -99,8 +132,10 @@ void SensitivitySeries::expand(const Pattern& pattern, double h, const double* f
     add_columns(f_now.data(), pattern.a.data(), states_, height_, travel.data(), f_now.data());
     for (std::size_t p = 0; p < parameters_; ++p) {
         for (std::size_t i = pattern.first[1 + p]; i < pattern.first[2 + p]; ++i) {
+            double along = 0;
+            for (std::size_t j = 0; j < states_; ++j) along += pattern.right[j * pattern.rows + i] * travel[j];
             for (std::size_t row = 0; row < height_; ++row) {
-                q_now[p * height_ + row] += pattern.parts[i * height_ + row] * travel[pattern.places[i]];
+                q_now[p * height_ + row] += pattern.left[i * height_ + row] * along;
             }
         }
     }

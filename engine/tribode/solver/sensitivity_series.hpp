@@ -27,12 +27,13 @@ class SensitivitySeries {
 
     // Of one A and its derivatives A_p.
     struct Pattern {
-        std::vector<double> a;           // (height x height)
-        double decay = 0;                // the fastest of a state that decays by itself [1/s]
-        std::vector<double> parts;       // columns of A_p that are not zero, (height) each
-        std::vector<std::size_t> places; // which columns these are
-        std::vector<std::size_t> first;  // where those of c (none) and of each parameter begin, and the end
-        std::vector<double> met;         // lengths that recur, and how often the pattern has met them
+        std::vector<double> a; // (height x height)
+        double decay = 0;      // the fastest of a state that decays by itself [1/s]
+        // The A_p as sums of products u v^T: u (height each), and v, as the rows of a matrix.
+        std::vector<double> left, right;
+        std::vector<std::size_t> first; // where those of c (none) and of each parameter begin, and the end
+        std::size_t rows = 0;           // of the matrix, filled up with zeros
+        std::vector<double> met;        // lengths that recur, and how often the pattern has met them
         std::vector<int> times;
         std::vector<Prepared> prepared;
     };
@@ -72,6 +73,7 @@ class SensitivitySeries {
     std::unordered_map<AffineKey, Pattern, Hash> patterns_;
     RecurringLengths recurring_{4};
     std::vector<double> room_, sums_; // (height x 1 + parameters), room_ four of them
+    std::vector<double> values_;      // of each product
 };
 
 } // namespace tribode

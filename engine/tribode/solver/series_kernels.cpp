@@ -11,8 +11,9 @@ namespace tribode {
 
 namespace {
 
-// Columns are processed in blocks of eight numbers. Without fused operations the results are the same bits whichever instructions the processor has. With a size known (Fixed > 0) the
-// loops unroll and matrices stay in registers. Matrices have a column of zeros for each number that pads a column.
+// Columns are processed in blocks of eight numbers. Without fused operations the results are the same bits whichever
+// instructions the processor has. With a size known (Fixed > 0) the loops unroll and matrices stay in registers. Matrices have
+// a column of zeros for each number that pads a column.
 using Block __attribute__((vector_size(64), aligned(8), may_alias)) = double;
 using Bits = long long __attribute__((vector_size(64)));
 constexpr long long not_sign = std::numeric_limits<long long>::max(); // all bits of a number but that of its sign
@@ -179,12 +180,45 @@ template <std::size_t Fixed>
     }
 }
 
+// Adds the terms n + 1, ... of all columns where each follows from the two before it:
+// t_{n+2} = 2 rate h/(n+2) t_{n+1} - (rate h)^2/((n+1)(n+2)) t_n. So all are multiples of the first two, and numbers do.
+[[gnu::always_inline]] inline bool add_decay(double rate, double h, int n, int max_terms, double negligible,
+                                             const double* before, const double* term, const double* largest,
+                                             std::size_t size, double* sums) {
+    constexpr double tiny = std::numeric_limits<double>::min();
+    Block most{};
+    for (std::size_t i = 0; i < size; i += block_size) {
+        const Block first = (Block)((Bits)block(before + i) & not_sign);
+        const Block second = (Block)((Bits)block(term + i) & not_sign);
+        const Block ratio = (first > second ? first : second) / (block(largest + i) + tiny);
+        most = ratio > most ? ratio : most;
+    }
+    double part = 0; // of the largest terms
+    for (std::size_t i = 0; i < block_size; ++i) part = most[i] > part ? most[i] : part;
+    double a = 1, b = 0, next_a = 0, next_b = 1, sum_a = 0, sum_b = 0; // of `before` and `term`
+    int small_terms = 0;
+    for (; n < max_terms && small_terms < 2; ++n) {
+        const double factor = h / (n + 1), once = 2 * rate * factor, twice = rate * rate * factor * h / n;
+        const double new_a = next_a * once - a * twice, new_b = next_b * once - b * twice;
+        sum_a += new_a;
+        sum_b += new_b;
+        small_terms = (std::abs(new_a) + std::abs(new_b)) * part <= negligible ? small_terms + 1 : 0;
+        a = std::exchange(next_a, new_a);
+        b = std::exchange(next_b, new_b);
+    }
+    if (small_terms < 2) return false;
+    for (std::size_t i = 0; i < size; i += block_size) {
+        block(sums + i) += block(before + i) * sum_a + block(term + i) * sum_b;
+    }
+    return true;
+}
+
 // See expand_sensitivities(). Columns do not wait for one another. Where nothing is left of two terms in a row but a state that
 // decays by itself, at `rate`, and what a parameter makes of it, the next ones follow from these two: the eigenvalue is a double
-// one of the columns together, so t_{n+2} = 2 rate h/(n+2) t_{n+1} - (rate h)^2/((n+1)(n+2)) t_n.
+// one of the columns together.
 template <std::size_t Fixed>
 [[gnu::always_inline]] inline bool
-expand_together(const double* a, std::size_t any_states, double rate, const PartialColumns& partial,
+expand_together(const double* a, std::size_t any_states, double rate, const PartialProducts& partial,
                 std::size_t columns, std::size_t any_height, double h, int max_terms, double* room, double* sums) {
     constexpr double negligible = 0x1p-50; // relative
     const std::size_t height = Fixed ? Fixed : any_height;
@@ -199,46 +233,56 @@ expand_together(const double* a, std::size_t any_states, double rate, const Part
     }
     int small_terms = 0, decaying_terms = 0;
     for (int n = 1; n < max_terms; ++n) {
-        const double factor = h / (n + 1), once = 2 * rate * factor, twice = rate * rate * factor * h / n;
-        const bool look = rate != 0 && n > 4;
-        Bits counts{}, differs{};
         if (decaying_terms == 2) {
-            for (std::size_t i = 0; i < size; i += block_size) {
-                const Block value = block(term + i) * once - block(before + i) * twice;
-                block(next + i) = value;
-                block(sums + i) += value;
-                find_above(negligible * block(largest + i), value, counts);
-            }
-        } else {
-            for (std::size_t column = 0; column < columns; ++column) {
-                const double* own = term + column * height;
-                for (std::size_t row = 0; row < height; row += block_size) {
-                    Block even{}, odd{};
-                    std::size_t j = 0;
-                    for (; j + 1 < states; j += 2) {
-                        even += block(a + j * height + row) * own[j];
-                        odd += block(a + (j + 1) * height + row) * own[j + 1];
-                    }
-                    if (j < states) even += block(a + j * height + row) * own[j];
-                    for (std::size_t i = partial.first[column]; i < partial.first[column + 1]; ++i) {
-                        odd += block(partial.parts + i * height + row) * term[partial.places[i]];
-                    }
-                    const std::size_t at = column * height + row;
-                    const Block value = (even + odd) * factor;
-                    const Block amount = (Block)((Bits)value & not_sign);
-                    const Block max_before = block(largest + at);
-                    const Block most = amount > max_before ? amount : max_before;
-                    block(largest + at) = most;
-                    block(next + at) = value;
-                    block(sums + at) += value;
-                    find_above(negligible * most, value, counts);
-                    if (!look) continue;
-                    const Block other = value - (block(term + at) * once - block(before + at) * twice);
-                    find_above(negligible * most, other, differs);
-                }
-            }
-            decaying_terms = look && !any_of(differs) ? decaying_terms + 1 : 0;
+            return add_decay(rate, h, n, max_terms, negligible, before, term, largest, size, sums);
         }
+        const double factor = h / (n + 1), once = 2 * rate * factor, twice = rate * rate * factor * h / n;
+        Bits counts{}, differs{};
+        for (std::size_t row = 0; row < partial.rows; row += block_size) {
+            Block even{}, odd{};
+            std::size_t j = 0;
+            for (; j + 1 < states; j += 2) {
+                even += block(partial.right + j * partial.rows + row) * term[j];
+                odd += block(partial.right + (j + 1) * partial.rows + row) * term[j + 1];
+            }
+            if (j < states) even += block(partial.right + j * partial.rows + row) * term[j];
+            block(partial.values + row) = even + odd;
+        }
+        // A parameter's terms decay as those of c do, or later: so they are looked at only then. The largest ones are among
+        // the first, or come again.
+        bool look = rate != 0 && n > 4;
+        const bool grows = n < 6 || n % 4 == 0;
+        for (std::size_t column = 0; column < columns; ++column) {
+            const double* own = term + column * height;
+            for (std::size_t row = 0; row < height; row += block_size) {
+                Block even{}, odd{};
+                std::size_t j = 0;
+                for (; j + 1 < states; j += 2) {
+                    even += block(a + j * height + row) * own[j];
+                    odd += block(a + (j + 1) * height + row) * own[j + 1];
+                }
+                if (j < states) even += block(a + j * height + row) * own[j];
+                for (std::size_t i = partial.first[column]; i < partial.first[column + 1]; ++i) {
+                    odd += block(partial.left + i * height + row) * partial.values[i];
+                }
+                const std::size_t at = column * height + row;
+                const Block value = (even + odd) * factor;
+                if (grows) {
+                    const Block amount = (Block)((Bits)value & not_sign);
+                    const Block earlier = block(largest + at);
+                    block(largest + at) = amount > earlier ? amount : earlier;
+                }
+                const Block limit = negligible * block(largest + at);
+                block(next + at) = value;
+                block(sums + at) += value;
+                find_above(limit, value, counts);
+                if (!look) continue;
+                const Block other = value - (block(term + at) * once - block(before + at) * twice);
+                find_above(limit, other, differs);
+            }
+            if (column == 0 && look) look = !any_of(differs);
+        }
+        decaying_terms = look && !any_of(differs) ? decaying_terms + 1 : 0;
         double* const free = before;
         before = term;
         term = next;
@@ -338,7 +382,7 @@ TRIBODE_CLONES void add_columns(const double* start, const double* matrix, std::
 }
 
 TRIBODE_CLONES bool expand_sensitivities(const double* a, std::size_t states, double rate,
-                                         const PartialColumns& partial, std::size_t columns, std::size_t height,
+                                         const PartialProducts& partial, std::size_t columns, std::size_t height,
                                          double h, int max_terms, double* room, double* sums) {
     if (height == 8) return expand_together<8>(a, 8, rate, partial, columns, 8, h, max_terms, room, sums);
     return expand_together<0>(a, states, rate, partial, columns, height, h, max_terms, room, sums);

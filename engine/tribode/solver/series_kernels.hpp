@@ -34,15 +34,17 @@ void evaluate_columns(const double* terms, int order, std::size_t height, double
 //     c_{n+1} = h/(n+1) A c_n,   d_{n+1} = h/(n+1) (A d_n + A_p c_n)
 //
 // until two terms in a row do not count any more. The columns of c and of all d follow one another, `columns` in all, that of c
-// first: room begins with those of c_1 and d_1 and has four times their size, sums receives the sums. Of A_p only the columns
-// that are not zero: those of column i are entries first[i] .. first[i + 1] of places, and of parts (height each). rate: that of
-// a state that decays by itself, 0 where there is none. False where max_terms do not do.
-struct PartialColumns {
-    const double* parts;
-    const std::size_t* places;
+// first: room begins with those of c_1 and d_1 and has four times their size, sums receives the sums. Each A_p is a sum of
+// products u v^T: those of column i are first[i] .. first[i + 1], of `left` u (height each), of `right`, a matrix with a row for
+// each product (`rows`, a multiple of block_size), v. values: room for a number of each row. rate: that of a state that decays
+// by itself, 0 where there is none. False where max_terms do not do.
+struct PartialProducts {
+    const double *left, *right;
     const std::size_t* first;
+    std::size_t rows;
+    double* values;
 };
-bool expand_sensitivities(const double* a, std::size_t states, double rate, const PartialColumns& partial,
+bool expand_sensitivities(const double* a, std::size_t states, double rate, const PartialProducts& partial,
                           std::size_t columns, std::size_t height, double h, int max_terms, double* room, double* sums);
 
 // s_p += move s_p + psi q_p + psi_p f for `parameters` columns s_p and q_p, and matrices psi_p one after the other.
