@@ -28,7 +28,7 @@ local function check(title, least, system, names, options)
   assert(found.ok, title .. ": " .. found.message)
   assert(#found.events >= least, title .. ": too few events")
   for _, name in ipairs(names) do
-    local h = 1e-4 * math.max(math.abs(parameters[name:gsub("%.start$", "")]), 0.1)
+    local h = 5e-5 * math.max(math.abs(parameters[name:gsub("%.start$", "")]), 0.1)
     local runs = {}
     for i, factor in ipairs { 1, -1, 2, -2 } do runs[i] = run_at(name, factor * h) end
     local near = {}
@@ -91,6 +91,48 @@ check("a ball that comes to rest on a table that moves", 4, tb.system {
     restitution = function(s) return s.e end, rest_speed = 0.3 } },
   der = function(s) return { h = s.v, v = -s.g + s.floor.force } end,
 }, { "g", "A", "w", "e", "h.start" }, { duration_s = 1.8 })
+
+check("two bodies that slip on one another", 6, tb.system {
+  parameters = { m1 = 1, m2 = 2, k = 30, mu1 = 2, mu2 = 1.5, F = 6, w = 2.3, K = 10 },
+  states = { x1 = 0, v1 = 0, x2 = 0, v2 = 0 },
+  parts = {
+    ground = tb.parts.coulomb { velocity = "v1", level = "mu1" },
+    between = tb.parts.coulomb { velocity = function(s) return s.v2 - s.v1 end, level = "mu2",
+      static = function(s) return 1.2 * s.mu2 end },
+  },
+  der = function(s)
+    return { x1 = s.v1, x2 = s.v2, v2 = (-s.between.force - s.K * s.x2) / s.m2,
+      v1 = (s.F * math.sin(s.w * s.t) - s.k * s.x1 - s.ground.force + s.between.force) / s.m1 }
+  end,
+}, { "m1", "m2", "k", "mu1", "mu2", "F", "w" }, { duration_s = 6 })
+
+check("a block with friction between two walls", 4, tb.system {
+  parameters = { m = 1, mu = 0.4, gap = 0.5, F = 3, w = 4, e = 0.7 },
+  states = { x = 0, v = 0 },
+  parts = {
+    friction = tb.parts.coulomb { velocity = "v", level = "mu" },
+    left = tb.parts.impact { gap = function(s) return s.x + s.gap end, restitution = "e" },
+    right = tb.parts.impact { gap = function(s) return s.gap - s.x end, restitution = "e" },
+  },
+  der = function(s)
+    local pushed = s.left.force - s.right.force - s.friction.force
+    return { x = s.v, v = (s.F * math.cos(s.w * s.t) + pushed) / s.m }
+  end,
+}, { "m", "mu", "gap", "F", "w", "e" }, { duration_s = 4 })
+
+check("backlash and Maxwell elements", 3, tb.system {
+  parameters = { g = 0.1, K = 200, D = 2, A = 4, w = 3, F = 0.5 },
+  states = { x = 0, v = 0, y = 0, u = 0 },
+  parts = {
+    teeth = tb.parts.backlash { distance = function(s) return s.x - s.y end, gap = "g", stiffness = "K",
+      damping = "D" },
+    element = tb.parts.maxwell { position = "x", stiffness = function(s) return s.K / 4 end, level = "F" },
+  },
+  der = function(s)
+    return { x = s.v, v = s.A * math.cos(s.w * s.t) - s.teeth.force - s.element.force, y = s.u,
+      u = s.teeth.force - s.u - s.y }
+  end,
+}, { "g", "K", "D", "A", "w", "F" }, { duration_s = 4 })
 
 check("a relay with a delay line, a table and samples of the input", 3, tb.system {
   parameters = { gain = 1.5, low = -0.2, high = 0.3, tau = 0.4 },
