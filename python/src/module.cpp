@@ -26,10 +26,12 @@
 #include <cmath>
 #include <complex>
 #include <fmt/format.h>
+#include <mutex>
 #include <nanobind/stl/complex.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
+#include <span>
 
 namespace tribode::python {
 
@@ -224,10 +226,93 @@ nb::object array_of_rows(const nb::list& rows, std::initializer_list<std::pair<c
     return nb::module_::import_("numpy").attr("array")(rows, type);
 }
 
+// Columns of results that Python holds no more, for runs of about the same length: to give megabytes back to the system at
+// the end of each call, and to get them anew in the next, would take longer than all else that a call does.
+class FreedColumns {
+  public:
+    FreedColumns() { kept_.reserve(most_results); } // to keep some more must not fail
+
+    // Empty where there are none of this length.
+    ServoTrace take(std::size_t samples) {
+        const std::lock_guard lock(mutex_);
+        for (auto kept = kept_.rbegin(); kept != kept_.rend(); ++kept) {
+            if (kept->x.capacity() < samples || kept->x.capacity() > 2 * samples) continue;
+            ServoTrace columns = std::move(*kept);
+            kept_.erase(std::next(kept).base());
+            bytes_ -= bytes_of(columns);
+            return columns;
+        }
+        return {};
+    }
+
+    void keep(ServoTrace columns) {
+        const std::size_t bytes = bytes_of(columns);
+        if (bytes == 0 || bytes > most_bytes) return;
+        const std::lock_guard lock(mutex_);
+        while (bytes_ + bytes > most_bytes || kept_.size() == most_results) {
+            bytes_ -= bytes_of(kept_.front());
+            kept_.erase(kept_.begin());
+        }
+        bytes_ += bytes;
+        kept_.push_back(std::move(columns));
+    }
+
+  private:
+    static constexpr std::size_t most_bytes = std::size_t{32} << 20, most_results = 8;
+
+    static std::size_t bytes_of(const ServoTrace& trace) {
+        std::size_t count = 0;
+        for (const auto column : ServoTrace::columns) count += (trace.*column).capacity();
+        return count * sizeof(double);
+    }
+
+    std::mutex mutex_; // runs of several threads begin at a time
+    std::vector<ServoTrace> kept_;
+    std::size_t bytes_ = 0;
+};
+
+FreedColumns& freed_columns() {
+    static auto* columns = new FreedColumns; // there as long as any result is
+    return *columns;
+}
+
 struct SimulationResult {
     Simulation simulation;
     double seconds; // in the engine
+
+    SimulationResult(Simulation run, double taken) : simulation(std::move(run)), seconds(taken) {}
+    SimulationResult(SimulationResult&&) = default;
+    ~SimulationResult() { freed_columns().keep(std::move(simulation.trace)); }
 };
+
+// The arguments u, r, exc and y of a simulation, not copied.
+DriveView drive_from(const MachineModel& machine, const char* function, const std::optional<Signal>& u,
+                     const std::optional<Signal>& r, const std::optional<Signal>& exc, const std::optional<Signal>& y) {
+    DriveView drive;
+    const char* first = nullptr;
+    const auto read = [&](const std::optional<Signal>& signal, const char* name) -> std::span<const double> {
+        if (!signal) return {};
+        const std::span<const double> values(signal->data(), signal->shape(0));
+        if (!first) {
+            first = name;
+            drive.samples = values.size();
+        } else if (values.size() != drive.samples) {
+            throw InputError(fmt::format("{}: column {} has {} values, must have {} like column {}", function, name,
+                                         values.size(), drive.samples, first));
+        }
+        return values;
+    };
+    drive.u = read(u, "u");
+    drive.reference = read(r, "r");
+    drive.excitation = read(exc, "exc");
+    drive.measured = read(y, "y");
+    if (DriveRecord::closes_loop(machine, u.has_value(), r || exc, drive.samples, function)) {
+        drive.u = {};
+    } else {
+        drive.reference = drive.excitation = {};
+    }
+    return drive;
+}
 
 template <std::vector<double> ServoTrace::*column>
 Array<double> trace_view(Self<SimulationResult> self) {
@@ -243,20 +328,11 @@ SimulationResult run_simulation(const MachineModel& machine, std::optional<Signa
     SimulationOptions run_options;
     read_options(run_options, fields);
     fields.finish();
-    GivenRecord given;
-    given.table.source = function;
-    const auto add = [&](const char* name, const std::optional<Signal>& signal) {
-        if (signal) given.table.add(name, "", finite_numbers(*signal, function, name));
-    };
-    add("u", u);
-    add("r", r);
-    add("exc", exc);
-    add("y", y);
-    const DriveRecord record = DriveRecord::of(std::move(given), {}, machine);
+    const DriveView drive = drive_from(machine, function, u, r, exc, y);
     EngineCall call(progress, 1);
     return call.run([&](const RunControl& control) {
         const auto start = std::chrono::steady_clock::now();
-        Simulation result = simulate(machine, record, run_options, control);
+        Simulation result = simulate(machine, drive, run_options, control, freed_columns().take(drive.samples));
         const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
         return SimulationResult{std::move(result), seconds};
     });

@@ -274,6 +274,112 @@ TEST_F(Completion, TheStubForEditorsHasEveryFunctionOfTheModule) {
     EXPECT_NE(stub.find("\nfunction tb.linspace(from, to, count, ...) end\n"), std::string::npos);
     EXPECT_NE(stub.find("---@field solver? \"auto\"|\"exact\"|"), std::string::npos);
     EXPECT_NE(stub.find("---@field relative_tolerance? number"), std::string::npos);
+    EXPECT_EQ(stub.find("---@return any"), std::string::npos);
+}
+
+// Calls whose results are tables, beside the fields and types that the stub gives them.
+TEST_F(Completion, TheStubForEditorsHasTheFieldsOfResults) {
+    folder.write("stub.txt", tribode({"completion", "lua"}).out);
+    folder.write("check.lua", R"lua(
+local tb = require "tribode"
+local file = assert(io.open "stub.txt")
+local stub = file:read "a"
+file:close()
+
+-- The fields of a type: name = type, with "?" behind the name of one that may be missing; and whether there may be others.
+local function fields_of(type)
+  local fields, open = {}, false
+  if type:sub(1, 1) == "{" then
+    local depth, from = 0, 2
+    for i = 2, #type do
+      local c = type:sub(i, i)
+      if c:find "[<{]" then depth = depth + 1 end
+      if (c == "," or c == "}") and depth == 0 then
+        local name, kind = type:sub(from, i - 1):match "^%s*([%w_?]+): (.-)%s*$"
+        fields[name] = kind
+        from = i + 1
+        if c == "}" then break end
+      end
+      if c:find "[>}]" then depth = depth - 1 end
+    end
+    return fields, open
+  end
+  local base, body = stub:match("%-%-%-@class " .. type:gsub("%.", "%%.") .. "(:? ?[%w_.]*)[^\n]*\n(.-)\n\n")
+  if base:find ": " then fields, open = fields_of(base:sub(3)) end
+  for name, kind in body:gmatch "@field ([%w_?]+) ([^\n]+)" do fields[name] = kind end
+  return fields, open or body:find("[string]", 1, true) ~= nil
+end
+
+local function is(value, kind)
+  if kind:find "^any" then return true end
+  if kind:find "^[%w_.]+%[%]" or kind:find "^table" or kind:find "^tribode" or kind:find "^{" then
+    return type(value) == "table"
+  end
+  local wanted = kind:match "^%a+"
+  return type(value) == wanted or math.type(value) == wanted
+end
+
+local machine = tb.machine "models/linear_motor_table.lua"
+local values, slow = {}, {}
+for i = 1, 1024 do
+  values[i], slow[i] = math.sin(i * i), math.sin(0.1 * i)
+end
+local factors = { { name = "a", low = 0, high = 1 } }
+local system = tb.system {
+  states = { x = 1, v = 0 }, inputs = { u = 0 }, parameters = { k = 2 },
+  der = function(s) return { x = s.v, v = s.u - s.k * s.x - s.v } end,
+  outputs = function(s) return { y = s.x } end,
+}
+local sweep = tb.sweep { machine = machine, frequency_hz = { 20, 40, 80, 160 } }
+local fit = tb.fit_modal { response = sweep.responses.Proposed, modes = 1 }
+local feedforward = tb.feedforward { model = fit }
+local results = {
+  binary_sequence = tb.binary_sequence {},
+  chirp = tb.chirp {},
+  estimate_delay = tb.estimate_delay {
+    fra1 = sweep.responses["FRA-1"], fra2 = sweep.responses["FRA-2"], f_min_hz = 10, f_max_hz = 200 },
+  feedforward = feedforward,
+  fit_friction = tb.fit_friction { position = slow, force = values, elements = 2 },
+  fit_modal = fit,
+  frf = tb.frf { input = values, output = slow, sample_time_s = 1, window_samples = 64 },
+  histogram = tb.histogram { values = values },
+  least_squares = tb.least_squares { columns = { values }, values = slow },
+  linearize = tb.linearize { system = system, frequency_hz = { 0.1 } },
+  loop_gain = tb.loop_gain { machine = machine, frequency_hz = { 20 } },
+  monte_carlo = tb.monte_carlo { factors = factors, count = 4 },
+  multisine = tb.multisine {},
+  positioning = tb.positioning { machine = machine, feedforward = feedforward },
+  regression_sensitivity = tb.regression_sensitivity { factors = { { name = "a", values = slow } }, values = values },
+  run_system = tb.run_system { system = system, duration_s = 1 },
+  simulate = tb.simulate { machine = machine, exc = values },
+  single_frequency = tb.single_frequency { machine = machine, excitation_hz = 40 },
+  sobol_indices = tb.sobol_indices { values = values, factors = { "a", "b" } },
+  statistics = tb.statistics { values = values },
+  steady_state = tb.steady_state { system = system },
+  sweep = sweep,
+  system_variables = tb.system_variables { system = system },
+  tornado = tb.tornado { factors = { { name = "a", values = slow } }, values = values }[1],
+  worst_cases = tb.worst_cases { values = values }[1],
+}
+local count = 0
+for name, result in pairs(results) do
+  local type = stub:match("@return ([^\n]+)\nfunction tb%." .. name .. "%("):gsub("%[%]$", "")
+  local fields, open = fields_of(type)
+  for key, value in pairs(result) do
+    local kind = fields[key] or fields[key .. "?"]
+    assert(kind or open, name .. " gives " .. key)
+    assert(not kind or is(value, kind), name .. "." .. key .. " is no " .. tostring(kind))
+  end
+  for key in pairs(fields) do
+    assert(key:sub(-1) == "?" or result[key] ~= nil, name .. " does not give " .. key)
+    count = count + 1
+  end
+end
+print(count)
+)lua");
+    const auto ending = tribode({"run", "check.lua", "--allow-all"});
+    EXPECT_EQ(ending.exit_code, 0) << ending.err;
+    EXPECT_GT(std::atoi(ending.out.c_str()), 120);
 }
 
 TEST_F(Shell, ADialogueReadsLinesFromAPipe) {

@@ -16,4 +16,20 @@ void ServoRecorder::sampled(ClockId clock, long k, const SystemState& state) {
     trace_.f.push_back(before_.friction);
 }
 
+void ServoRecorder::reserve(std::size_t samples, ServoTrace memory) {
+    trace_ = std::move(memory);
+    for (const auto column : ServoTrace::columns) (trace_.*column).clear();
+    const auto room = [&](bool recorded, std::initializer_list<std::vector<double>*> columns) {
+        for (auto* column : columns) {
+            if (recorded) column->reserve(samples);
+        }
+    };
+    room(channels_.t, {&trace_.t});
+    room(channels_.r, {&trace_.r});
+    room(channels_.u, {&trace_.u});
+    room(channels_.y, {&trace_.y});
+    room(channels_.fed_back, {&trace_.fed_back});
+    room(channels_.motion, {&trace_.x, &trace_.v, &trace_.f});
+}
+
 } // namespace tribode

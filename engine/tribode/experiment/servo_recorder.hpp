@@ -2,6 +2,8 @@
 #include "tribode/hybrid/observer.hpp"
 #include "tribode/machine/servo_system.hpp"
 
+#include <cstddef>
+#include <utility>
 #include <vector>
 
 namespace tribode {
@@ -17,6 +19,11 @@ struct ServoTrace {
     std::vector<double> v;        // [m/s]
     std::vector<double> f;        // [N]
     std::vector<double> fed_back; // the part of u that is modeled friction, fed back [N]
+
+    // Each of them, for what treats all alike.
+    static constexpr std::vector<double> ServoTrace::*const columns[] = {
+        &ServoTrace::t, &ServoTrace::r, &ServoTrace::u, &ServoTrace::y,
+        &ServoTrace::x, &ServoTrace::v, &ServoTrace::f, &ServoTrace::fed_back};
 };
 
 // Which of them are recorded; the true motion is x, v and f.
@@ -35,7 +42,11 @@ class ServoRecorder final : public Observer {
     }
     void sampled(ClockId clock, long k, const SystemState& state) override;
 
+    // Room for so many samples, in the memory of columns that are not needed any more; before the first sample.
+    void reserve(std::size_t samples, ServoTrace memory);
+
     const ServoTrace& trace() const { return trace_; }
+    ServoTrace take_trace() { return std::move(trace_); }
 
   private:
     const ServoSystem& system_;

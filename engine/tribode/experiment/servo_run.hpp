@@ -34,7 +34,11 @@ class ServoRun {
     // To sample k of the controller, this sample included. Again and again, with growing k.
     RunOutcome advance_to(long k);
 
+    // Before the first advance: the trace will have so many samples; columns that are not needed any more give their memory.
+    void reserve(std::size_t samples, ServoTrace memory = {}) { recorder_.reserve(samples, std::move(memory)); }
+
     const ServoTrace& trace() const { return recorder_.trace(); } // of the samples reached
+    ServoTrace take_trace() { return recorder_.take_trace(); }    // at the end
     const EventLog& events() const { return simulator_.events(); }
     RunStatistics statistics() const { return simulator_.statistics(); }
     Method method() const { return method_; }                   // the one used

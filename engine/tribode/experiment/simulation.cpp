@@ -5,6 +5,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <fmt/format.h>
 #include <numbers>
@@ -16,57 +17,65 @@ namespace {
 const std::vector<std::string> known_columns = {"t", "u", "r", "exc", "y", "x", "v", "f"};
 
 // Position and velocity at the first sample: the line through the first measured positions, over up to 10 samples.
-ServoSystem::Start fitted_start(const DriveRecord& record, const MachineModel& machine) {
-    if (record.measured.size() < 2) {
+ServoSystem::Start fitted_start(const DriveView& drive, const MachineModel& machine) {
+    if (drive.measured.size() < 2) {
         throw InputError("the machine's initial state is \"fitted\", which needs a column y with two samples or more; "
                          "give one or set initial to \"rest\"");
     }
-    const auto count = static_cast<Eigen::Index>(std::min<std::size_t>(record.measured.size(), 10));
+    const auto count = static_cast<Eigen::Index>(std::min<std::size_t>(drive.measured.size(), 10));
     Eigen::MatrixXd lines(count, 2);
     Eigen::VectorXd y(count);
     for (Eigen::Index k = 0; k < count; ++k) {
         // y[k] is the position at t_k - output_delay.
         lines(k, 0) = 1;
         lines(k, 1) = static_cast<double>(k) * machine.sample_time - machine.output_delay;
-        y[k] = record.measured[static_cast<std::size_t>(k)];
+        y[k] = drive.measured[static_cast<std::size_t>(k)];
     }
     const Eigen::VectorXd fit = lines.colPivHouseholderQr().solve(y);
     const bool moves = std::abs(fit[1]) * machine.sample_time > machine.encoder_resolution;
     return moves ? ServoSystem::Start{fit[0], fit[1]} : ServoSystem::Start{y.mean(), 0.0};
 }
 
-// Every column has a value for each instant.
-void require_complete(const DriveRecord& record) {
-    if (record.t.empty())
+// Every column has a value for each instant, all finite.
+void require_complete(const DriveView& drive) {
+    if (drive.samples == 0)
         throw InputError("the record that drives the machine has no instants, must have one at least");
-    const std::pair<const char*, const std::vector<double>*> columns[] = {{"u", &record.u},
-                                                                          {"reference", &record.reference},
-                                                                          {"excitation", &record.excitation},
-                                                                          {"measured", &record.measured}};
+    const std::pair<const char*, std::span<const double>> columns[] = {
+        {"u", drive.u}, {"r", drive.reference}, {"exc", drive.excitation}, {"y", drive.measured}};
     for (const auto& [name, values] : columns) {
-        if (values->empty() || values->size() == record.t.size()) continue;
-        throw InputError(
-            fmt::format("the record that drives the machine has {} values of {}, must have {}, one for each "
-                        "instant",
-                        values->size(), name, record.t.size()));
+        if (values.empty()) continue;
+        if (values.size() != drive.samples) {
+            throw InputError(fmt::format("the record that drives the machine has {} values of {}, must have {}, one "
+                                         "for each instant",
+                                         values.size(), name, drive.samples));
+        }
+        // The exponent of what is infinite or NaN has all bits set, so that one more carries into the highest bit: a
+        // loop that the compiler makes wide.
+        constexpr std::uint64_t exponent = std::uint64_t{0x7ff} << 52, one = std::uint64_t{1} << 52;
+        std::uint64_t carried = 0;
+        for (const double x : values) carried |= (std::bit_cast<std::uint64_t>(x) & exponent) + one;
+        if (carried >> 63 == 0) continue;
+        const auto bad = std::find_if_not(values.begin(), values.end(), [](double x) { return std::isfinite(x); });
+        throw InputError(fmt::format("the record that drives the machine has {}[{}] = {}, must be finite", name,
+                                     bad - values.begin(), to_text(*bad)));
     }
 }
 
-Drive drive_of(const MachineModel& machine, const DriveRecord& record, double friction_feedback) {
-    const auto last = record.t.size() - 1;
-    const auto at = [last](const std::vector<double>& values, long k) {
+Drive drive_of(const MachineModel& machine, const DriveView& drive, double friction_feedback) {
+    const auto last = drive.samples - 1;
+    const auto at = [last](std::span<const double> values, long k) {
         return values.empty() ? 0.0 : values[std::min(static_cast<std::size_t>(k), last)];
     };
-    if (record.closed_loop()) {
-        return ClosedLoop{[&record, at](long k) {
-                              return LoopInput{at(record.reference, k), at(record.excitation, k)};
+    if (drive.closed_loop()) {
+        return ClosedLoop{[r = drive.reference, exc = drive.excitation, at](long k) {
+                              return LoopInput{at(r, k), at(exc, k)};
                           },
                           friction_feedback};
     }
     if (machine.input == InputKind::hold) {
-        return OpenLoop{[&record, at](long k) { return std::array{at(record.u, k), 0.0, 0.0, 0.0}; }};
+        return OpenLoop{[u = drive.u, at](long k) { return std::array{at(u, k), 0.0, 0.0, 0.0}; }};
     }
-    return OpenLoop{[pieces = band_limited(record.u), last](long k) {
+    return OpenLoop{[pieces = band_limited({drive.u.begin(), drive.u.end()}), last](long k) {
         return pieces[std::min(static_cast<std::size_t>(k), last)];
     }};
 }
@@ -90,7 +99,6 @@ DriveRecord DriveRecord::from_table(Table table, const MachineModel& machine, co
         }
     }
     require_uniform_time(table, machine.sample_time);
-    const bool empty = table.rows() == 0;
     // Taken out of the table: a copy of each column takes as long as the rest of a short call.
     const auto values = [&](const std::string& name) {
         for (auto& column : table.columns) {
@@ -105,20 +113,25 @@ DriveRecord DriveRecord::from_table(Table table, const MachineModel& machine, co
     record.measured = values("y");
     const bool has_u = table.find("u") != nullptr;
     const bool has_loop_input = table.find("r") != nullptr || table.find("exc") != nullptr;
-    if (!has_u && !has_loop_input) {
-        throw InputError(fmt::format("{}: there is no column u (open loop) nor r or exc (closed loop)", where));
-    }
-    if (empty) throw InputError(fmt::format("{}: there are no rows, must be one at least", where));
-    if (has_u && (!has_loop_input || !machine.in_closed_loop())) {
+    if (!closes_loop(machine, has_u, has_loop_input, record.t.size(), where)) {
         record.u = values("u");
         record.reference.clear();
         record.excitation.clear();
-    } else if (!machine.has_controller()) {
-        throw InputError(fmt::format("{}: columns r and exc need a controller, and the machine has none; give it one "
-                                     "or a column u",
-                                     where));
     }
     return record;
+}
+
+bool DriveRecord::closes_loop(const MachineModel& machine, bool has_u, bool has_r_or_exc, std::size_t rows,
+                              const std::string& where) {
+    if (!has_u && !has_r_or_exc) {
+        throw InputError(fmt::format("{}: there is no column u (open loop) nor r or exc (closed loop)", where));
+    }
+    if (rows == 0) throw InputError(fmt::format("{}: there are no rows, must be one at least", where));
+    if (has_u && (!has_r_or_exc || !machine.in_closed_loop())) return false;
+    if (machine.has_controller()) return true;
+    throw InputError(fmt::format("{}: columns r and exc need a controller, and the machine has none; give it one or a "
+                                 "column u",
+                                 where));
 }
 
 DriveRecord DriveRecord::of(GivenRecord record, const RecordOptions& options, const MachineModel& machine) {
@@ -130,18 +143,18 @@ Method resolved(Method method, const MachineModel& machine) {
     return resolved(method, ServoSystem(machine, OpenLoop{}));
 }
 
-ServoRun driven_run(const MachineModel& machine, const DriveRecord& record, ServoRunOptions options,
+ServoRun driven_run(const MachineModel& machine, const DriveView& drive, ServoRunOptions options,
                     double friction_feedback, const RunControl& control) {
-    require_complete(record);
-    if (friction_feedback != 0 && !record.closed_loop()) {
+    require_complete(drive);
+    if (friction_feedback != 0 && !drive.closed_loop()) {
         throw InputError("friction_feedback belongs to a closed loop, and the input is u, an open loop; give r or exc");
     }
-    options.start = machine.initial == InitialKind::fitted ? fitted_start(record, machine) : ServoSystem::Start{};
-    return ServoRun(machine, drive_of(machine, record, friction_feedback), options, control);
+    options.start = machine.initial == InitialKind::fitted ? fitted_start(drive, machine) : ServoSystem::Start{};
+    return ServoRun(machine, drive_of(machine, drive, friction_feedback), options, control);
 }
 
-Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SimulationOptions& options,
-                    const RunControl& control) {
+Simulation simulate(const MachineModel& machine, const DriveView& drive, const SimulationOptions& options,
+                    const RunControl& control, ServoTrace memory) {
     ServoRunOptions run_options{.solver = options.solver, .seed = options.seed};
     for (const auto& name : options.sensitivities) {
         run_options.sensitivities.push_back(servo_direction(machine, name));
@@ -150,10 +163,11 @@ Simulation simulate(const MachineModel& machine, const DriveRecord& record, cons
                 fmt::format("sensitivities: a run has no derivative by {}: the start is fitted with it", name));
         }
     }
-    ServoRun run = driven_run(machine, record, run_options, options.friction_feedback, control);
+    ServoRun run = driven_run(machine, drive, run_options, options.friction_feedback, control);
+    run.reserve(drive.samples, std::move(memory));
     Simulation result;
     // Progress in a hundred parts: each ends at a sample instant, so the parts do not show in the results.
-    const auto last = static_cast<long>(record.t.size()) - 1, part = std::max(last / 100, 1L);
+    const auto last = static_cast<long>(drive.samples) - 1, part = std::max(last / 100, 1L);
     for (long k = 0;; k = std::min(k + part, last)) {
         result.outcome = run.advance_to(k);
         if (control.progress) {
@@ -162,8 +176,8 @@ Simulation simulate(const MachineModel& machine, const DriveRecord& record, cons
         if (k == last || !result.outcome.ok()) break;
     }
     result.method = run.method();
-    result.trace = run.trace();
-    std::copy_n(record.t.begin(), result.trace.t.size(), result.trace.t.begin());
+    result.trace = run.take_trace();
+    if (!drive.t.empty()) std::copy_n(drive.t.begin(), result.trace.t.size(), result.trace.t.begin());
     result.events = run.events();
     result.sensitivities = run.sensitivities();
     result.statistics = run.statistics();

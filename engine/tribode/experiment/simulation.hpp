@@ -6,9 +6,21 @@
 #include "tribode/record/table.hpp"
 
 #include <cstdint>
+#include <span>
 #include <string>
 
 namespace tribode {
+
+// What drives a machine, where it stands in memory: it must outlive the run and stay as it is meanwhile.
+struct DriveView {
+    std::size_t samples = 0;
+    std::span<const double> t;                     // as the user wrote it [s]; empty: k Ts
+    std::span<const double> u;                     // [N]; empty in closed loop
+    std::span<const double> reference, excitation; // [m], [N]; empty in open loop, and where they are zero
+    std::span<const double> measured;              // y of the record [m], for a fitted start; or empty
+
+    bool closed_loop() const { return u.empty(); }
+};
 
 // What drives a machine, sample by sample: the columns of a record. Either u (open loop) or r and excitation.
 struct DriveRecord {
@@ -18,6 +30,13 @@ struct DriveRecord {
     std::vector<double> measured;              // y of the record [m], where it has one; for a fitted start
 
     bool closed_loop() const { return u.empty(); }
+
+    operator DriveView() const { return {t.size(), t, u, reference, excitation, measured}; }
+
+    // Whether columns drive the machine in closed loop: where there is u besides r or exc, its closed_loop decides. Throws
+    // InputError where there are none of them or no rows, and where the machine has no controller to close the loop.
+    static bool closes_loop(const MachineModel& machine, bool has_u, bool has_r_or_exc, std::size_t rows,
+                            const std::string& where);
 
     // Whether a record may have a column of this name: t, u, r, exc, y, and x, v, f, which are passed over.
     static bool is_column(const std::string& name);
@@ -63,17 +82,17 @@ struct Simulation {
 Method resolved(Method method, const MachineModel& machine);
 
 // A run of the machine under the record, from the start that its description says; the start of the options is not used.
-// The record must outlive it. Throws InputError where the record has no instants, or a column with another number of
-// values, and where the method cannot run the machine.
-ServoRun driven_run(const MachineModel& machine, const DriveRecord& record, ServoRunOptions options,
+// Throws InputError where the record has no instants, or a column with another number of values, and where the method
+// cannot run the machine.
+ServoRun driven_run(const MachineModel& machine, const DriveView& drive, ServoRunOptions options,
                     double friction_feedback = 0, const RunControl& control = {});
 
 // Runs the machine under the record. The first sample is t = 0 of the machine; there it rests, or moves as the first
 // samples of the measured position do where its description says "fitted". The noise of sensor and force follows from the
 // seed. Throws InputError as driven_run does; a run that ends early is told by the outcome, and the trace goes as far as it
-// came.
-Simulation simulate(const MachineModel& machine, const DriveRecord& record, const SimulationOptions& options = {},
-                    const RunControl& control = {});
+// came. Columns of an earlier run that are not needed any more give their memory.
+Simulation simulate(const MachineModel& machine, const DriveView& drive, const SimulationOptions& options = {},
+                    const RunControl& control = {}, ServoTrace memory = {});
 
 // Columns t,r,u,y,x,v,f, as `tribode simulate` writes them.
 Table to_table(const ServoTrace& trace);

@@ -50,7 +50,7 @@ std::string type_of(const std::string& values) {
 }
 
 // The types of arguments that have no row in a table of options, by their names: a name means the same in all functions but
-// those named `function.name`. Arguments of conditions and of parts are not here: they are symbolic or numbers.
+// those named `function.name`.
 const std::map<std::string_view, std::string_view> argument_types = {
     {"file", "string"},
     {"folder", "string"},
@@ -122,6 +122,23 @@ const std::map<std::string_view, std::string_view> argument_types = {
     {"run.options", "table"},
     {"elements", "table[]"},
     {"panels", "table[]"},
+    {"at", "table<string, number>"},
+    {"steady_state.free", "string[]"},
+    {"a", "tribode.value"},
+    {"b", "tribode.value"},
+    {"all.a", "tribode.truth"},
+    {"all.b", "tribode.truth"},
+    {"any.a", "tribode.truth"},
+    {"any.b", "tribode.truth"},
+    {"negation.a", "tribode.truth"},
+    {"where.condition", "tribode.truth"},
+    {"x", "tribode.value"},
+    {"delay.seconds", "tribode.value"},
+    {"system.states", "table<string, any>"},
+    {"system.der", "fun(s: tribode.variables): table<string, tribode.value>"},
+    {"options.name", "number|string|boolean|number[]|table"},
+    {"write_json.value", "tribode.plain"},
+    {"write_mat.version", "\"5\"|\"7.3\""},
     {"points", "table[]"},
     {"records", "(string|table)[]"},
     {"sections", "table[]"},
@@ -131,12 +148,13 @@ const std::map<std::string_view, std::string_view> argument_types = {
 };
 
 std::string type_of_argument(const std::string& function, const std::string& name) {
+    if (function.starts_with("parts.")) return "tribode.part_option";
     auto found = argument_types.find(function + "." + name);
     if (found == argument_types.end()) found = argument_types.find(name);
-    return found == argument_types.end() || function.starts_with("parts.") ? "any" : std::string(found->second);
+    return found == argument_types.end() ? "any" : std::string(found->second);
 }
 
-// What functions return; of those that are not here the reference says what is in the table.
+// What functions return, with the fields that the reference names.
 const std::map<std::string_view, std::string_view> result_types = {
     {"version", "string"},
     {"quick", "boolean"},
@@ -156,52 +174,86 @@ const std::map<std::string_view, std::string_view> result_types = {
     {"plant_response", "tribode.response"},
     {"proposed_response", "tribode.response"},
     {"remove_delay", "tribode.response"},
+    {"frf", "tribode.measured_response"},
     {"fmu", "tribode.system"},
     {"system", "tribode.system"},
     {"run_system", "tribode.system_run"},
     {"simulate", "tribode.simulation"},
+    {"single_frequency", "tribode.settled_run"},
+    {"positioning", "tribode.positioning_run"},
     {"plant_parameters", "table<string, number>"},
-    {"loop_margins", "table<string, any>"},
-    {"fit_modal", "table<string, any>"},
+    {"loop_margins", "table<string, number|boolean>"},
+    {"fit_modal", "tribode.modal_fit"},
+    {"machine", "tribode.machine_description"},
+    {"with_fields", "tribode.machine_description"},
     {"effects", "table[]"},
     {"points", "table[]"},
-    {"tornado", "table[]"},
-    {"worst_cases", "table[]"},
-    {"compare", "table"},
-    {"diagnose", "table"},
-    {"diagnose_system", "table"},
-    {"estimate_delay", "table"},
-    {"feedforward", "table"},
-    {"fit_friction", "table"},
-    {"fra", "table"},
-    {"frf", "table"},
-    {"grid", "table"},
-    {"histogram", "table"},
-    {"latin_hypercube", "table"},
-    {"least_squares", "table"},
-    {"linearize", "table"},
-    {"list", "table"},
-    {"machine", "table"},
-    {"monte_carlo", "table"},
-    {"multisine", "table"},
-    {"one_at_a_time", "table"},
-    {"options", "table"},
-    {"positioning", "table"},
-    {"read_batch", "table"},
-    {"read_record", "table"},
-    {"regression_sensitivity", "table"},
-    {"run", "table"},
-    {"saltelli", "table"},
-    {"single_frequency", "table"},
-    {"sobol", "table"},
-    {"sobol_indices", "table"},
-    {"statistics", "table"},
-    {"steady_state", "table"},
-    {"sweep", "table"},
-    {"system_variables", "table"},
-    {"with_fields", "table"},
-    {"table1", "function"},
-    {"table2", "function"},
+    {"diagnose", "tribode.diagnosis"},
+    {"diagnose_system", "tribode.diagnosis"},
+    {"options", "table<string, any>"},
+    {"run", "{ folder: string, repeated: boolean }"},
+    {"read_json", "tribode.plain"},
+    {"read_record", "{ data: table<string, number[]>, units: table<string, string>, time?: table }"},
+    {"compare", "{ text: string, findings: string[], reference: string, excitation_hz?: number, methods: table[] }"},
+    {"sweep", "{ responses: table<string, tribode.response>, loop_gain: tribode.response, columns: tribode.column[], "
+              "warnings: string[], statistics: table<string, number> }"},
+    {"fra", "{ responses: table<string, tribode.measured_response>, fits: table<string, table>, records: string[], "
+            "notes: string[], delay_s: number, text: string }"},
+    {"identify", "{ machine: tribode.machine_description, parameters: table[], covariance: number[][], "
+                 "residuals: number[][], residual_rms_m: number, excess: number, objective: number, "
+                 "iterations: integer, converged: boolean, notes: string[] }"},
+    {"estimate_delay", "{ delay_s: number, spread_s: number, frequency_hz: number[], delays_s: number[] }"},
+    {"multisine", "{ values: number[], period_samples: integer, frequency_hz: number[], crest_factor: number }"},
+    {"chirp", "{ values: number[], frequency_hz: number[] }"},
+    {"binary_sequence", "{ values: number[], period_samples: integer }"},
+    {"fit_friction", "{ elements: table[], residual_rms: number, residual_max: number }"},
+    {"least_squares",
+     "{ coefficients: number[], standard_errors: number[], residual: number[], relative_error: number }"},
+    {"feedforward", "{ method: string, sample_time_s: number, distance_m: number, duration_s: number, "
+                    "horizon_s: number, reference_m: number[], thrust_N: number[], response?: tribode.response }"},
+    {"system_variables", "{ states: tribode.variable[], algebraic: tribode.variable[], discrete: tribode.variable[], "
+                         "parameters: tribode.variable[], inputs: tribode.variable[], outputs: tribode.variable[] }"},
+    {"steady_state", "{ start: table<string, any>, inputs: table<string, number>, parameters: table<string, number>, "
+                     "residual: number, iterations: integer, conditions: table }"},
+    {"linearize", "tribode.linear_system"},
+    {"grid", "tribode.design"},
+    {"latin_hypercube", "tribode.design"},
+    {"list", "tribode.design"},
+    {"monte_carlo", "tribode.design"},
+    {"one_at_a_time", "tribode.design"},
+    {"saltelli", "tribode.design"},
+    {"sobol", "tribode.design"},
+    {"read_batch", "tribode.merged_batch"},
+    {"statistics", "{ count: integer, missing: integer, mean: number, standard_deviation: number, "
+                   "standard_error: number, mean_low: number, mean_high: number, least: number, greatest: number, "
+                   "quantiles: { probability: number, value: number, low: number, high: number }[] }"},
+    {"histogram", "{ edges: number[], counts: integer[], missing: integer }"},
+    {"worst_cases", "{ row: integer, value: number }[]"},
+    {"sobol_indices",
+     "{ first: number[], total: number[], first_error: number[], total_error: number[], factors: string[], "
+     "mean: number, variance: number, groups: integer, dropped: integer }"},
+    {"regression_sensitivity", "{ coefficients: number[], standard_errors: number[], factors: string[], "
+                               "r_squared: number, rows: integer }"},
+    {"tornado", "{ name: string, low: number, high: number, low_error: number, high_error: number }[]"},
+    {"parts.backlash", "tribode.part"},
+    {"parts.coulomb", "tribode.part"},
+    {"parts.impact", "tribode.part"},
+    {"parts.maxwell", "tribode.part"},
+    {"parts.play", "tribode.part"},
+    {"parts.relay", "tribode.part"},
+    {"delay", "tribode.value"},
+    {"no_event", "tribode.value"},
+    {"tanh", "tribode.value"},
+    {"where", "tribode.value"},
+    {"all", "tribode.truth"},
+    {"any", "tribode.truth"},
+    {"greater", "tribode.truth"},
+    {"greater_equal", "tribode.truth"},
+    {"less", "tribode.truth"},
+    {"less_equal", "tribode.truth"},
+    {"negation", "tribode.truth"},
+    {"table1", "fun(x: tribode.value): tribode.value"},
+    {"table2", "fun(x: tribode.value, y: tribode.value): tribode.value"},
     {"batch", "nil"},
     {"plot", "nil"},
     {"report", "nil"},
@@ -229,6 +281,89 @@ constexpr const char* classes = R"(---@class tribode.response One complex value 
 ---@field unit? string
 ---@field values number[]
 
+---@class tribode.measured_response: tribode.response
+---@field std_gain_db number[]
+---@field std_phase_deg number[]
+---@field coherence number[]
+---@field odd_distortion_db number[]
+---@field even_distortion_db number[]
+---@field settled number[] 1 or 0
+---@field [string] any
+
+---@class tribode.modal_fit k0, and k1, f1_hz, zeta1 and so on for each mode
+---@field k0 number
+---@field standard_errors table<string, number>
+---@field residual_rms number
+---@field converged boolean
+---@field message string
+---@field [string] any
+
+---@class tribode.machine_description A table that you may change
+---@field [string] any
+
+---@class tribode.diagnosis The content of diagnosis.json
+---@field verdict string
+---@field effects table[]
+---@field machine any
+---@field [string] any
+
+---@alias tribode.plain number|string|boolean|table|nil
+
+---@class tribode.symbol A value of a variable in a function of tb.system, which records what is made of it
+---@operator add(tribode.value): tribode.symbol
+---@operator sub(tribode.value): tribode.symbol
+---@operator mul(tribode.value): tribode.symbol
+---@operator div(tribode.value): tribode.symbol
+---@operator pow(tribode.value): tribode.symbol
+---@operator mod(tribode.value): tribode.symbol
+---@operator idiv(tribode.value): tribode.symbol
+---@operator unm: tribode.symbol
+
+---@class tribode.condition
+---@alias tribode.value number|tribode.symbol
+---@alias tribode.truth boolean|tribode.condition
+---@alias tribode.variables table<string, any> the variables of a system, by their names
+
+---@class tribode.part A ready part, for the `parts` of tb.system
+---@alias tribode.part_option string|number|fun(s: tribode.variables): tribode.value
+
+---@class tribode.variable
+---@field name string
+---@field unit string
+---@field value? number
+
+---@class tribode.linear_system
+---@field A number[][]
+---@field B number[][]
+---@field C number[][]
+---@field D number[][]
+---@field poles { real: number, imag: number }[]
+---@field stable boolean
+---@field rate_left? number
+---@field jump_left? number
+---@field response? tribode.response
+---@field margins? table<string, number>
+---@field sample_time_s? number
+---@field [string] any
+
+---@class tribode.design For the points of tb.batch
+---@field design string
+---@field count integer
+---@field names string[]
+---@field factors? table[]
+---@field [string] any
+
+---@class tribode.merged_batch
+---@field name string
+---@field count integer
+---@field seed integer
+---@field index integer[]
+---@field seeds integer[]
+---@field units table<string, string>
+---@field parameters table<string, number[]>
+---@field results table<string, any[]>
+---@field failures { index: integer, reason: string }[]
+
 ---@class tribode.system A system of equations, as tb.system makes it
 
 ---@class tribode.event
@@ -240,7 +375,7 @@ constexpr const char* classes = R"(---@class tribode.response One complex value 
 ---@field element integer 0: dry friction
 ---@field kind "slip_forward"|"slip_backward"|"stick"
 
----@class tribode.simulation
+---@class tribode.signals
 ---@field t number[] [s]
 ---@field r number[] [m]
 ---@field u number[] [N]
@@ -248,11 +383,32 @@ constexpr const char* classes = R"(---@class tribode.response One complex value 
 ---@field x number[] [m]
 ---@field v number[] [m/s]
 ---@field f number[] [N]
+
+---@class tribode.simulation: tribode.signals
 ---@field events tribode.transition[]
 ---@field ok boolean
 ---@field message string
 ---@field statistics table<string, number>
 ---@field [string] any
+
+---@class tribode.settled_run: tribode.signals
+---@field delayed_thrust number[] [N]
+---@field friction_estimate number[] [N]
+---@field effective_thrust number[] [N]
+
+---@class tribode.positioning_run: tribode.signals
+---@field error number[] [m]
+---@field tracking_error number[] [m]
+---@field rmse_m number
+---@field max_error_m number
+---@field settling_s? number
+---@field peak_thrust_N number
+---@field peak_position_m number
+---@field within_rating boolean
+---@field within_stroke boolean
+---@field spectrum { frequency_hz: number[], amplitude_m: number[] }
+---@field columns tribode.column[]
+---@field statistics table<string, number>
 
 ---@class tribode.system_run
 ---@field t number[] [s]

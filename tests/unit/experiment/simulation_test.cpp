@@ -284,5 +284,35 @@ TEST(Simulate, ARecordWithoutInstantsOrWithColumnsOfOtherLengthsIsRefused) {
     EXPECT_EQ(simulate(bare_mass(), record).trace.t, record.t);
 }
 
+TEST(Simulate, ARecordThatIsNotFiniteIsRefused) {
+    constexpr double infinity = std::numeric_limits<double>::infinity();
+    for (const double bad : {infinity, -infinity, std::nan(""), -std::nan("")}) {
+        for (const std::size_t place : {0U, 7U, 20U}) {
+            DriveRecord record{.t = times(21), .u = Values(21, 1.0), .reference = {}, .excitation = {}, .measured = {}};
+            record.u[place] = bad;
+            EXPECT_THROW(simulate(bare_mass(), record), InputError) << bad << place;
+        }
+    }
+    // The largest number and the least one are finite.
+    DriveRecord record{.t = times(3), .u = {0, 5e-324, -5e-324}, .reference = {}, .excitation = {}, .measured = {}};
+    EXPECT_NO_THROW(simulate(bare_mass(), record));
+    record.u[1] = std::numeric_limits<double>::max();
+    EXPECT_NO_THROW(simulate(bare_mass(), record));
+}
+
+TEST(Simulate, InTheMemoryOfAnEarlierRunItIsTheSameRun) {
+    const MachineModel machine = bare_mass();
+    const DriveRecord longer{.t = times(301), .u = Values(301, 2.0), .reference = {}, .excitation = {}, .measured = {}};
+    const DriveRecord record{.t = times(40), .u = Values(40, -1.0), .reference = {}, .excitation = {}, .measured = {}};
+    const Simulation expected = simulate(machine, record);
+    Simulation before = simulate(machine, longer);
+    const double* const memory = before.trace.x.data();
+    const Simulation run = simulate(machine, record, {}, {}, std::move(before.trace));
+    EXPECT_EQ(run.trace.x.data(), memory);
+    for (const auto column : ServoTrace::columns) EXPECT_EQ(run.trace.*column, expected.trace.*column);
+    // Without instants of its own a record has those of the machine from 0.
+    EXPECT_EQ(simulate(machine, DriveView{.samples = 40, .u = record.u}).trace.x, expected.trace.x);
+}
+
 } // namespace
 } // namespace tribode
