@@ -1,5 +1,5 @@
-"""Functional mock-up units in other programs: exports machines and systems, validates them with FMPy, runs them there and compares the
-results with those of the program.
+"""Functional mock-up units in other programs: exports machines and systems, validates them with FMPy, runs them there and in
+Ecos, an importer in C++ on the library fmi4c, and compares the results with those of the program.
 
     check_units.py TRIBODE SOURCES        exit code 77: FMPy is not installed, nothing was checked
 """
@@ -18,6 +18,11 @@ try:
 except ImportError:
     print("left out: FMPy is not installed (pip install fmpy)")
     sys.exit(77)
+try:
+    import ecospy
+except (ImportError, OSError) as reason:  # its library needs libtbb12 of the system
+    print(f"left out: no second importer (pip install ecospy): {reason}")
+    ecospy = None
 
 program, sources = sys.argv[1], pathlib.Path(sys.argv[2])
 failures = 0
@@ -54,6 +59,30 @@ def compare(what, found, own, tolerance):
     check(what, worst <= tolerance, f"differs by {worst:.3g}, allowed {tolerance:g}")
 
 
+def compare_in_ecos(unit, own, step, tolerances, inputs=()):
+    """Co-simulation with the communication step of the rows; inputs: (name, values), each set at the instant of its row."""
+    if not ecospy:
+        return
+    structure = ecospy.EcosSimulationStructure()
+    structure.add_model("unit", str(unit))
+    simulation = ecospy.EcosSimulation(structure=structure, step_size=step)
+    simulation.init()
+    count = len(own["t"])
+    found = {name: np.empty(count) for name in tolerances}
+    for k in range(count):
+        for name, values in found.items():
+            values[k] = simulation.get_real(f"unit::{name}")
+        for name, values in inputs:
+            simulation.set_real(f"unit::{name}", float(values[k]))
+        simulation.step()
+    simulation.terminate()
+    simulation.free()
+    structure.free()
+    for tolerance in sorted(set(tolerances.values())):
+        names = [name for name in tolerances if tolerances[name] == tolerance]
+        compare(f"{unit.name} in Ecos, {', '.join(names)}", found, {name: own[name] for name in names}, tolerance)
+
+
 def machine(folder, model, closed):
     ts, count = 5e-4, 2000
     t = np.arange(count) * ts
@@ -76,6 +105,7 @@ def machine(folder, model, closed):
         found = {name: run[name] for name in ("y", "x", "v")}
         compare(f"{unit.name} in FMPy", found, {name: own[name][:rows] for name in found}, 1e-12)
         compare(f"{unit.name} in FMPy, friction", {"f": run["f"]}, {"f": own["f"][:rows]}, 1e-9)
+        compare_in_ecos(unit, own, ts, {"y": 1e-12, "x": 1e-12, "v": 1e-12, "f": 1e-9}, [(column, values)])
 
 
 def system(folder, name, duration, step, tolerance, kinds):
@@ -100,6 +130,8 @@ tb.write_csv {{ file = "own.csv", columns = run.columns }}
             count = min(len(run), len(own["t"]))
             compare(f"{unit.name} in FMPy", {n: run[n][:count] for n in names}, {n: own[n][:count] for n in names},
                     1e-12 if tolerance is None else (tolerance if kind == "cs" else 100 * tolerance))
+            if kind == "cs":
+                compare_in_ecos(unit, own, step, dict.fromkeys(names, tolerance or 1e-12))
     return folder / f"{name}_2_cs.fmu"
 
 
