@@ -90,6 +90,11 @@ for _, file in ipairs { "record.mat", "out/record73.mat", "out/record.csv", "out
   assert(record.data.t_ms[4] == 2 and not record.time)
 end
 assert(tb.read_record { file = "out/record.h5" }.units.t_ms == "ms")
+tb.write_mat { file = "dymola.mat", columns = two, version = "dymola" }
+local result = tb.read_record { file = "out/dymola.mat" }
+assert(result.units.Time == "ms" and result.data.Time[2] == 0.5 and result.data.u_V[4] == 4)
+refused("must not decrease; row 2 is 0.5", tb.write_mat,
+  { file = "x.mat", columns = { { name = "t", values = { 1, 0.5 } } }, version = "dymola" })
 refused("did you mean \"u_V\"?", tb.read_record, { file = "out/record.mat", columns = { u = "u_N" } })
 refused("columns.u must be a text", tb.read_record, { file = "out/record.mat", columns = { u = 1 } })
 refused("version = \"4\", must be one of 5, 7.3", tb.write_mat, { file = "x.mat", columns = two, version = "4" })

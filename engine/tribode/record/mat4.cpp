@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <fmt/format.h>
+#include <limits>
 #include <map>
 #include <optional>
 
@@ -220,7 +221,76 @@ class Trajectory {
     bool transposed_ = false;
 };
 
+// ---- writing -----------------------------------------------------------------------------------------------------
+
+template <class Number>
+void append_number(std::string& bytes, Number number) {
+    auto raw = std::bit_cast<std::array<char, sizeof(Number)>>(number);
+    if (std::endian::native == std::endian::big) std::reverse(raw.begin(), raw.end());
+    bytes.append(raw.data(), raw.size());
+}
+
+constexpr int double_type = 0, int_type = 20, text_type = 51; // as the header counts them, low byte first
+
+void append_header(std::string& bytes, std::string_view name, int type, std::size_t rows, std::size_t columns) {
+    constexpr std::size_t most = std::numeric_limits<std::int32_t>::max();
+    if (rows > most || columns > most) {
+        throw InputError(fmt::format("the table has {} rows, a result of Dymola can hold {} at most", columns, most));
+    }
+    for (const std::size_t word : {std::size_t(type), rows, columns, std::size_t{0}, name.size() + 1}) {
+        append_number(bytes, static_cast<std::int32_t>(word));
+    }
+    bytes += name;
+    bytes += '\0';
+}
+
+// One text a column.
+void append_texts(std::string& bytes, std::string_view name, const std::vector<std::string>& texts) {
+    std::size_t width = 1;
+    for (const auto& text : texts) width = std::max(width, text.size());
+    append_header(bytes, name, text_type, width, texts.size());
+    for (const auto& text : texts) bytes += text + std::string(width - text.size(), ' ');
+}
+
 } // namespace
+
+std::string to_trajectory(const Table& table) {
+    if (table.rows() == 0) throw InputError("there are no rows, a result of Dymola must have one at least");
+    const std::vector<double>& time = table.columns.front().values;
+    for (std::size_t k = 0; k < time.size(); ++k) {
+        if (std::isfinite(time[k]) && (k == 0 || time[k] >= time[k - 1])) continue;
+        throw InputError(fmt::format("column {} is the time of a result of Dymola and must not decrease; row {} is {}",
+                                     table.columns.front().name, k + 1, to_text(time[k])));
+    }
+    std::vector<std::string> names, descriptions;
+    for (const Column& column : table.columns) {
+        names.push_back(names.empty() ? "Time" : column.name);
+        descriptions.push_back(column.unit.empty() ? "" : "[" + column.unit + "]");
+    }
+    std::string bytes;
+    // Four rows of eleven characters, column by column.
+    constexpr std::string_view about[] = {"Atrajectory", "1.1        ", "           ", "binTrans   "};
+    append_header(bytes, "Aclass", text_type, std::size(about), about[0].size());
+    for (std::size_t place = 0; place < about[0].size(); ++place) {
+        for (const auto row : about) bytes += row[place];
+    }
+    append_texts(bytes, "name", names);
+    append_texts(bytes, "description", descriptions);
+    // Of each variable: its table (0: the time of all), its column there, linear between the rows, not defined beyond them.
+    append_header(bytes, "dataInfo", int_type, 4, names.size());
+    for (std::int32_t i = 0; i < static_cast<std::int32_t>(names.size()); ++i) {
+        for (const std::int32_t entry : {i == 0 ? 0 : 2, i + 1, 0, -1}) append_number(bytes, entry);
+    }
+    // What is constant would stand in data_1: only the time, first and last.
+    append_header(bytes, "data_1", double_type, 1, 2);
+    append_number(bytes, time.front());
+    append_number(bytes, time.back());
+    append_header(bytes, "data_2", double_type, names.size(), time.size());
+    for (std::size_t k = 0; k < time.size(); ++k) {
+        for (const Column& column : table.columns) append_number(bytes, column.values[k]);
+    }
+    return bytes;
+}
 
 bool is_mat4(std::string_view bytes) { return byte_order(bytes).has_value(); }
 

@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/record/table.hpp"
 #include "tribode/record/variable.hpp"
 
 #include <string>
@@ -21,5 +22,9 @@ bool is_mat4(std::string_view bytes);
 // Throws InputError where the bytes are damaged or cut short, or the columns take more than `most` bytes.
 std::vector<Variable> mat4_variables(std::string_view bytes, const std::vector<std::string>& asked, std::size_t most,
                                      const std::string& source);
+
+// The bytes of such a trajectory, in the layout "binTrans": the first column is the time, which must not decrease, under the
+// name Time; units stand in the descriptions. Throws InputError where there are no rows.
+std::string to_trajectory(const Table& table);
 
 } // namespace tribode

@@ -24,7 +24,8 @@ std::string words_in(const std::string& values) {
     for (auto begin = values.find('"'); begin != std::string::npos;) {
         const auto end = values.find('"', begin + 1);
         if (end == std::string::npos) break;
-        type += (type.empty() ? "" : "|") + values.substr(begin, end - begin + 1);
+        if (!type.empty()) type += '|';
+        type += values.substr(begin, end - begin + 1);
         begin = values.find('"', end + 1);
     }
     return type;
@@ -138,7 +139,7 @@ const std::map<std::string_view, std::string_view> argument_types = {
     {"system.der", "fun(s: tribode.variables): table<string, tribode.value>"},
     {"options.name", "number|string|boolean|number[]|table"},
     {"write_json.value", "tribode.plain"},
-    {"write_mat.version", "\"5\"|\"7.3\""},
+    {"write_mat.version", "\"5\"|\"7.3\"|\"dymola\""},
     {"points", "table[]"},
     {"records", "(string|table)[]"},
     {"sections", "table[]"},

@@ -3,6 +3,7 @@
 #include "tribode/record/hdf5.hpp"
 #include "tribode/record/json_file.hpp"
 #include "tribode/record/mat.hpp"
+#include "tribode/record/mat4.hpp"
 #include "tribode/record/plot.hpp"
 #include "tribode/record/report.hpp"
 #include "tribode/record/zip.hpp"
@@ -91,9 +92,11 @@ Json write_mat_file(const ScriptContext& script, const Json& arguments) {
     FieldReader fields(arguments, "tb.write_mat");
     const std::string file = fields.text("file");
     const Table table = table_of(fields, "columns");
-    const std::string version = fields.choice("version", {"5", "7.3"}, "5");
+    const std::string version = fields.choice("version", {"5", "7.3", "dymola"}, "5");
     fields.finish();
-    script.run.folder().write(file, to_mat(table, version == "5" ? MatVersion::v5 : MatVersion::v7_3));
+    script.run.folder().write(file, version == "dymola"
+                                        ? to_trajectory(table)
+                                        : to_mat(table, version == "5" ? MatVersion::v5 : MatVersion::v7_3));
     return nullptr;
 }
 
@@ -152,7 +155,9 @@ const std::vector<LuaFunction>& record_functions() {
          "one group per table, one dataset per column with an attribute `unit`"},
         {"write_mat", write_mat_file, "`tb.write_mat{ file =, columns =, version = \"5\" }`",
          "MAT of version 5, or `\"7.3\"` for columns of 2 GiB and more: each column as an n x 1 double array, without "
-         "units; the names must be valid in MATLAB"},
+         "units; the names must be valid in MATLAB. `\"dymola\"`: a result as Dymola and OpenModelica write it "
+         "(version 4), "
+         "with any names and with units; the first column is the time and becomes `Time`"},
         {"write_json", write_json_file, "`tb.write_json{ file =, value = }`", "any plain table"},
         {"write_text", write_text_file, "`tb.write_text{ file =, text = }`", "a text, e.g. a table with words in it"},
         {"read_json", read_json_file, "`tb.read_json{ file = }`",

@@ -3,6 +3,7 @@
 #include "unit/record/raw_bytes.hpp"
 #include "unit/script/messages.hpp"
 
+#include <cmath>
 #include <cstdint>
 #include <gtest/gtest.h>
 
@@ -89,6 +90,29 @@ TEST(Mat4, ReadsResultsOfDymolaInBothLayouts) {
         EXPECT_EQ(some["m"].unit, "kg");
         EXPECT_EQ(some["v"].values, (Values{20, 40, 60}));
     }
+}
+
+TEST(Mat4, WritesResultsOfDymola) {
+    Table table;
+    table.add("t", "s", {0, 0.25, 0.25});
+    table.add("motor.i", "A", {1, 2, -3});
+    table.add("x", "", {10, 20, std::nan("")});
+    ByHand file;
+    file.texts("Aclass", {"Atrajectory", "1.1        ", "           ", "binTrans   "}, false);
+    file.texts("name", {"Time   ", "motor.i", "x      "}, true).texts("description", {"[s]", "[A]", "   "}, true);
+    file.matrix<std::int32_t>("dataInfo", 20, 4, 3, {0, 1, 0, -1, 2, 2, 0, -1, 2, 3, 0, -1});
+    file.matrix<double>("data_1", 0, 1, 2, {0, 0.25});
+    file.matrix<double>("data_2", 0, 3, 3, {0, 1, 10, 0.25, 2, 20, 0.25, -3, std::nan("")});
+    EXPECT_EQ(to_trajectory(table), file.bytes);
+
+    EXPECT_EQ(problem_of([] { to_trajectory(Table{}); }),
+              "input: there are no rows, a result of Dymola must have one at least");
+    table.columns[0].values[2] = 0.1;
+    EXPECT_EQ(problem_of([&] { to_trajectory(table); }),
+              "input: column t is the time of a result of Dymola and must not decrease; row 3 is 0.1");
+    table.columns[0].values[2] = std::nan("");
+    EXPECT_EQ(problem_of([&] { to_trajectory(table); }),
+              "input: column t is the time of a result of Dymola and must not decrease; row 3 is nan");
 }
 
 TEST(Mat4, ReadsVectorsOfEachType) {
