@@ -1,4 +1,5 @@
-"""Writes the types of the options of tribode's functions for type checkers, from the engine's own tables.
+"""Writes the types of the options of tribode's functions for type checkers, from the engine's own tables, and those of the
+dicts that they return, which python/tests/test_types.py compares with results.
 
 Run by CMake: option_types.py FOLDER_OF_THE_MODULE OUTPUT
 """
@@ -42,12 +43,81 @@ FURTHER = {
     ],
 }
 
+NUMBERS, VALUES = "NDArray[np.float64]", "NDArray[np.complex128]"
+# A "?" behind the name: it may be missing.
+RESULTS = {
+    "LinearSystem": [
+        *((matrix, NUMBERS) for matrix in "ABCD"),
+        ("poles", VALUES),
+        ("stable", "bool"),
+        ("sample_time_s?", "float"),
+        ("response?", "FrequencyResponse"),
+        ("margins?", "dict[str, float]"),
+        *((names, "list[str]") for names in ("states", "inputs", "outputs")),
+        ("left_out", "dict[str, Any]"),
+        ("rate_left", "float"),
+        ("jump_left", "float"),
+    ],
+    "SteadyState": [
+        ("start", "dict[str, Any]"),
+        ("inputs", "dict[str, float]"),
+        ("parameters", "dict[str, float]"),
+        ("residual", "float"),
+        ("iterations", "int"),
+        ("conditions", "dict[str, Any]"),
+    ],
+    "MergedBatch": [
+        ("name", "str"),
+        ("count", "int"),
+        ("seed", "int"),
+        ("index", "NDArray[np.int64]"),
+        ("seeds", "NDArray[Any]"),
+        ("units", "dict[str, str]"),
+        ("parameters", "dict[str, NDArray[Any]]"),
+        ("results", "dict[str, Any]"),
+        ("failures", "list[dict[str, Any]]"),
+    ],
+    "FraAnalysis": [
+        ("response", "FrequencyResponse"),
+        ("value", VALUES),
+        *(
+            (name, NUMBERS)
+            for name in "frequency_hz std_gain_db std_phase_deg coherence odd_distortion even_distortion settled".split()
+        ),
+    ],
+    "MeasuredResponses": [
+        ("analyses", "dict[str, FraAnalysis]"),
+        ("fits", "dict[str, Any]"),
+        ("records", "list[str]"),
+        ("notes", "list[str]"),
+        ("delay_s", "float"),
+    ],
+    "Diagnosis": [
+        *((name, "str") for name in ("verdict", "where", "gap_unit", "version")),
+        *((name, "float") for name in ("explained", "seconds")),
+        ("effects", "list[dict[str, Any]]"),
+        ("gap", "dict[str, dict[str, float]]"),
+        ("nearest", "Any"),
+        ("next_experiment", "str | None"),
+        ("hypotheses", "list[dict[str, Any]]"),
+        ("out_of_time", "bool"),
+        ("data", "list[str]"),
+        ("machine", "Machine"),
+        ("records", "list[dict[str, Any]]"),
+        ("validation", "list[dict[str, Any]]"),
+    ],
+}
+
 lines = [
     "# Made by python/src/option_types.py from the engine's tables of options.",
     "from collections.abc import Mapping, Sequence",
     "from typing import Any, Literal, TypedDict",
     "",
-    "from numpy.typing import ArrayLike",
+    "import numpy as np",
+    "from numpy.typing import ArrayLike, NDArray",
+    "from typing_extensions import NotRequired",
+    "",
+    "from ._tribode import FrequencyResponse, Machine",
     "",
 ]
 tables = _tribode.options()
@@ -61,5 +131,10 @@ for function in ("simulate", "sweep", "fit_modal", "fra", "diagnose", "run"):
         if not re.search(r"[.\[]", row["path"]) and row["path"] not in NAMED.get(function, ())
     ]
     lines += [f"    {name}: {kind}" for name, kind in fields] + [""]
+for title, fields in RESULTS.items():
+    lines.append(f"class {title}(TypedDict):")
+    lines += [
+        f"    {name[:-1]}: NotRequired[{kind}]" if name.endswith("?") else f"    {name}: {kind}" for name, kind in fields
+    ] + [""]
 with open(sys.argv[2], "w") as file:
     file.write("\n".join(lines))

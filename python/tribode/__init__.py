@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Any, Union
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
     from typing_extensions import Unpack
 
     from ._options import DiagnoseOptions, FitModalOptions, FraOptions, RunOptions, SimulateOptions, SweepOptions
+    from ._options import Diagnosis, LinearSystem, MeasuredResponses, MergedBatch, SteadyState
 
     FilePath = Union[str, os.PathLike[str]]
     MachineLike = Union[Machine, FilePath, Mapping[str, Any]]
@@ -289,7 +290,7 @@ def fra(
     folder: FilePath | None = None,
     progress: Progress = False,
     **options: Unpack[FraOptions],
-) -> dict[str, Any]:
+) -> MeasuredResponses:
     """Measures frequency responses from records, as `tribode fra` does (docs/measured-frequency-response.md).
 
     data: the path of a record, a mapping from names to arrays (t, u, y and, in closed loop, r or exc), or a list of
@@ -318,7 +319,7 @@ def diagnose(
     workers: int | None = None,
     progress: Progress = False,
     **options: Unpack[DiagnoseOptions],
-) -> dict[str, Any]:
+) -> Diagnosis:
     """Finds which effect a machine lacks that its measured records show.
 
     data, validate: the path of a record, or a mapping from names to arrays (t, u, y and, in closed loop, r); data may
@@ -348,7 +349,7 @@ def diagnose(
         )
 
 
-def read_batch(path: FilePath) -> dict[str, Any]:
+def read_batch(path: FilePath) -> MergedBatch:
     """Reads all points of a complete batch (docs/batch.md): name, count, seed, index, seeds, units, parameters,
     results, failures. Numbers are arrays with one entry a point, NaN where it failed."""
     return _tribode.read_batch(_path(path, "tribode.read_batch", "path"))
@@ -369,16 +370,26 @@ class SystemRun:
     stiff_from_s where there is one.
     """
 
+    table: Table
+    ok: bool
+    message: str
+    t_end: float
+    solver: str
+    events: NDArray[Any]
+    final: dict[str, float | str]
+    state: dict[str, Any]
+    statistics: dict[str, float]
+
     def __init__(self, table, info):
         self.table = table
         self.info = info
 
     @property
-    def t(self):
+    def t(self) -> NDArray[np.float64]:
         """Times of the rows [s]"""
         return self.table["t"]
 
-    def __getitem__(self, name):
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
         if name not in self.table and f"{name}[1]" in self.table:
             count = 1
             while f"{name}[{count + 1}]" in self.table:
@@ -386,10 +397,10 @@ class SystemRun:
             return np.column_stack([self.table[f"{name}[{i + 1}]"] for i in range(count)])
         return self.table[name]
 
-    def keys(self):
+    def keys(self) -> list[str]:
         return self.table.keys()
 
-    def __getattr__(self, name):
+    def __getattr__(self, name: str) -> Any:
         info = self.__dict__.get("info", {})
         if name in info:
             return info[name]
@@ -443,7 +454,7 @@ class System:
             raise _ended_early(info["message"], result)
         return result
 
-    def linearize(self, **options: Any) -> dict[str, Any]:
+    def linearize(self, **options: Any) -> LinearSystem:
         """tb.linearize: A, B, C, D as arrays, poles as complex numbers, and with frequency_hz the response and
         margins."""
         result = self._engine.call("linearize", options, True)
@@ -460,7 +471,7 @@ class System:
             )
         return result
 
-    def steady_state(self, **options: Any) -> dict[str, Any]:
+    def steady_state(self, **options: Any) -> SteadyState:
         """tb.steady_state: where all derivatives are zero."""
         return self._engine.call("steady_state", options, False)
 
