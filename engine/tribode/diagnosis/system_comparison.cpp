@@ -78,7 +78,7 @@ std::vector<double> with_starts(const SystemModel& model, const std::vector<doub
     const auto share = static_cast<std::size_t>(start_share * static_cast<double>(record.size()));
     const std::vector<SystemRecord> records = {record};
     const SystemFit fit(records, scale, between, {std::min(record.size(), std::max(share, start_samples))});
-    const auto result = fit.fit(starts, starts.values(1), 40, ended);
+    const auto result = fit.fit_growing(starts, starts.values(1), 40, ended);
     all.insert(all.end(), result.values.begin(), result.values.end());
     return all;
 }

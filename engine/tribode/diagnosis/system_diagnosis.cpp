@@ -1,13 +1,14 @@
 #include "tribode/diagnosis/system_diagnosis.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/diagnosis/prediction_statistics.hpp"
+#include "tribode/diagnosis/processor_time.hpp"
 #include "tribode/diagnosis/system_record.hpp"
 #include "tribode/diagnosis/system_search.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <fmt/format.h>
+#include <functional>
 #include <map>
 #include <numeric>
 #include <set>
@@ -22,6 +23,8 @@ constexpr double min_gain = 0.03; // of the rms of a prediction, for a term to b
 // How sure it must be that a term predicts better. Of many hypotheses some are by chance: so each step must be as sure again
 // on the validation records, which chose nothing.
 constexpr double sure_enough = 0.95;
+// How often the search goes on without what the validation records refused. Each attempt must be surer, as several are looked at.
+constexpr std::size_t max_attempts = 3;
 constexpr double as_good = 1.02; // of the best score: then the simplest is taken
 constexpr std::size_t max_terms = 12, max_rivals = 5;
 constexpr double min_rival = 0.05; // probability worth showing
@@ -36,6 +39,16 @@ struct Step {
     std::vector<std::pair<std::string, double>> rivals;
     double probability = 1;
     double gain = 0, certainty = 0;
+    double confirmed = 1; // probability that it predicts the validation records better
+    // What was fitted beside its terms, and the place of the first of these among the hypotheses that are told.
+    std::optional<std::vector<SystemCandidate>> tried = {};
+    std::size_t first_told = 0;
+};
+
+// The new terms of a step that the validation records refused, and why.
+struct Refusal {
+    std::vector<std::string> kinds;
+    std::string why;
 };
 
 class Diagnoser {
@@ -56,13 +69,15 @@ class Diagnoser {
     }
 
     SystemDiagnosis run() {
-        SystemSearch search(model_, records_, scales(), after(search_share), control_);
+        SystemSearch search(model_, records_, scales(), ended_after(search_share), control_);
         steps_.push_back({.candidate = search.begin()});
         stop_if_asked();
         result_.interpolation = search.interpolation();
-        extend(search);
-        result_.out_of_time = search.late();
-        confirm(search);
+        for (std::size_t attempt = 1; attempt <= max_attempts; ++attempt) {
+            extend(search);
+            result_.out_of_time = search.late();
+            if (confirm(search, 1 - (1 - sure_enough) / static_cast<double>(attempt)) || search.late()) break;
+        }
         stop_if_asked();
         name_effects(search);
         result_.where = where_the_gap_is(result_.validation.front(), model_);
@@ -71,9 +86,9 @@ class Diagnoser {
     }
 
   private:
-    std::chrono::steady_clock::time_point after(double share) const {
-        return begin_ + std::chrono::duration_cast<std::chrono::steady_clock::duration>(
-                            std::chrono::duration<double>(share * options_.budget));
+    // Whether to end what may take this share of the budget.
+    std::function<bool()> ended_after(double share) const {
+        return [this, share] { return control_.stop_requested() || time_.seconds() > share * options_.budget; };
     }
 
     void stop_if_asked() const {
@@ -111,10 +126,16 @@ class Diagnoser {
     // Adds terms while they predict what was not fitted better.
     void extend(const SystemSearch& search) {
         std::set<std::string> kinds;
+        for (const auto& kind : kinds_of(steps_.back().candidate)) kinds.insert(kind);
         while (kinds.size() < options_.max_effects && steps_.back().candidate.terms.size() < max_terms &&
                !search.late()) {
-            const SystemCandidate& current = steps_.back().candidate;
-            const auto found = search.next(current);
+            Step& last = steps_.back();
+            const SystemCandidate& current = last.candidate;
+            if (!last.tried) {
+                last.tried = search.next(current);
+                last.first_told = result_.hypotheses.size();
+            }
+            const auto& found = *last.tried;
             stop_if_asked();
             if (found.empty()) break;
             std::vector<double> gains, certainties;
@@ -122,15 +143,18 @@ class Diagnoser {
             for (std::size_t i = 0; i < found.size(); ++i) {
                 gains.push_back(1 - rms_of_errors(found[i].predicted) / rms_of_errors(current.predicted));
                 certainties.push_back(probability_of_gain(current.predicted, found[i].predicted));
-                if (gains[i] > min_gain && certainties[i] > sure_enough && found[i].score() < current.score()) {
+                if (gains[i] > min_gain && certainties[i] > sure_enough && found[i].score() < current.score() &&
+                    !refused(found[i])) {
                     passed.push_back(i);
                 }
             }
             const auto chosen = simplest(found, passed);
-            note(current, found, gains, certainties, chosen);
+            tell(last, gains, certainties, chosen);
             if (!chosen) {
-                if (gains.front() > 0) {
-                    result_.nearest = {found.front().names_from(current.terms.size()), gains.front()};
+                for (std::size_t i = 0; i < found.size(); ++i) {
+                    if (!(gains[i] > 0) || refused(found[i])) continue;
+                    result_.nearest = {found[i].names_from(current.terms.size()), gains[i]};
+                    break;
                 }
                 break;
             }
@@ -205,9 +229,11 @@ class Diagnoser {
         return names;
     }
 
-    void note(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
-              const std::vector<double>& gains, const std::vector<double>& certainties,
+    void tell(const Step& step, const std::vector<double>& gains, const std::vector<double>& certainties,
               std::optional<std::size_t> chosen) {
+        const auto& current = step.candidate;
+        const auto& found = *step.tried;
+        result_.hypotheses.resize(std::max(result_.hypotheses.size(), step.first_told + found.size()));
         for (std::size_t i = 0; i < found.size(); ++i) {
             SystemHypothesis one{kinds_of(found[i]), found[i].score(), rms_of_errors(found[i].fitted),
                                  rms_of_errors(found[i].predicted), ""};
@@ -222,6 +248,8 @@ class Diagnoser {
                 one.lost = fmt::format("predicts the rest of the records only {:.1f} % better", 100 * gains[i]);
             } else if (certainties[i] <= sure_enough) {
                 one.lost = fmt::format("predicts better with a probability of only {:.2f}", certainties[i]);
+            } else if (const Refusal* refusal = refused(found[i])) {
+                one.lost = refusal->why;
             } else if (!chosen) {
                 one.lost = "its parameters cost more than it gains";
             } else {
@@ -231,19 +259,29 @@ class Diagnoser {
                                        one.score < found[*chosen].score() ? "smaller" : "larger",
                                        found[i].model.parameters.size(), found[*chosen].model.parameters.size());
             }
-            result_.hypotheses.push_back(std::move(one));
+            result_.hypotheses[step.first_told + i] = std::move(one);
         }
     }
 
-    // Each step fitted to all of the fitted records and simulated on the validation records, as long as it predicts these
-    // better than the step before.
-    void confirm(const SystemSearch& search) {
-        const auto deadline = after(fit_share);
-        const auto ended = [this, deadline] {
-            return control_.stop_requested() || std::chrono::steady_clock::now() > deadline;
+    // Whether it has all new terms of a step that the validation records refused.
+    const Refusal* refused(const SystemCandidate& candidate) const {
+        const auto kinds = kinds_of(candidate);
+        const auto has = [&](const std::string& kind) {
+            return std::find(kinds.begin(), kinds.end(), kind) != kinds.end();
         };
+        for (const Refusal& refusal : refused_) {
+            if (std::all_of(refusal.kinds.begin(), refusal.kinds.end(), has)) return &refusal;
+        }
+        return nullptr;
+    }
+
+    // Each step fitted to all of the fitted records and simulated on the validation records, as long as it predicts these
+    // better than the step before, with the probability `sure_here`. False where a step does not: it is dropped.
+    bool confirm(const SystemSearch& search, double sure_here) {
+        const auto ended = ended_after(fit_share);
         const SystemFit whole = search.fit_of_all();
         scale_ = search.scale();
+        baseline_starts_.clear();
         between_ = search.interpolation();
         struct Judged {
             std::vector<double> values, errors;
@@ -274,12 +312,13 @@ class Diagnoser {
         };
         Judged current = judged(steps_.front().candidate);
         std::size_t kept = 0;
+        const std::size_t all = steps_.size();
         for (std::size_t s = 1; s < steps_.size(); ++s) {
             Judged next = judged(steps_[s].candidate);
             const auto before = errors_after(current), now = errors_after(next);
             const double sure = probability_of_gain(before, now);
             const double gain = 1 - rms_of_errors(now) / rms_of_errors(before);
-            if (!(gain > 0) || sure < sure_enough) {
+            if (!(gain > 0) || sure < sure_here) {
                 const auto names = kinds_of(steps_[s].candidate);
                 const std::string lost =
                     gain > 0 ? fmt::format("predicts the validation record {:.1f} % better, with a probability of only "
@@ -290,9 +329,11 @@ class Diagnoser {
                     if (hypothesis.lost.empty() && hypothesis.names == names) hypothesis.lost = lost;
                 }
                 result_.nearest = {steps_[s].candidate.names_from(steps_[s].before), std::max(gain, 0.0)};
+                const auto first_new = std::min(steps_[s].before, names.size() - 1);
+                refused_.push_back({{names.begin() + static_cast<std::ptrdiff_t>(first_new), names.end()}, lost});
                 break;
             }
-            steps_[s].probability *= sure;
+            steps_[s].confirmed = sure;
             current = std::move(next);
             kept = s;
         }
@@ -304,12 +345,14 @@ class Diagnoser {
         const auto& last = steps_.back().candidate;
         result_.before = first.model.with(baseline_values_);
         result_.after = last.model.with(final_values_);
+        result_.fitted.clear();
         for (std::size_t r = 0; r < records_.size(); ++r) {
             result_.fitted.push_back(against_first(records_[r], 0, final_values_, r, last));
         }
         result_.fitted_gap = total_gap(result_.fitted);
         result_.validation_gap = total_gap(result_.validation);
         result_.explained = 1 - std::pow(result_.validation_gap.after / result_.validation_gap.before, 2);
+        return kept + 1 == all;
     }
 
     SystemComparison against_first(const SystemRecord& record, std::size_t from, const std::vector<double>& values,
@@ -335,7 +378,7 @@ class Diagnoser {
             SystemEffect effect{.name = last.terms[t].name,
                                 .equation = last.terms[t].equation,
                                 .expression = last.texts[t],
-                                .probability = step.probability,
+                                .probability = step.probability * step.confirmed,
                                 .rivals = step.rivals};
             for (std::size_t p = 0; p < last.terms[t].parameters.size(); ++p, ++place) {
                 const auto value = fitted_value(place);
@@ -398,7 +441,8 @@ class Diagnoser {
     std::size_t divided_at_ = 0;
     const SystemDiagnosisOptions& options_;
     const RunControl& control_;
-    std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+    ProcessorTime time_{control_.workers};
+    std::vector<Refusal> refused_;
     std::vector<Step> steps_; // the first one is the model as it was given
     std::vector<double> scale_;
     Interpolation between_ = Interpolation::hold;

@@ -31,6 +31,13 @@ std::vector<double> resampled(const std::vector<double>& t, const std::vector<do
     return even;
 }
 
+// By how much a value moves for a difference quotient: until the outputs move by this share of their scale, rms. That is far
+// above what the solver's errors add to a long run, and far below where equations bend. A value may move by so much of its
+// own scale at most.
+constexpr double visible = 1e-3, max_step = 10;
+// The shortest beginning of the records that is fitted, and the samples of it for each value.
+constexpr std::size_t max_growth = 64, samples_per_value = 10;
+
 double median_step(const std::vector<double>& t) {
     std::vector<double> steps;
     for (std::size_t i = 1; i < t.size(); ++i) steps.push_back(t[i] - t[i - 1]);
@@ -94,6 +101,42 @@ Equations deep_copy(const Equations& equations) {
     return copy;
 }
 
+namespace {
+
+// Without states and clocks nothing is between the rows: outputs follow from the inputs of each, at whatever instants.
+std::vector<std::vector<double>> outputs_of_rows(Equations equations, const SystemRecord& record, std::size_t samples,
+                                                 const std::vector<std::size_t>& measured) {
+    std::vector<std::size_t> given; // inputs that have a column, which become discrete variables
+    const std::size_t first = equations.discrete.size();
+    const auto inputs = equations.inputs;
+    for (std::size_t i = 0; i < inputs.size() && i < record.inputs.size(); ++i) {
+        if (record.inputs[i].empty()) continue;
+        given.push_back(i);
+        std::erase_if(equations.inputs, [&](const auto& one) { return one.symbol == inputs[i].symbol; });
+        equations.discrete.push_back({inputs[i].name, inputs[i].unit, inputs[i].value, inputs[i].symbol, {}});
+    }
+    const EquationSystem system(std::move(equations));
+    SystemState state = system.initial_state();
+    std::vector<double> y(system.equations().outputs.size());
+    std::vector<std::vector<double>> outputs(measured.size(), std::vector<double>(samples));
+    for (std::size_t k = 0; k < samples; ++k) {
+        state.t = record.t[k];
+        const auto values = system.discrete_values(state);
+        for (std::size_t n = 0; n < given.size(); ++n) values[first + n] = record.inputs[given[n]][k];
+        system.outputs(state, y);
+        for (std::size_t o = 0; o < measured.size(); ++o) outputs[o][k] = y[measured[o]];
+    }
+    return outputs;
+}
+
+bool all_finite(const std::vector<std::vector<double>>& lists) {
+    return std::all_of(lists.begin(), lists.end(), [](const auto& values) {
+        return std::all_of(values.begin(), values.end(), [](double value) { return std::isfinite(value); });
+    });
+}
+
+} // namespace
+
 SystemFit::SystemFit(const std::vector<SystemRecord>& records, std::vector<double> scale, Interpolation between,
                      std::vector<std::size_t> used)
     : records_(records),
@@ -121,6 +164,12 @@ std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const s
         if (!std::isfinite(value)) return failed("a value is not finite");
     }
     try {
+        if (equations.states.empty() && equations.clocks.empty() && equations.whens.empty() &&
+            equations.contacts.empty()) {
+            SystemTrace trace{.outputs = outputs_of_rows(std::move(equations), record, samples, model.measured)};
+            if (!all_finite(trace.outputs)) return failed("outputs are not finite");
+            return trace;
+        }
         std::vector<std::string> state_names, output_names;
         for (const auto& state : equations.states) state_names.push_back(state.name);
         for (const std::size_t output : model.measured) output_names.push_back(equations.outputs[output].name);
@@ -155,11 +204,8 @@ std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const s
                 into.push_back(run.table[name].values);
                 if (into.back().size() < samples) return false;
                 into.back().resize(samples);
-                for (const double value : into.back()) {
-                    if (!std::isfinite(value)) return false;
-                }
             }
-            return true;
+            return all_finite(into);
         };
         if (!take(output_names, trace.outputs) || !take(state_names, trace.states)) {
             return failed("outputs or states are not finite");
@@ -193,32 +239,54 @@ double SystemFit::sum_of_squares(const std::vector<double>& errors) {
 }
 
 Eigen::MatrixXd SystemFit::jacobian(const SystemModel& model, const std::vector<double>& values,
-                                    const std::vector<double>& errors) const {
+                                    const std::vector<double>& errors, std::vector<double>* steps) const {
     const auto rows = static_cast<Eigen::Index>(errors.size());
     Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(rows, static_cast<Eigen::Index>(values.size()));
-    std::vector<double> moved = values;
+    std::vector<double> moved = values, own_steps;
+    if (!steps) steps = &own_steps;
+    steps->resize(values.size(), 0);
     for (std::size_t i = 0; i < values.size(); ++i) {
-        double scale = std::abs(values[i]);
+        double scale = std::abs(values[i]), low = -std::numeric_limits<double>::infinity(), high = -low;
         if (i < model.parameters.size()) {
             scale = std::max(scale, model.parameters[i].scale);
+            low = model.parameters[i].low;
+            high = model.parameters[i].high;
         } else {
             const auto& state =
                 model.equations.states[model.starts[(i - model.parameters.size()) % model.starts.size()]];
             scale = std::max({scale, std::abs(state.start), 1e-3 * state.nominal});
         }
-        double step = 1e-5 * (scale > 0 ? scale : 1);
-        if (i < model.parameters.size() && values[i] + step > model.parameters[i].high) step = -step;
-        for (const double sign : {1.0, -1.0}) {
-            moved[i] = values[i] + sign * step;
+        if (!(scale > 0)) scale = 1;
+        double& step = (*steps)[i];
+        if (!(step > 0)) step = 1e-5 * scale;
+        bool back = false; // towards smaller values
+        for (int attempt = 0; attempt < 4; ++attempt) {
+            double move = back ? -step : step;
+            if (values[i] + move > high || values[i] + move < low) move = -move;
+            if (values[i] + move > high || values[i] + move < low)
+                move = high - values[i] > values[i] - low ? high - values[i] : low - values[i];
+            if (move == 0) break;
+            moved[i] = values[i] + move;
             const auto other = this->errors(model, moved);
-            if (other.size() != errors.size()) continue;
-            for (Eigen::Index k = 0; k < rows; ++k) {
-                matrix(k, static_cast<Eigen::Index>(i)) =
-                    (errors[static_cast<std::size_t>(k)] - other[static_cast<std::size_t>(k)]) / (sign * step);
+            moved[i] = values[i];
+            if (other.size() != errors.size()) { // no simulation there
+                if (back) step *= 0.01;
+                back = !back;
+                continue;
             }
-            break;
+            double squares = 0;
+            for (Eigen::Index k = 0; k < rows; ++k) {
+                const double difference = errors[static_cast<std::size_t>(k)] - other[static_cast<std::size_t>(k)];
+                squares += difference * difference;
+                matrix(k, static_cast<Eigen::Index>(i)) = difference / move;
+            }
+            const double change = std::sqrt(squares / static_cast<double>(std::max<Eigen::Index>(rows, 1)));
+            if (change > 0.1 * visible && change < 10 * visible) break;
+            const double next =
+                std::min(step * (change > 0 ? std::clamp(visible / change, 1e-4, 1e3) : 1e3), max_step * scale);
+            if (next == step || (next > step && std::abs(move) < step)) break; // as far as it may move
+            step = next;
         }
-        moved[i] = values[i];
     }
     return matrix;
 }
@@ -236,8 +304,15 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
     result.sum = sum_of_squares(result.errors);
     if (result.errors.empty() || result.values.empty()) return result;
     double damping = 1e-3;
+    std::vector<double> steps;
     for (; result.iterations < iterations && !ended(); ++result.iterations) {
-        const Eigen::MatrixXd j = jacobian(model, result.values, result.errors);
+        Eigen::MatrixXd j = jacobian(model, result.values, result.errors, &steps);
+        // Values may be of any unit: each column has norm one, and what keeps the matrix regular is a share of each.
+        Eigen::VectorXd norm = j.colwise().norm();
+        for (Eigen::Index i = 0; i < norm.size(); ++i) {
+            if (!(norm[i] > 0)) norm[i] = 1; // a value that the errors do not depend on stays
+            j.col(i) /= norm[i];
+        }
         const Eigen::Map<const Eigen::VectorXd> e(result.errors.data(), j.rows());
         const Eigen::MatrixXd normal = j.transpose() * j;
         const Eigen::VectorXd gradient = j.transpose() * e;
@@ -245,10 +320,8 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
         bool improved = false;
         for (int attempt = 0; attempt < 10 && !improved && !ended(); ++attempt) {
             Eigen::MatrixXd damped = normal;
-            const double floor = 1e-12 * std::max(normal.diagonal().maxCoeff(), 1e-300);
-            damped.diagonal() += damping * normal.diagonal();
-            damped.diagonal().array() += floor;
-            const Eigen::VectorXd step = damped.ldlt().solve(gradient);
+            damped.diagonal().array() += damping + 1e-12;
+            const Eigen::VectorXd step = damped.ldlt().solve(gradient).cwiseQuotient(norm);
             std::vector<double> next = result.values;
             for (std::size_t i = 0; i < next.size(); ++i) next[i] += step[static_cast<Eigen::Index>(i)];
             bounded(next);
@@ -267,6 +340,23 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
         if (!improved || before - result.sum < 1e-6 * before) break;
     }
     return result;
+}
+
+SystemFit::Result SystemFit::fit_growing(const SystemModel& model, std::vector<double> start, int iterations,
+                                         const std::function<bool()>& ended) const {
+    std::vector<std::size_t> shares; // of the records, each twice as long as the one before
+    for (std::size_t share = 2; share <= max_growth; share *= 2) {
+        std::size_t samples = 0;
+        for (const std::size_t used : used_) samples += used / share;
+        if (samples < samples_per_value * std::max<std::size_t>(1, start.size())) break;
+        shares.insert(shares.begin(), share);
+    }
+    for (const std::size_t share : shares) {
+        SystemFit part = *this;
+        for (std::size_t& used : part.used_) used = used > 0 ? std::max<std::size_t>(2, used / share) : 0;
+        start = part.fit(model, std::move(start), iterations / 2, ended).values;
+    }
+    return fit(model, std::move(start), iterations, ended);
 }
 
 std::vector<double> SystemFit::standard_errors(const SystemModel& model, const std::vector<double>& values,

@@ -30,7 +30,7 @@ struct SystemModel {
         std::size_t place;                                     // among equations.parameters
         double low = -std::numeric_limits<double>::infinity(); // bounds, in the unit of the parameter
         double high = std::numeric_limits<double>::infinity();
-        double scale = 1; // a change that is small, but not nothing, times 1e4
+        double scale = 1; // a typical size, where the value is zero or near it
     };
     Equations equations;
     std::vector<std::size_t> measured; // outputs of the equations, in the order of SystemRecord::outputs
@@ -78,9 +78,10 @@ class SystemFit {
     std::vector<double> errors(const SystemModel& model, const std::vector<double>& values) const;
     static double sum_of_squares(const std::vector<double>& errors);
 
-    // Columns: the change of simulated / scale by each value (rows: as errors). A column is zero where it cannot be had.
+    // Columns: the change of simulated / scale by each value (rows: as errors), by difference quotients. A column is zero where
+    // it cannot be had. `steps`: by how much each value moves; the next call begins with them.
     Eigen::MatrixXd jacobian(const SystemModel& model, const std::vector<double>& values,
-                             const std::vector<double>& errors) const;
+                             const std::vector<double>& errors, std::vector<double>* steps = nullptr) const;
 
     struct Result {
         std::vector<double> values;
@@ -91,6 +92,10 @@ class SystemFit {
     // Where `ended` says so the values are those reached by then.
     Result fit(const SystemModel& model, std::vector<double> start, int iterations,
                const std::function<bool()>& ended) const;
+    // The same from a start far off: beginnings of the records are fitted first, each twice as long as the one before. Over a
+    // long record the phase of an oscillation that is off by a turn or more makes local minima.
+    Result fit_growing(const SystemModel& model, std::vector<double> start, int iterations,
+                       const std::function<bool()>& ended) const;
 
     // Of the values, all that the errors leave open: they are no white noise, so as many samples count as are independent of
     // one another. Infinite where the record does not tell. `errors`: at the values.

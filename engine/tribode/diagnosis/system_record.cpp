@@ -150,7 +150,7 @@ SystemModel system_model_of(Equations equations, const std::vector<std::string>&
     for (std::size_t p = 0; p < equations.parameters.size(); ++p) {
         const double value = std::abs(equations.parameters[p].value);
         if (is_free(equations.parameters[p].name)) {
-            model.parameters.push_back({.place = p, .scale = value > 0 ? value : 1e-3});
+            model.parameters.push_back({.place = p, .scale = value > 0 ? value : 1});
         }
     }
     for (std::size_t i = 0; i < equations.states.size(); ++i) {

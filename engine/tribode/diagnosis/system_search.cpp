@@ -6,6 +6,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <map>
+#include <set>
 
 namespace tribode {
 
@@ -16,11 +17,17 @@ constexpr double fitted_share = 0.7;
 // How many hypotheses are fitted: the best of all, the best of each name, and pairs, of which some are of terms with one
 // parameter each: richer ones explain more to first order, whatever is missing.
 constexpr std::size_t fitted_singles = 8, fitted_of_a_kind = 2, fitted_pairs = 5, fitted_plain_pairs = 5;
+// A second term is sought beside so many single terms that fit best, and as many of those with one parameter; so many of each
+// are fitted.
+constexpr std::size_t deepened_singles = 2, fitted_seconds = 4;
 constexpr double negligible = 0.02; // of what the best single term explains to first order
 constexpr int iterations = 20;
 // Far from where a term was screened its effect may be another: its amplitudes begin with the first of these shares at which
 // the error is no larger than without it.
 constexpr double begun[] = {1, 0.25, 0.05, 0.01};
+// Where a fit gains less than this share of what screening promised, the errors are bent on the way: it is tried once more over
+// growing parts of the records.
+constexpr double kept_promise = 0.5, worth_growing = 0.1;
 constexpr double worth_another_way = 0.98; // of the error, for another way of the inputs between samples
 constexpr double dispensable = 1.01;       // of the score without a term, for the term to be left out
 
@@ -43,12 +50,11 @@ double SystemCandidate::score() const {
 }
 
 SystemSearch::SystemSearch(const SystemModel& model, const std::vector<SystemRecord>& records,
-                           std::vector<double> scale, std::chrono::steady_clock::time_point deadline,
-                           const RunControl& control)
+                           std::vector<double> scale, std::function<bool()> late, const RunControl& control)
     : first_(model),
       records_(records),
       scale_(std::move(scale)),
-      deadline_(deadline),
+      late_(std::move(late)),
       control_(control) {
     for (const auto& record : records_) {
         used_.push_back(
@@ -57,10 +63,11 @@ SystemSearch::SystemSearch(const SystemModel& model, const std::vector<SystemRec
     }
 }
 
-bool SystemSearch::late() const { return control_.stop_requested() || std::chrono::steady_clock::now() > deadline_; }
-
-bool SystemSearch::fit(SystemCandidate& candidate, int steps) const {
-    const auto result = fit_of_first_part().fit(candidate.model, candidate.values, steps, [this] { return late(); });
+bool SystemSearch::fit(SystemCandidate& candidate, int steps, bool growing) const {
+    const SystemFit part = fit_of_first_part();
+    const auto ended = [this] { return late(); };
+    const auto result = growing ? part.fit_growing(candidate.model, candidate.values, steps, ended)
+                                : part.fit(candidate.model, candidate.values, steps, ended);
     if (result.errors.empty()) return false;
     candidate.values = result.values;
     candidate.fitted = result.errors;
@@ -100,10 +107,17 @@ SystemCandidate SystemSearch::begin() {
         if (best && late()) break;
         const Interpolation kept = between_;
         between_ = between;
-        SystemCandidate candidate{.model = first_, .values = first_.values(records_.size())};
+        // The first way begins with values that may be far off, the others with what it found.
+        SystemCandidate candidate{.model = first_, .values = best ? best->values : first_.values(records_.size())};
+        SystemCandidate grown = candidate;
+        bool fits = fit(candidate, 2 * iterations);
+        if (!best && fit(grown, 2 * iterations, true) &&
+            (!fits || rms_of_errors(grown.fitted) < rms_of_errors(candidate.fitted))) {
+            candidate = std::move(grown);
+            fits = true;
+        }
         const bool better =
-            fit(candidate, 2 * iterations) &&
-            (!best || rms_of_errors(candidate.fitted) < worth_another_way * rms_of_errors(best->fitted));
+            fits && (!best || rms_of_errors(candidate.fitted) < worth_another_way * rms_of_errors(best->fitted));
         if (better) {
             best = std::move(candidate);
         } else {
@@ -160,41 +174,101 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
     const SystemModel model = current.model.with(current.values);
     const auto variables = variables_of(model, first_.equations.states.size(), fit_first, traces);
     const auto terms = system_terms(model, first_.equations.states.size(), fit_first, variables, current.fitted);
-    const auto is_late = [this] { return late(); };
-    const auto list = chosen(
-        screened_terms(current.model, current.values, current.fitted, terms, fit_first, control_, is_late), terms);
+    std::vector<Hypothesis> list;
+    for (auto& some : chosen(
+             screened_terms(current.model, current.values, current.fitted, terms, fit_first, control_, late_), terms)) {
+        list.push_back({current, std::move(some)});
+    }
+    auto found = fitted(list, terms);
+    auto seconds = fitted(deepened(current, found, terms), terms);
+    found.insert(found.end(), std::make_move_iterator(seconds.begin()), std::make_move_iterator(seconds.end()));
+    std::stable_sort(found.begin(), found.end(),
+                     [](const SystemCandidate& a, const SystemCandidate& b) { return a.score() < b.score(); });
+    return found;
+}
+
+std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandidate& current,
+                                                             const std::vector<SystemCandidate>& found,
+                                                             const std::vector<SystemTerm>& terms) const {
+    std::vector<const SystemCandidate*> singles;
+    for (const auto& one : found) {
+        if (one.terms.size() == current.terms.size() + 1) singles.push_back(&one);
+    }
+    std::stable_sort(singles.begin(), singles.end(), [](const auto* a, const auto* b) {
+        return SystemFit::sum_of_squares(a->fitted) < SystemFit::sum_of_squares(b->fitted);
+    });
+    std::size_t any = 0, plain = 0;
+    std::set<std::string> kinds;
+    std::vector<Hypothesis> list;
+    for (const auto* one : singles) {
+        if (late()) break;
+        const bool is_plain = one->terms.back().parameters.size() == 1;
+        if (kinds.contains(one->terms.back().kind())) continue;
+        if (any < deepened_singles) {
+            ++any;
+        } else if (is_plain && plain < deepened_singles) {
+            ++plain;
+        } else {
+            continue;
+        }
+        kinds.insert(one->terms.back().kind());
+        const auto screening =
+            screened_terms(one->model, one->values, one->fitted, terms, fit_of_first_part(), control_, late_);
+        std::set<std::string> seconds;
+        for (const auto& single : screening.singles) {
+            const auto kind = terms[single.terms[0]].kind();
+            if (seconds.size() == fitted_seconds) break;
+            // Two of a kind say little, and a pair is the same in either order.
+            if (!kinds.contains(kind) && seconds.insert(kind).second) list.push_back({*one, single});
+        }
+    }
+    return list;
+}
+
+std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>& list,
+                                                  const std::vector<SystemTerm>& terms) const {
+    const SystemFit fit_first = fit_of_first_part();
     std::vector<SystemCandidate> found(list.size());
     for_each_index(list.size(), control_, fmt::format("fitting {} hypotheses", list.size()), [&](std::size_t c) {
         if (late()) return;
-        SystemCandidate candidate{.model = current.model, .values = {}, .terms = current.terms, .texts = current.texts};
-        for (const std::size_t i : list[c].terms) {
+        const SystemCandidate& from = list[c].from;
+        const ScreenedTerms& added = list[c].terms;
+        SystemCandidate candidate{.model = from.model, .values = {}, .terms = from.terms, .texts = from.texts};
+        for (std::size_t i = 0; i < added.terms.size(); ++i) {
             std::string text;
-            candidate.model = extended(candidate.model, terms[i],
-                                       list[c].starts[candidate.terms.size() - current.terms.size()], &text);
-            candidate.terms.push_back(terms[i]);
+            candidate.model = extended(candidate.model, terms[added.terms[i]], added.starts[i], &text);
+            candidate.terms.push_back(terms[added.terms[i]]);
             candidate.texts.push_back(text);
         }
+        const double before = SystemFit::sum_of_squares(from.fitted);
         for (const double share : begun) {
-            candidate.values = current.values;
-            for (std::size_t i = 0; i < list[c].terms.size(); ++i) {
-                const SystemTerm& term = terms[list[c].terms[i]];
-                std::vector<double> own = list[c].starts[i];
+            candidate.values = from.values;
+            for (std::size_t i = 0; i < added.terms.size(); ++i) {
+                const SystemTerm& term = terms[added.terms[i]];
+                std::vector<double> own = added.starts[i];
                 for (std::size_t p = 0; p < term.amplitudes; ++p) {
                     own[p] = term.neutral[p] + share * (own[p] - term.neutral[p]);
                 }
-                candidate.values.insert(candidate.values.begin() + static_cast<std::ptrdiff_t>(
-                                                                       candidate.values.size() - current.values.size() +
-                                                                       current.model.parameters.size()),
+                candidate.values.insert(candidate.values.begin() +
+                                            static_cast<std::ptrdiff_t>(candidate.values.size() - from.values.size() +
+                                                                        from.model.parameters.size()),
                                         own.begin(), own.end());
             }
             const double sum = SystemFit::sum_of_squares(fit_first.errors(candidate.model, candidate.values));
-            if (late() || sum <= SystemFit::sum_of_squares(current.fitted)) break;
+            if (late() || sum <= before) break;
         }
-        if (fit(candidate, iterations)) found[c] = std::move(candidate);
+        SystemCandidate grown = candidate;
+        bool fits = fit(candidate, iterations);
+        const bool short_of_promise =
+            !fits || SystemFit::sum_of_squares(candidate.fitted) > before * (1 - kept_promise * added.explained);
+        if (short_of_promise && added.explained > worth_growing && !late() && fit(grown, iterations, true) &&
+            (!fits || SystemFit::sum_of_squares(grown.fitted) < SystemFit::sum_of_squares(candidate.fitted))) {
+            candidate = std::move(grown);
+            fits = true;
+        }
+        if (fits) found[c] = std::move(candidate);
     });
     std::erase_if(found, [](const SystemCandidate& c) { return c.predicted.empty(); });
-    std::stable_sort(found.begin(), found.end(),
-                     [](const SystemCandidate& a, const SystemCandidate& b) { return a.score() < b.score(); });
     return found;
 }
 

@@ -2,7 +2,7 @@
 #include "tribode/base/run_control.hpp"
 #include "tribode/diagnosis/system_screening.hpp"
 
-#include <chrono>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -26,15 +26,17 @@ struct SystemCandidate {
 // Looks for the terms that a model lacks.
 class SystemSearch {
   public:
-    // `scale`: of each measured output. All must outlive it. `deadline`: after it `late` is true, and fits end where they are.
+    // `scale`: of each measured output. All must outlive it. `late`: whether to end; fits end where they are.
     SystemSearch(const SystemModel& model, const std::vector<SystemRecord>& records, std::vector<double> scale,
-                 std::chrono::steady_clock::time_point deadline, const RunControl& control);
+                 std::function<bool()> late, const RunControl& control);
 
     // The model without anything added. Of the ways in which inputs may run between their samples the one that suits the
     // records best is kept. Throws InputError where the model cannot be simulated on a record.
     SystemCandidate begin();
 
-    // Fits of the likeliest terms and pairs of terms beside those of `current`, the best score first.
+    // Fits of the likeliest terms and pairs of terms beside those of `current`, the best score first. To the best of the single
+    // terms, screened again where each was fitted, a second one is sought: two terms that both move the free values far
+    // show to first order only beside each other.
     std::vector<SystemCandidate> next(const SystemCandidate& current) const;
 
     // Without the terms that others make unnecessary. The first `kept` terms stay.
@@ -43,18 +45,27 @@ class SystemSearch {
     Interpolation interpolation() const { return between_; }
     const std::vector<double>& scale() const { return scale_; }
     SystemFit fit_of_all() const { return {records_, scale_, between_, whole_}; }
-    bool late() const;
+    bool late() const { return late_(); }
 
   private:
+    struct Hypothesis {
+        SystemCandidate from;
+        ScreenedTerms terms; // beside those of `from`
+    };
+
     SystemFit fit_of_first_part() const { return {records_, scale_, between_, used_}; }
-    bool fit(SystemCandidate& candidate, int iterations) const;
+    bool fit(SystemCandidate& candidate, int iterations, bool growing = false) const;
+    std::vector<SystemCandidate> fitted(const std::vector<Hypothesis>& list,
+                                        const std::vector<SystemTerm>& terms) const;
+    std::vector<Hypothesis> deepened(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
+                                     const std::vector<SystemTerm>& terms) const;
     std::vector<double> predicted(const SystemModel& model, const std::vector<double>& values) const;
     std::vector<ScreenedTerms> chosen(const Screening& screening, const std::vector<SystemTerm>& terms) const;
 
     const SystemModel& first_;
     const std::vector<SystemRecord>& records_;
     std::vector<double> scale_;
-    std::chrono::steady_clock::time_point deadline_;
+    std::function<bool()> late_;
     const RunControl& control_;
     std::vector<std::size_t> used_, whole_;
     Interpolation between_ = Interpolation::hold;
