@@ -124,6 +124,9 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
                        equations.states.push_back(behind);
                        return behind.symbol;
                    });
+    add_input_path(
+        library, input, "delay", {{"time", lag, 0, 0.25 * library.duration, lag, "s"}}, {0},
+        [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.g.make(Op::delay, u, p[0]); });
 }
 
 // What a sensor does to what it shows.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace tribode {
 
@@ -82,6 +83,40 @@ SystemTerm wave(const TermLibrary& library, const TermTarget& target, const std:
     return made;
 }
 
+// An input u acts as u + gain q, where q vibrates: q'' = w^2 (u - q) - 2 damping w q', w = 2 pi frequency.
+SystemTerm mode(const SystemVariable& input, double frequency) {
+    SystemTerm made{.name = "resonant_mode", .equation = "input " + input.name};
+    constexpr double infinity = std::numeric_limits<double>::infinity();
+    made.parameters = {{"gain", 0.01, -infinity, infinity, 1},
+                       {"frequency", frequency, frequency / 3, 3 * frequency, frequency, "Hz"},
+                       {"damping", 0.05, 1e-4, 2, 0.1}};
+    made.apply = [u = input.symbol, name = input.name, unit = input.unit](Equations& equations,
+                                                                          const std::vector<Term>& p) {
+        const TermArithmetic m{*equations.graph};
+        std::string own = name + "_mode";
+        while (std::any_of(equations.states.begin(), equations.states.end(),
+                           [&](const auto& s) { return s.name == own; })) {
+            own += "_";
+        }
+        Equations::State q{.name = own, .unit = unit}, rate{.name = own + "_rate"};
+        if (!unit.empty()) rate.unit = "(" + unit + ")/s";
+        q.symbol = equations.graph->variable(q.name);
+        rate.symbol = equations.graph->variable(rate.name);
+        const Term stand_in = equations.graph->variable("stand_in");
+        equations.replace({{u, stand_in}});
+        const Term changed = m.add(u, m.multiply(p[0], q.symbol));
+        equations.replace({{stand_in, changed}});
+        const Term w = m.multiply(m.number(two_pi), p[1]);
+        q.rate = rate.symbol;
+        rate.rate = m.subtract(m.multiply(m.multiply(w, w), m.subtract(u, q.symbol)),
+                               m.multiply(m.multiply(m.number(2), p[2]), m.multiply(w, rate.symbol)));
+        equations.states.push_back(q);
+        equations.states.push_back(rate);
+        return changed;
+    };
+    return made;
+}
+
 SystemTerm::Parameter period_of(double period, double span, const std::string& unit) {
     // A peak of the spectrum is period^2/span wide.
     const double tolerance = period * std::min(0.2, 0.5 * period / span);
@@ -117,6 +152,13 @@ void add_periodic(TermLibrary& library) {
                                              library.model.equations.time, period_of(period, library.duration, "s"),
                                              true));
             }
+        }
+    }
+    if (library.model.equations.states.empty() || !(library.duration > 0)) return;
+    for (const auto& input : library.variables) {
+        if (input.state) continue;
+        for (const double period : periods(library, {}, instants, library.duration)) {
+            library.terms.push_back(mode(input, 1 / period));
         }
     }
 }

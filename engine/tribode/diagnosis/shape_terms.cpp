@@ -40,6 +40,7 @@ class Shapes {
             for (const auto& variable : library_.variables) {
                 powers(variable);
                 if (changes_sign(variable)) dry_friction(variable);
+                if (changes_sign(variable) && variable.state && variable.name == target_->velocity) sticking(variable);
                 thresholds(variable);
                 hysteresis(variable, nullptr);
             }
@@ -151,7 +152,7 @@ class Shapes {
         return {.name = "width", .start = dry_width * size_of(velocity), .unit = velocity.unit};
     }
 
-    // Dry friction without its sticking, which is for models that have it as a part.
+    // Dry friction without its sticking.
     void dry_friction(const SystemVariable& velocity) {
         const double width = width_of(velocity).start;
         add({physical("dry_friction", velocity.name),
@@ -163,6 +164,32 @@ class Shapes {
              },
              {},
              {width_of(velocity)}});
+    }
+
+    // Dry friction that holds the velocity at zero, a force that nature chooses.
+    void sticking(const SystemVariable& velocity) {
+        SystemTerm made{
+            .name = physical("dry_friction", velocity.name), .equation = target_->name, .of = velocity.name};
+        made.parameters = {library_.amplitude(*target_, "level", 1, "1")};
+        made.parameters[0].low = 0;
+        made.apply = [target = *target_, v = velocity.symbol](Equations& equations, const std::vector<Term>& p) {
+            auto& graph = *equations.graph;
+            std::string name = "sticking_friction";
+            while (std::any_of(equations.discrete.begin(), equations.discrete.end(),
+                               [&](const auto& d) { return d.name == name + ".mode"; })) {
+                name += "_";
+            }
+            Equations::Contact contact{
+                .name = name, .force = graph.variable(name), .mode = graph.variable(name + ".mode")};
+            equations.discrete.push_back({name + ".mode", "", 0, contact.mode, {"stick", "forward", "backward"}});
+            contact.quantity = v;
+            contact.level = contact.release = p[0];
+            const Term added = graph.make(Op::negate, contact.force);
+            equations.contacts.push_back(std::move(contact));
+            target.add(equations, added);
+            return added;
+        };
+        library_.terms.push_back(std::move(made));
     }
 
     // Friction that grows with another variable, as a gear's with its load and a seal's with the pressure.

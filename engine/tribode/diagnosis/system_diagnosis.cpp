@@ -37,6 +37,8 @@ struct Step {
     SystemCandidate candidate;
     std::size_t before = 0; // how many of its terms were there before
     std::vector<std::pair<std::string, double>> rivals;
+    std::optional<std::pair<SystemCandidate, SystemCandidate>> nearest =
+        {}; // the one taken and the first of its rivals
     double probability = 1;
     double gain = 0, certainty = 0;
     double confirmed = 1; // probability that it predicts the validation records better
@@ -82,6 +84,16 @@ class Diagnoser {
         name_effects(search);
         result_.where = where_the_gap_is(result_.validation.front(), model_);
         decide();
+        for (const Step& step : steps_) {
+            if (result_.verdict != "undecided" || result_.next_experiment || !step.nearest) continue;
+            const auto& [one, other] = *step.nearest;
+            result_.next_experiment =
+                next_system_experiment(one, other, records_, scale_, between_, rms_of_errors(one.predicted), control_);
+            if (!result_.next_experiment) continue;
+            auto& text = result_.next_experiment->text;
+            text =
+                fmt::format("To tell {} from {}: {}", one.names_from(step.before), other.names_from(step.before), text);
+        }
         return std::move(result_);
     }
 
@@ -202,6 +214,7 @@ class Diagnoser {
             return true;
         };
         std::map<std::string, double> weight;
+        std::pair<double, std::size_t> first_rival{0, chosen};
         double own = 0, sum = 0;
         for (const std::size_t i : passed) {
             const double w = std::exp(-independent * std::log(found[i].score() / found[passed.front()].score()));
@@ -210,6 +223,7 @@ class Diagnoser {
             } else {
                 auto& rival = weight[found[i].names_from(begin)];
                 rival = std::max(rival, w);
+                if (w > first_rival.first) first_rival = {w, i};
             }
         }
         sum = std::accumulate(weight.begin(), weight.end(), own,
@@ -221,6 +235,7 @@ class Diagnoser {
         std::stable_sort(step.rivals.begin(), step.rivals.end(),
                          [](const auto& a, const auto& b) { return a.second > b.second; });
         if (step.rivals.size() > max_rivals) step.rivals.resize(max_rivals);
+        if (!step.rivals.empty()) step.nearest = {best, found[first_rival.second]};
     }
 
     static std::vector<std::string> kinds_of(const SystemCandidate& candidate) {

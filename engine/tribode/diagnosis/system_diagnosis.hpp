@@ -2,6 +2,7 @@
 #include "tribode/base/options.hpp"
 #include "tribode/base/run_control.hpp"
 #include "tribode/diagnosis/system_comparison.hpp"
+#include "tribode/diagnosis/system_next_experiment.hpp"
 
 #include <optional>
 #include <string>
@@ -53,7 +54,7 @@ struct SystemDiagnosis {
     Gap fitted_gap, validation_gap;
     double explained = 0;                                  // share of the squared gap on the validation records
     std::optional<std::pair<std::string, double>> nearest; // what came nearest without being found, share of the gap
-    std::optional<std::string> next_experiment;
+    std::optional<SystemExperiment> next_experiment;       // where rivals were not told apart
     std::vector<SystemHypothesis> hypotheses;
     Interpolation interpolation = Interpolation::hold;
     bool out_of_time = false;

@@ -59,7 +59,7 @@ Json system_diagnosis_json(const SystemDiagnosis& d, const std::vector<std::stri
             {"gap_unit", gap_unit(d)},
             {"explained", or_null(d.explained)},
             {"nearest", nearest},
-            {"next_experiment", d.next_experiment ? Json(*d.next_experiment) : Json(nullptr)},
+            {"next_experiment", d.next_experiment ? Json(d.next_experiment->text) : Json(nullptr)},
             {"free", free},
             {"hypotheses", hypotheses},
             {"inputs", interpolation_text(d.interpolation)},
@@ -84,6 +84,16 @@ void write_system_diagnosis(const SystemDiagnosis& d, const Json& summary, RunFo
         table.add(name + "_after", unit, validation.after[o]);
     }
     folder.write("validate.csv", to_csv(table));
+    if (d.next_experiment) {
+        const auto& next = d.next_experiment->record;
+        Table inputs;
+        inputs.add("t", "s", next.t);
+        for (std::size_t i = 0; i < next.inputs.size(); ++i) {
+            const auto& input = d.before.equations.inputs[i];
+            if (!next.inputs[i].empty()) inputs.add(input.name, input.unit, next.inputs[i]);
+        }
+        folder.write("next_experiment.csv", to_csv(inputs));
+    }
     RunControl whole = control; // with the verdict made, the rest takes moments
     whole.stop = nullptr;
     for (const auto& image : write_report(folder.path("report.html"), system_report(d), whole)) folder.add(image);
@@ -107,6 +117,7 @@ std::string system_diagnosis_text(const SystemDiagnosis& d) {
             text += fmt::format("    or {}: {:.2f}\n", name, probability);
         }
     }
+    if (d.next_experiment) text += fmt::format("  next: {}\n", d.next_experiment->text);
     if (d.out_of_time) text += "  the budget of time ended the search\n";
     return text;
 }

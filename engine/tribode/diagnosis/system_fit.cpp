@@ -3,9 +3,11 @@
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/experiment/system_run.hpp"
 #include "tribode/system/contacts.hpp"
+#include "tribode/system/input_delays.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 
@@ -95,6 +97,17 @@ SystemModel SystemModel::with(const std::vector<double>& values) const {
     return moved;
 }
 
+Eigen::MatrixXd basis_of(Eigen::MatrixXd columns) {
+    for (Eigen::Index c = 0; c < columns.cols(); ++c) {
+        const double norm = columns.col(c).norm();
+        if (norm > 0) columns.col(c) /= norm;
+    }
+    if (columns.cols() == 0) return columns;
+    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(columns);
+    qr.setThreshold(1e-6);
+    return qr.householderQ() * Eigen::MatrixXd::Identity(columns.rows(), qr.rank());
+}
+
 Equations deep_copy(const Equations& equations) {
     Equations copy = equations;
     copy.graph = std::make_shared<Expressions>(*equations.graph);
@@ -178,14 +191,31 @@ std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const s
         // What is measured at an instant is measured with the input of that instant, which acts from there on.
         const double after = 1e-7 * period;
         const bool even = is_even(record.t, period);
+        const auto delays = take_out_delays(equations);
         const auto inputs = equations.inputs; // the list changes
         for (std::size_t i = 0; i < inputs.size(); ++i) {
-            if (i >= record.inputs.size() || record.inputs[i].empty()) continue;
+            const bool is_given = i < record.inputs.size() && !record.inputs[i].empty();
+            if (!is_given) {
+                for (const auto& delayed : delays) {
+                    if (delayed.input == inputs[i].symbol) equations.replace({{delayed.symbol, delayed.input}});
+                }
+                continue;
+            }
             const auto held = even ? record.inputs[i] : resampled(record.t, record.inputs[i], period, between_);
             const auto place = std::find_if(equations.inputs.begin(), equations.inputs.end(),
                                             [&](const auto& one) { return one.symbol == inputs[i].symbol; });
             equations.inputs.erase(place);
-            connect_samples(equations, inputs[i], input_samples(held, period, 0, between_), 0);
+            const InputSamples pieces = input_samples(held, period, 0, between_);
+            connect_samples(equations, inputs[i], pieces, 0);
+            for (const auto& delayed : delays) {
+                if (delayed.input != inputs[i].symbol) continue;
+                InputSamples later = pieces;
+                later.offset = delayed.delay;
+                // What came before the record is not known: its first value.
+                connect_samples(equations,
+                                {equations.graph->name(delayed.symbol), inputs[i].unit, held.front(), delayed.symbol},
+                                std::move(later), 0);
+            }
         }
         close_contacts(equations);
         const EquationSystem system(std::move(equations));

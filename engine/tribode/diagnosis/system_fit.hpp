@@ -46,6 +46,9 @@ struct SystemModel {
     std::size_t value_count(std::size_t records) const { return parameters.size() + records * starts.size(); }
 };
 
+// Orthonormal, of all that the columns can do; columns that others nearly make up count for nothing.
+Eigen::MatrixXd basis_of(Eigen::MatrixXd columns);
+
 // A copy whose graph of expressions is its own, so that several threads may extend copies.
 Equations deep_copy(const Equations& equations);
 

@@ -71,7 +71,8 @@ std::optional<std::string> time_column(const std::filesystem::path& file, const 
     return std::nullopt;
 }
 
-// Central differences over a few samples.
+} // namespace
+
 std::vector<double> rate_of(const std::vector<double>& x, const std::vector<double>& t) {
     std::vector<double> rate(x.size(), 0);
     for (std::size_t k = 0; k < x.size(); ++k) {
@@ -80,8 +81,6 @@ std::vector<double> rate_of(const std::vector<double>& x, const std::vector<doub
     }
     return rate;
 }
-
-} // namespace
 
 std::string measured_name(const SystemModel& model, std::size_t output) {
     std::string name = model.equations.outputs[model.measured[output]].name;

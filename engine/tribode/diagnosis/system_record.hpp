@@ -33,4 +33,7 @@ Equations without_measured_states(const SystemModel& model);
 // A measured output as the user calls it: one that was made for a state has the name of the state.
 std::string measured_name(const SystemModel& model, std::size_t output);
 
+// The rate of change of a recorded motion: central differences over a few samples.
+std::vector<double> rate_of(const std::vector<double>& x, const std::vector<double>& t);
+
 } // namespace tribode

@@ -1,5 +1,6 @@
 #include "tribode/diagnosis/system_report.hpp"
 #include "tribode/base/quantity.hpp"
+#include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/diagnosis/report_colors.hpp"
 #include "tribode/diagnosis/system_record.hpp"
 
@@ -17,7 +18,8 @@ std::string label(const std::string& name, const std::string& unit) {
     return unit.empty() ? name : fmt::format("{} [{}]", name, unit);
 }
 
-// Means of the errors in bins of a variable, with twice their standard errors.
+// Means of the errors in bins of a variable, with twice their standard errors. What the means leave is no white noise: as many
+// samples count as it leaves independent of one another.
 Series binned(const std::string& name, const std::vector<double>& x, const std::vector<double>& errors,
               std::size_t first) {
     constexpr std::size_t bins = 40;
@@ -29,17 +31,27 @@ Series binned(const std::string& name, const std::vector<double>& x, const std::
         double n = 0, sum = 0, squares = 0;
     };
     std::vector<Bin> all(bins);
+    const auto bin_of = [&, low = *low](std::size_t k) -> Bin& {
+        return all[std::min(bins - 1, static_cast<std::size_t>((x[k] - low) / width))];
+    };
     for (std::size_t k = first; k < x.size(); ++k) {
         if (!std::isfinite(errors[k])) continue;
-        auto& bin = all[std::min(bins - 1, static_cast<std::size_t>((x[k] - *low) / width))];
+        auto& bin = bin_of(k);
         bin.n += 1;
         bin.sum += errors[k];
-        bin.squares += errors[k] * errors[k];
     }
+    std::vector<double> left;
+    for (std::size_t k = first; k < x.size(); ++k) {
+        if (!std::isfinite(errors[k])) continue;
+        auto& bin = bin_of(k);
+        left.push_back(errors[k] - bin.sum / bin.n);
+        bin.squares += left.back() * left.back();
+    }
+    const double correlated = std::max(1.0, correlation_length(left));
     for (std::size_t b = 0; b < bins; ++b) {
         if (all[b].n < 3) continue;
         const double mean = all[b].sum / all[b].n;
-        const double deviation = std::sqrt(std::max(all[b].squares / all[b].n - mean * mean, 0.0) / all[b].n);
+        const double deviation = std::sqrt(all[b].squares / all[b].n / std::max(1.0, all[b].n / correlated));
         series.x.push_back(*low + (static_cast<double>(b) + 0.5) * width);
         series.y.push_back(mean);
         series.low.push_back(mean - 2 * deviation);
@@ -161,7 +173,7 @@ ReportSection what_is_missing(const SystemDiagnosis& d) {
     }
     what.blocks.push_back(gaps);
     what.blocks.push_back(Figure{"responses", "A validation record.", responses(d, d.validation.front())});
-    if (d.next_experiment) what.blocks.push_back(Paragraph{"What to measure next: " + *d.next_experiment});
+    if (d.next_experiment) what.blocks.push_back(Paragraph{"What to measure next: " + d.next_experiment->text});
     return what;
 }
 

@@ -15,6 +15,8 @@ constexpr std::size_t max_rows = 4000; // of the errors: of more, some are left 
 constexpr double min_share = 1e-3;     // of the squared errors, for a term to be worth a fit
 constexpr double min_of_pair = 1.2;    // times what the better one explains alone
 constexpr std::size_t max_pairs = 60;
+constexpr double too_large = 10; // an effect of a probe, times the errors
+constexpr int max_attempts = 4;  // to make it smaller
 
 class Screen {
   public:
@@ -36,16 +38,35 @@ class Screen {
         const SystemTerm& term = terms_[i];
         effect_[i] = Eigen::MatrixXd::Zero(error_.size(), static_cast<Eigen::Index>(term.amplitudes));
         for (std::size_t a = 0; a < term.amplitudes; ++a) {
-            std::vector<double> own;
-            for (std::size_t p = 0; p < term.parameters.size(); ++p) {
-                own.push_back(p < term.amplitudes && p != a ? term.neutral[p] : term.parameters[p].start);
+            // An effect far larger than the errors, such as that of a negative damping over a long record, says nothing to first
+            // order about one as large as they are: then with less of the amplitude.
+            double share = 1;
+            for (int attempt = 0; attempt < max_attempts; ++attempt) {
+                std::vector<double> own;
+                for (std::size_t p = 0; p < term.parameters.size(); ++p) {
+                    const double start = term.parameters[p].start;
+                    if (p >= term.amplitudes) {
+                        own.push_back(start);
+                    } else {
+                        own.push_back(p == a ? term.neutral[p] + share * (start - term.neutral[p]) : term.neutral[p]);
+                    }
+                }
+                const SystemModel more = extended(model_, term, own);
+                const auto there = fit_.errors(more, more_values(model_, values_, own));
+                if (there.size() != samples_) {
+                    share *= 0.01;
+                    continue;
+                }
+                const Eigen::VectorXd moved = error_ - thinned(there); // what it adds to the outputs
+                if (moved.norm() < 1e-9 * std::sqrt(static_cast<double>(error_.size()))) break;
+                const double excess = moved.norm() / (too_large * error_.norm());
+                if (excess > 1 && attempt + 1 < max_attempts) {
+                    share *= 0.3 / excess;
+                    continue;
+                }
+                effect_[i].col(static_cast<Eigen::Index>(a)) = rest(moved) / share;
+                break;
             }
-            const SystemModel more = extended(model_, term, own);
-            const auto there = fit_.errors(more, more_values(model_, values_, own));
-            if (there.size() != samples_) continue;
-            const Eigen::VectorXd moved = error_ - thinned(there); // what it adds to the outputs
-            if (moved.norm() < 1e-9 * std::sqrt(static_cast<double>(error_.size()))) continue;
-            effect_[i].col(static_cast<Eigen::Index>(a)) = rest(moved);
         }
     }
 
@@ -114,13 +135,8 @@ class Screen {
             for (Eigen::Index k = 0; k < error_.size(); ++k) {
                 free(k, c) = full(k * static_cast<Eigen::Index>(stride_), c);
             }
-            const double norm = free.col(c).norm();
-            if (norm > 0) free.col(c) /= norm;
         }
-        if (free.cols() == 0) return Eigen::MatrixXd(error_.size(), 0);
-        Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(free);
-        qr.setThreshold(1e-6);
-        return qr.householderQ() * Eigen::MatrixXd::Identity(error_.size(), qr.rank());
+        return basis_of(std::move(free));
     }
 
     Eigen::VectorXd rest(const Eigen::VectorXd& v) const { return v - basis_ * (basis_.transpose() * v); }

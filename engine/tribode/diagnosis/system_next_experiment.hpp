@@ -1,0 +1,24 @@
+#pragma once
+#include "tribode/base/run_control.hpp"
+#include "tribode/diagnosis/system_search.hpp"
+
+#include <optional>
+#include <string>
+
+namespace tribode {
+
+struct SystemExperiment {
+    std::string text;    // which record, and how far it separates the rivals
+    SystemRecord record; // its inputs; its outputs are what the second rival foretells
+    double apart = 0;    // by how much the rivals differ there, rms, over the error that the first leaves now
+};
+
+// The record on which two rivals that could not be told apart differ most, whatever values the free parameters of the first
+// take: one of a list, within the inputs already seen, simulated as both were fitted. Nothing where no record on the list tells
+// more than the present ones. `records`: the fitted ones. `left`: error of the first, rms, over `scale`.
+std::optional<SystemExperiment> next_system_experiment(const SystemCandidate& first, const SystemCandidate& second,
+                                                       const std::vector<SystemRecord>& records,
+                                                       const std::vector<double>& scale, Interpolation between,
+                                                       double left, const RunControl& control);
+
+} // namespace tribode
