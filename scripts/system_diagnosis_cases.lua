@@ -1,23 +1,27 @@
--- How often a diagnosis of a system is right: random systems of five kinds with a hidden term, with none, or with one
--- that no term of the library is. Records are simulated with noise; the model that is diagnosed has parameters that are
--- off by up to 20 %. Counts right names, false alarms, confident wrong names, and how far the gap shrinks.
+-- How often a diagnosis of a system is right: random systems of five kinds with a hidden term, with a hidden change of
+-- the input's path, with none, or with a term that the library does not have. Records are simulated with noise; the
+-- model that is diagnosed has parameters that are off by up to 20 %. Counts right names, false alarms, confident wrong
+-- names, how far the gap shrinks, and how often answers of a probability are right. Where an answer is undecided the
+-- record that it asks for is simulated, and the diagnosis repeated with it.
 --
 --   tribode run scripts/system_diagnosis_cases.lua -D count=50 -D seed=1 -o results/system_cases
 --
--- Results: cases.csv, score.json, report.html.
+-- The budget is processor time, so that the answers do not depend on what else the computer does. Results: cases.csv,
+-- score.json, report.html, and what each diagnosis writes.
 
 local tb = require "tribode"
 
 local option = tb.options {
   count = { default = tb.quick and 5 or 50, help = "how many cases" },
   seed = { default = 1, help = "of all random numbers" },
-  budget = { default = 120, help = "seconds for each diagnosis" },
+  budget = { default = 120, help = "seconds of processor time for each diagnosis" },
+  first = { default = 1, help = "the first case, to go on after an interruption; cases do not depend on each other" },
 }
 
-local draws = 0
-local function random() -- even between 0 and 1
+local case, draws = 0, 0
+local function random() -- between 0 and 1
   draws = draws + 1
-  local z = tb.standard_normal(math.floor(option.seed), 1, draws)
+  local z = tb.standard_normal(math.floor(option.seed), 1000000 + case, draws)
   return 0.5 * (1 + z / math.sqrt(1 + z * z))
 end
 local function between(low, high) return low + (high - low) * random() end
@@ -85,43 +89,82 @@ local kinds = {
   },
 }
 
-local function system_of(kind, parameters, term)
+-- Of the input's path: names that are right, and what becomes of the input.
+local paths = {
+  { { "dead_zone" }, path = function(s)
+    return s.u - math.min(math.max(s.u, -0.4 * s.h), 0.4 * s.h)
+  end },
+  { { "saturation" }, path = function(s) return math.min(math.max(s.u, -0.9 * s.h), 0.9 * s.h) end },
+  { { "delay" }, path = function(s, kind) return tb.delay(s.u, 4 * kind.period * s.h) end },
+}
+
+local function system_of(kind, parameters, hidden)
   return tb.system {
     name = kind.name, parameters = parameters, inputs = { u = 0 }, states = kind.states,
-    der = function(s) return kind.der(s, term and term(s) or 0) end,
+    der = function(s)
+      if not hidden then return kind.der(s, 0) end
+      if not hidden.path then return kind.der(s, hidden[2](s)) end
+      local u = hidden.path(s, kind)
+      return kind.der(setmetatable({}, { __index = function(_, name) return name == "u" and u or s[name] end }), 0)
+    end,
   }
 end
 
 local samples = 400
-local function record(kind, system, file, noise, stream)
-  local u, tones = {}, {}
-  for i = 1, 4 do tones[i] = { between(0.2, 1), between(0.05, 1.2) / (10 * kind.period), between(0, 2 * math.pi) } end
-  for k = 1, samples do
-    local t = (k - 1) * kind.period
-    u[k] = 0
-    for _, tone in ipairs(tones) do u[k] = u[k] + tone[1] * math.sin(2 * math.pi * tone[2] / 2 * t + tone[3]) end
+-- noise: of the output, negative relative to its range. inputs: { t, u } instead of tones at random.
+local function record(kind, system, file, noise, stream, inputs)
+  local u = inputs and inputs.u or {}
+  if not inputs then
+    local tones = {}
+    for i = 1, 4 do
+      tones[i] = { between(0.2, 1), between(0.05, 1.2) / (20 * kind.period), between(0, 2 * math.pi) }
+    end
+    for k = 1, samples do
+      u[k] = 0
+      for _, tone in ipairs(tones) do
+        u[k] = u[k] + tone[1] * math.sin(2 * math.pi * tone[2] * (k - 1) * kind.period + tone[3])
+      end
+    end
   end
-  local run = tb.run_system { system = system, duration_s = (samples - 1) * kind.period, output_step_s = kind.period,
+  local run = tb.run_system { system = system, duration_s = (#u - 1) * kind.period, output_step_s = kind.period,
     inputs = { u = { sample_time_s = kind.period, values = u } } }
   if not run.ok then error(run.message, 0) end
   local y = run.values[kind.output]
-  if noise < 0 then -- relative
+  if noise < 0 then
     local low, high = math.huge, -math.huge
-    for k = 1, samples do low, high = math.min(low, y[k]), math.max(high, y[k]) end
+    for k = 1, #u do low, high = math.min(low, y[k]), math.max(high, y[k]) end
     noise = -noise * (high - low)
   end
-  for k = 1, samples do y[k] = y[k] + noise * tb.standard_normal(math.floor(option.seed), stream, k) end
+  for k = 1, #u do y[k] = y[k] + noise * tb.standard_normal(math.floor(option.seed), stream, k) end
   tb.write_csv { file = file, columns = { { name = "t", unit = "s", values = run.t }, { name = "u", values = u },
     { name = kind.output, values = y } } }
   return noise
 end
 
+local function names_right(accept, result)
+  local first = result.effects[1]
+  for _, name in ipairs(accept) do
+    if first and first.name == name then return true end
+    for _, rival in ipairs(first and result.verdict == "undecided" and first.rivals or {}) do
+      if rival.name:match "^%S+" == name then return true end
+    end
+  end
+  return false
+end
+
 local rows, score = {}, { cases = 0, named = 0, first_right = 0, none = 0, none_right = 0, unknown = 0,
-  unknown_right = 0, confident = 0, confident_wrong = 0, gap_within = 0, seconds = 0 }
-for n = 1, math.floor(option.count) do
+  unknown_right = 0, unknown_modeled = 0, confident = 0, confident_wrong = 0, gap_within = 0, undecided = 0, asked = 0,
+  decided = 0, out_of_time = 0, seconds = 0 }
+local bins = {}
+for i, low in ipairs { 0, 0.5, 0.8, 0.95 } do
+  bins[i] = { low = low, answers = 0, probability = 0, right = 0 }
+end
+local confusion, truths, answers = {}, {}, {}
+for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
+  case, draws = n, 0
   local kind = choice(kinds)
   local fate = random()
-  local hidden = fate > 0.3 and choice(kind.hidden) or nil
+  local hidden = fate > 0.3 and (fate > 0.85 and choice(paths) or choice(kind.hidden)) or nil
   local true_parameters, nominal = {}, {}
   local names = {}
   for name in pairs(kind.parameters) do names[#names + 1] = name end
@@ -131,48 +174,99 @@ for n = 1, math.floor(option.count) do
     nominal[name] = true_parameters[name] * between(0.83, 1.2)
   end
   true_parameters.h = between(0.5, 1.5)
-  local truth = system_of(kind, true_parameters, hidden and hidden[2])
+  local truth = system_of(kind, true_parameters, hidden)
   local folder = string.format("case_%03d", n)
   local noise = record(kind, truth, folder .. "_ident.csv", -0.003, 10 * n)
   record(kind, truth, folder .. "_valid.csv", noise, 10 * n + 1)
-  local result = tb.diagnose_system { system = system_of(kind, nominal), data = { folder .. "_ident.csv" },
+  local common = { system = system_of(kind, nominal), data = { folder .. "_ident.csv" },
     validate = { folder .. "_valid.csv" }, budget_s = option.budget, folder = folder }
-  local first = result.effects[1] and result.effects[1].name or "none"
-  local probability = result.effects[1] and result.effects[1].probability or 0
-  local accept, answer = hidden and hidden[1] or { "none" }, false
-  for _, name in ipairs(accept) do answer = answer or name == first end
-  for _, rival in ipairs(result.effects[1] and result.verdict == "undecided" and result.effects[1].rivals or {}) do
-    for _, name in ipairs(accept) do answer = answer or rival.name:match "^%S+" == name end
-  end
+  local result = tb.diagnose_system(common)
+  local effect = result.effects[1]
+  local first, probability = effect and effect.name or "none", effect and effect.probability or 0
+  local accept = hidden and hidden[1] or { "none" }
+  local answer
   local gap = result.gap.validate
   score.cases = score.cases + 1
   score.seconds = score.seconds + result.seconds
+  score.out_of_time = score.out_of_time + (result.out_of_time and 1 or 0)
   if not hidden then
     answer = result.verdict == "nothing_missing"
     score.none, score.none_right = score.none + 1, score.none_right + (answer and 1 or 0)
   elseif accept[1] == "unknown" then
-    answer = result.verdict ~= "effect_found" or gap.after < 1.5 * gap.floor
+    answer = result.verdict ~= "effect_found"
     score.unknown, score.unknown_right = score.unknown + 1, score.unknown_right + (answer and 1 or 0)
+    score.unknown_modeled = score.unknown_modeled + (gap.after <= 2 * gap.floor and 1 or 0)
   else
+    answer = names_right(accept, result)
     score.named, score.first_right = score.named + 1, score.first_right + (answer and 1 or 0)
     score.gap_within = score.gap_within + (gap.after <= 1.5 * gap.floor and 1 or 0)
   end
-  if probability > 0.8 and result.verdict == "effect_found" then
-    score.confident = score.confident + 1
-    score.confident_wrong = score.confident_wrong + (answer and 0 or 1)
+  if effect then
+    local right = accept[1] ~= "unknown" and names_right(accept, { verdict = "", effects = result.effects })
+    for i = #bins, 1, -1 do
+      if probability >= bins[i].low then
+        bins[i].answers, bins[i].probability = bins[i].answers + 1, bins[i].probability + probability
+        bins[i].right = bins[i].right + (right and 1 or 0)
+        break
+      end
+    end
+    if probability > 0.8 then
+      score.confident = score.confident + 1
+      score.confident_wrong = score.confident_wrong + (right and 0 or 1)
+    end
   end
-  rows[n] = { n, kind.name, table.concat(accept, " or "), result.verdict, first, probability, gap.before / gap.floor,
-    gap.after / gap.floor, result.seconds, answer and 1 or 0 }
-  print(string.format("%3d %-10s %-30s %-16s %-24s %.2f  gap %.1f -> %.2f floors, %.0f s%s", n, kind.name, rows[n][3],
-    result.verdict, first, probability, rows[n][7], rows[n][8], result.seconds, answer and "" or "  WRONG"))
+  if result.verdict == "undecided" then
+    score.undecided = score.undecided + 1
+    if type(result.next_experiment) == "string" and #result.next_experiment > 0 then
+      score.asked = score.asked + 1
+      local next_record = tb.read_record { file = folder .. "/next_experiment.csv", columns = { t = "t", u = "u" } }
+      record(kind, truth, folder .. "_next.csv", noise, 10 * n + 2, { u = next_record.data.u })
+      common.data, common.folder = { folder .. "_ident.csv", folder .. "_next.csv" }, folder .. "_again"
+      local again = tb.diagnose_system(common)
+      local decided = again.verdict ~= "undecided" and names_right(accept, again)
+      score.decided = score.decided + (decided and 1 or 0)
+      print(string.format("    asked for %s: %s %s", result.next_experiment, again.verdict,
+        again.effects[1] and again.effects[1].name or "none"))
+    end
+  end
+  local row = accept[1]
+  if not confusion[row] then confusion[row], truths[#truths + 1] = {}, row end
+  if not answers[first] then answers[first], answers[#answers + 1] = true, first end
+  confusion[row][first] = (confusion[row][first] or 0) + 1
+  rows[#rows + 1] = { n, kind.name, table.concat(accept, " or "), result.verdict, first, probability,
+    gap.before / gap.floor, gap.after / gap.floor, result.seconds, answer and 1 or 0 }
+  row = rows[#rows]
+  print(string.format("%3d %-10s %-30s %-16s %-24s %.2f  gap %.1f -> %.2f floors, %.0f s%s", n, kind.name, row[3],
+    result.verdict, first, probability, row[7], row[8], result.seconds, answer and "" or "  WRONG"))
 end
-
+score.reliability = {}
+for i, bin in ipairs(bins) do
+  score.reliability[i] = { from = bin.low, answers = bin.answers, right = bin.right,
+    mean_probability = bin.answers > 0 and bin.probability / bin.answers or 0 }
+end
+score.confusion = confusion
 tb.write_json { file = "score.json", value = score }
 local columns = { { name = "case", decimals = 0 }, { name = "kind" }, { name = "hidden" }, { name = "verdict" },
   { name = "first name" }, { name = "probability" }, { name = "gap before / noise" }, { name = "after / noise" },
   { name = "seconds" }, { name = "right", decimals = 0 } }
 local numbers, after = {}, {}
-for n, row in ipairs(rows) do numbers[n], after[n] = n, row[8] end
+for n, row in ipairs(rows) do numbers[n], after[n] = row[1], row[8] end
+table.sort(truths)
+table.sort(answers)
+local confusion_columns, confusion_rows = { { name = "hidden" } }, {}
+for _, name in ipairs(answers) do
+  confusion_columns[#confusion_columns + 1] = { name = name, decimals = 0 }
+end
+for i, name in ipairs(truths) do
+  confusion_rows[i] = { name }
+  for _, answered in ipairs(answers) do
+    confusion_rows[i][#confusion_rows[i] + 1] = confusion[name][answered] or ""
+  end
+end
+local reliable = {}
+for i, bin in ipairs(score.reliability) do
+  reliable[i] = { bin.from, bin.answers, bin.mean_probability, bin.answers > 0 and bin.right / bin.answers or "" }
+end
 tb.report {
   file = "report.html", title = "How often the diagnosis of a system is right",
   summary = string.format("Of %d hidden terms %d were named, of %d models that lacked nothing %d were left alone; %d "
@@ -182,5 +276,10 @@ tb.report {
     { plot = { panels = { { x_label = "Case", y_label = "Gap after / noise", y_log = true,
       series = { { name = "all", x = numbers, y = after, style = "points" } } } } } },
     { table = { columns = columns, rows = rows } },
+  } }, { title = "What was hidden and what was named first", content = {
+    { table = { columns = confusion_columns, rows = confusion_rows } },
+  } }, { title = "How often answers of a probability are right", content = {
+    { table = { columns = { { name = "probability from" }, { name = "answers", decimals = 0 },
+      { name = "mean probability" }, { name = "share right" } }, rows = reliable } },
   } } },
 }

@@ -134,6 +134,8 @@ TEST(SystemTerms, EachOfADrivenVehicleRunsAndCanBeWritten) {
                  "gain",
                  "power_law",
                  "lag",
+                 "delay",
+                 "resonant_mode",
                  "clipping"});
 }
 

@@ -1,0 +1,160 @@
+#include "tribode/diagnosis/system_fit.hpp"
+#include "tribode/diagnosis/system_next_experiment.hpp"
+#include "tribode/script/system_file.hpp"
+#include "unit/script/temporary_folder.hpp"
+
+#include <cmath>
+#include <gtest/gtest.h>
+
+namespace tribode {
+namespace {
+
+// A system of which all outputs are measured and all parameters and start values may move.
+SystemModel model_of(const TemporaryFolder& folder, const std::string& text) {
+    ScriptRequest request;
+    request.script = folder.write("system.lua", "local tb = require \"tribode\"\nreturn tb.system {" + text + "}");
+    request.folder = folder / "out";
+    ScriptRun run(request, {});
+    SystemModel model{.equations = system_of_file(run)};
+    for (std::size_t o = 0; o < model.equations.outputs.size(); ++o) model.measured.push_back(o);
+    for (std::size_t p = 0; p < model.equations.parameters.size(); ++p) {
+        model.parameters.push_back({.place = p, .scale = std::abs(model.equations.parameters[p].value)});
+    }
+    for (std::size_t i = 0; i < model.equations.states.size(); ++i) model.starts.push_back(i);
+    return model;
+}
+
+SystemRecord record_of(std::size_t samples, double step, const std::vector<double (*)(double)>& inputs) {
+    SystemRecord record{.source = "a record"};
+    for (std::size_t k = 0; k < samples; ++k) record.t.push_back(static_cast<double>(k) * step);
+    for (const auto input : inputs) {
+        record.inputs.emplace_back();
+        for (const double t : record.t) record.inputs.back().push_back(input(t));
+    }
+    return record;
+}
+
+const auto never = [] { return false; };
+
+// A force of a seal: the pressure is 1e5 Pa, the velocity 0.01 m/s. A column of 1e-7 of another must move as well.
+TEST(SystemFit, ValuesOfAnyUnitMove) {
+    const TemporaryFolder folder;
+    const SystemModel model = model_of(folder, R"(
+        parameters = { area = 4e-4, D = 1 }, inputs = { p = 0, v = 0 }, states = {}, der = function() return {} end,
+        outputs = function(s) return { F = s.area * s.p + s.D * s.v } end)");
+    auto record = record_of(
+        300, 0.01, {[](double t) { return 3e5 + 1e5 * std::sin(t); }, [](double t) { return 0.01 * std::cos(5 * t); }});
+    record.outputs.emplace_back();
+    for (std::size_t k = 0; k < record.size(); ++k) {
+        record.outputs[0].push_back(5.2e-4 * record.inputs[0][k] + 500 * record.inputs[1][k]);
+    }
+    const std::vector<SystemRecord> records = {record};
+    const SystemFit fit(records, {50}, Interpolation::linear, {record.size()});
+    const auto result = fit.fit(model, model.values(1), 20, never);
+    ASSERT_EQ(result.values.size(), 2u);
+    for (std::size_t i = 0; i < 2; ++i) {
+        const bool is_area = model.equations.parameters[model.parameters[i].place].name == "area";
+        EXPECT_NEAR(result.values[i], is_area ? 5.2e-4 : 500, is_area ? 1e-10 : 1e-3);
+    }
+}
+
+// Rows of a system without states count at their own instants, however uneven.
+TEST(SystemFit, RowsWithoutStatesAreTakenAsTheyAre) {
+    const TemporaryFolder folder;
+    const SystemModel model = model_of(folder, R"(
+        parameters = { c = 2 }, inputs = { u = 0 }, states = {}, der = function() return {} end,
+        outputs = function(s) return { y = s.c * s.u * s.u + s.t } end)");
+    auto record = record_of(50, 0.1, {[](double t) { return std::sin(40 * t); }});
+    for (std::size_t k = 20; k < 50; ++k) record.t[k] += 0.37;
+    const std::vector<SystemRecord> records = {record};
+    const auto trace =
+        SystemFit(records, {1}, Interpolation::linear, {50}).simulate(model, model.values(1), 0, record.size());
+    ASSERT_TRUE(trace);
+    for (std::size_t k = 0; k < 50; ++k) {
+        const double u = record.inputs[0][k];
+        EXPECT_NEAR(trace->outputs[0][k], 2 * u * u + record.t[k], 1e-14) << k;
+    }
+}
+
+// Seventy swings: from a frequency that is off by a fifth the error over all of them has local minima.
+TEST(SystemFit, AnOscillationIsFoundFromFarOffByGrowingParts) {
+    const TemporaryFolder folder;
+    const SystemModel truth = model_of(folder, R"(
+        parameters = { w2 = 64, d = 0.05 }, states = { x = 1, v = 0 },
+        der = function(s) return { x = s.v, v = -s.w2 * math.sin(s.x) - s.d * s.v } end,
+        outputs = function(s) return { y = s.x } end)");
+    std::vector<SystemRecord> records = {record_of(2000, 0.03, {})};
+    const auto whole = std::vector<std::size_t>{2000};
+    const auto trace =
+        SystemFit(records, {1}, Interpolation::hold, whole).simulate(truth, truth.values(1), 0, records[0].size());
+    ASSERT_TRUE(trace);
+    records[0].outputs = trace->outputs;
+    const SystemFit fit(records, {0.5}, Interpolation::hold, whole);
+    auto start = truth.values(1);
+    for (std::size_t i = 0; i < 2; ++i) {
+        if (truth.equations.parameters[truth.parameters[i].place].name == "w2") start[i] = 42;
+    }
+    const auto direct = fit.fit(truth, start, 40, never);
+    const auto growing = fit.fit_growing(truth, start, 40, never);
+    EXPECT_GT(direct.sum, 100); // otherwise there is nothing to show
+    EXPECT_LT(growing.sum, 1e-4);
+    for (std::size_t i = 0; i < start.size(); ++i) EXPECT_NEAR(growing.values[i], truth.values(1)[i], 1e-3) << i;
+}
+
+TEST(SystemFit, AnInputThatActsLateIsSimulatedLate) {
+    const TemporaryFolder folder;
+    const auto model = [&](const std::string& u) {
+        return model_of(folder, R"(parameters = { T = 0.3 }, inputs = { u = 0 }, states = { x = 0 },
+            der = function(s) return { x = )" +
+                                    u + R"( - s.x } end, outputs = function(s) return { y = s.x } end)");
+    };
+    const SystemModel late = model("tb.delay(s.u, s.T)"), prompt = model("s.u");
+    const std::vector<SystemRecord> records = {
+        record_of(100, 0.1, {[](double t) { return t < 1 ? 0.0 : std::sin(3 * t); }})};
+    const SystemFit fit(records, {1}, Interpolation::hold, {100});
+    const auto a = fit.simulate(late, late.values(1), 0, 100);
+    const auto b = fit.simulate(prompt, prompt.values(1), 0, 100);
+    ASSERT_TRUE(a && b);
+    double moved = 0;
+    for (std::size_t k = 3; k < 100; ++k) {
+        EXPECT_NEAR(a->outputs[0][k], b->outputs[0][k - 3], 1e-6);
+        moved = std::max(moved, std::abs(a->outputs[0][k] - b->outputs[0][k]));
+    }
+    EXPECT_GT(moved, 0.1);
+}
+
+// A linear damping and a quadratic one agree at the small input of the record. What separates them is a larger range of
+// velocities, within the input that was seen.
+TEST(SystemNextExperiment, SeparatesRivalsWithinTheInputsSeen) {
+    const TemporaryFolder folder;
+    const auto candidate = [&](const std::string& friction) {
+        SystemCandidate one{.model = model_of(folder, R"(
+            parameters = { d = 0.5 }, inputs = { u = 0 }, states = { v = 0.5 },
+            der = function(s) return { v = s.u - s.d * )" +
+                                                          friction + R"( } end,
+            outputs = function(s) return { y = s.v } end)")};
+        one.values = one.model.values(1);
+        return one;
+    };
+    const auto first = candidate("s.v"), second = candidate("s.v * math.abs(s.v) * 2");
+    const std::vector<SystemRecord> records = {record_of(400, 0.1, {[](double t) { return t < 38 ? 0.25 : -1.5; }})};
+    const auto next = next_system_experiment(first, second, records, {1}, Interpolation::hold, 0.01, {});
+    ASSERT_TRUE(next);
+    EXPECT_GT(next->apart, 3);
+    ASSERT_EQ(next->record.inputs.size(), 1u);
+    for (const double u : next->record.inputs[0]) {
+        EXPECT_GE(u, -1.5 - 1e-12);
+        EXPECT_LE(u, 0.25 + 1e-12);
+    }
+    // Of what it foretells the first model explains, with any parameter, no more than it says.
+    const std::vector<SystemRecord> asked = {next->record};
+    const SystemFit fit(asked, {1}, Interpolation::hold, {next->record.size()});
+    const auto best = fit.fit(first.model, first.values, 40, never);
+    const double left = std::sqrt(best.sum / static_cast<double>(best.errors.size()));
+    EXPECT_GT(left / 0.01, 0.5 * next->apart);
+    // The same model twice cannot be told apart.
+    EXPECT_FALSE(next_system_experiment(first, first, records, {1}, Interpolation::hold, 0.01, {}));
+}
+
+} // namespace
+} // namespace tribode
