@@ -118,13 +118,13 @@ std::vector<SystemVariable> variables_of(const SystemModel& model, std::size_t s
     std::vector<SystemVariable> found;
     const auto add = [&](SystemVariable variable) {
         const double n = static_cast<double>(std::max<std::size_t>(variable.values.size(), 1));
-        double sum = 0, squares = 0;
+        double sum = 0, squares = 0, size = 0;
+        for (const double v : variable.values) sum += v;
         for (const double v : variable.values) {
-            sum += v;
-            squares += v * v;
+            squares += (v - sum / n) * (v - sum / n);
+            size = std::max(size, std::abs(v));
         }
-        const double spread = std::sqrt(std::max(squares / n - sum * sum / (n * n), 0.0));
-        if (!(spread > 1e-9 * std::sqrt(squares / n))) return; // it does not move
+        if (!(std::sqrt(squares / n) > 1e-9 * size)) return; // it does not move
         const auto [low, high] = std::minmax_element(variable.values.begin(), variable.values.end());
         variable.low = *low;
         variable.high = *high;

@@ -43,9 +43,15 @@ const char* kind_at(lua_State* lua, int index) {
 }
 
 // Operand `index` of an arithmetic operation: a value, not a condition.
+// A condition below no_event is one, too.
+bool is_condition_term(const Expressions& graph, Term term) {
+    while (graph[term].op == Op::no_event) term = graph[term].a;
+    return is_condition(graph[term].op);
+}
+
 Term value_at(lua_State* lua, int index, Expressions& graph, const char* what) {
     const Term term = term_at(lua, index, graph, what);
-    if (is_condition(graph[term].op)) {
+    if (is_condition_term(graph, term)) {
         throw InputError(fmt::format("{}: operand {} is the condition {}, must be a value; tb.where makes one of it",
                                      what, index, graph.text(term)));
     }
@@ -99,7 +105,7 @@ LuaState::StackFunction refused(const char* text) {
 
 Term condition_at(lua_State* lua, int index, Expressions& graph, const char* what) {
     if (lua_isboolean(lua, index)) return graph.constant(lua_toboolean(lua, index));
-    if (const auto term = symbol_at(lua, index); term && is_condition(graph[*term].op)) return *term;
+    if (const auto term = symbol_at(lua, index); term && is_condition_term(graph, *term)) return *term;
     throw InputError(fmt::format("{}: argument {} is a {}, must be a condition, such as tb.less(x, 0)", what, index,
                                  kind_at(lua, index)));
 }
@@ -150,7 +156,9 @@ int without_event(const Graph& symbols, lua_State* lua) {
         lua_pushnumber(lua, number_at(lua, 1, "tb.no_event"));
         return 1;
     }
-    push_symbol(lua, graph.make(Op::no_event, value_at(lua, 1, graph, "tb.no_event")));
+    const auto condition = symbol_at(lua, 1);
+    const bool is_one = condition && is_condition_term(graph, *condition);
+    push_symbol(lua, graph.make(Op::no_event, is_one ? *condition : value_at(lua, 1, graph, "tb.no_event")));
     return 1;
 }
 

@@ -76,29 +76,25 @@ TEST(SystemFit, RowsWithoutStatesAreTakenAsTheyAre) {
     }
 }
 
-// Seventy swings: from a frequency that is off by a fifth the error over all of them has local minima.
+// Seventy swings: the error over all of them has a local minimum for each turn by which the phase is off at the end.
 TEST(SystemFit, AnOscillationIsFoundFromFarOffByGrowingParts) {
     const TemporaryFolder folder;
-    const SystemModel truth = model_of(folder, R"(
-        parameters = { w2 = 64, d = 0.05 }, states = { x = 1, v = 0 },
-        der = function(s) return { x = s.v, v = -s.w2 * math.sin(s.x) - s.d * s.v } end,
+    SystemModel model = model_of(folder, R"(
+        parameters = { w2 = 64 }, states = { x = 1, v = 0 },
+        der = function(s) return { x = s.v, v = -s.w2 * math.sin(s.x) - 0.05 * s.v } end,
         outputs = function(s) return { y = s.x } end)");
+    model.starts.clear();
     std::vector<SystemRecord> records = {record_of(2000, 0.03, {})};
-    const auto whole = std::vector<std::size_t>{2000};
-    const auto trace =
-        SystemFit(records, {1}, Interpolation::hold, whole).simulate(truth, truth.values(1), 0, records[0].size());
+    const std::vector<std::size_t> whole = {2000};
+    const auto trace = SystemFit(records, {1}, Interpolation::hold, whole).simulate(model, {64}, 0, records[0].size());
     ASSERT_TRUE(trace);
     records[0].outputs = trace->outputs;
     const SystemFit fit(records, {0.5}, Interpolation::hold, whole);
-    auto start = truth.values(1);
-    for (std::size_t i = 0; i < 2; ++i) {
-        if (truth.equations.parameters[truth.parameters[i].place].name == "w2") start[i] = 42;
-    }
-    const auto direct = fit.fit(truth, start, 40, never);
-    const auto growing = fit.fit_growing(truth, start, 40, never);
+    const auto direct = fit.fit(model, {42}, 40, never);
+    const auto growing = fit.fit_growing(model, {42}, 40, never);
     EXPECT_GT(direct.sum, 100); // otherwise there is nothing to show
     EXPECT_LT(growing.sum, 1e-4);
-    for (std::size_t i = 0; i < start.size(); ++i) EXPECT_NEAR(growing.values[i], truth.values(1)[i], 1e-3) << i;
+    EXPECT_NEAR(growing.values[0], 64, 1e-4);
 }
 
 TEST(SystemFit, AnInputThatActsLateIsSimulatedLate) {
