@@ -25,6 +25,8 @@ constexpr double min_gain = 0.03; // of the rms of a prediction, for a term to b
 constexpr double sure_enough = 0.95;
 // How often the search goes on without what the validation records refused. Each attempt must be surer, as several are looked at.
 constexpr std::size_t max_attempts = 3;
+// Of the fits to whole records: values that nearly make up for each other take many.
+constexpr int final_iterations = 100;
 constexpr double as_good = 1.02; // of the best score: then the simplest is taken
 constexpr std::size_t max_terms = 12, max_rivals = 5;
 constexpr double min_rival = 0.05; // probability worth showing
@@ -74,7 +76,6 @@ class Diagnoser {
         SystemSearch search(model_, records_, scales(), ended_after(search_share), control_);
         steps_.push_back({.candidate = search.begin()});
         stop_if_asked();
-        result_.interpolation = search.interpolation();
         for (std::size_t attempt = 1; attempt <= max_attempts; ++attempt) {
             extend(search);
             result_.out_of_time = search.late();
@@ -136,7 +137,7 @@ class Diagnoser {
     }
 
     // Adds terms while they predict what was not fitted better.
-    void extend(const SystemSearch& search) {
+    void extend(SystemSearch& search) {
         std::set<std::string> kinds;
         for (const auto& kind : kinds_of(steps_.back().candidate)) kinds.insert(kind);
         while (kinds.size() < options_.max_effects && steps_.back().candidate.terms.size() < max_terms &&
@@ -170,7 +171,9 @@ class Diagnoser {
                 }
                 break;
             }
-            Step step{.candidate = search.pruned(found[*chosen]),
+            SystemCandidate taken = found[*chosen];
+            search.reconsider_inputs(taken);
+            Step step{.candidate = search.pruned(std::move(taken)),
                       .before = current.terms.size(),
                       .gain = gains[*chosen],
                       .certainty = certainties[*chosen]};
@@ -297,13 +300,13 @@ class Diagnoser {
         const SystemFit whole = search.fit_of_all();
         scale_ = search.scale();
         baseline_starts_.clear();
-        between_ = search.interpolation();
+        between_ = result_.interpolation = search.interpolation();
         struct Judged {
             std::vector<double> values, errors;
             std::vector<SystemComparison> validation;
         };
         const auto judged = [&](const SystemCandidate& candidate) {
-            const auto result = whole.fit(candidate.model, candidate.values, 40, ended);
+            const auto result = whole.fit(candidate.model, candidate.values, final_iterations, ended);
             Judged one{result.errors.empty() ? candidate.values : result.values, result.errors, {}};
             const bool is_first = &candidate == &steps_.front().candidate;
             if (is_first) baseline_values_ = one.values;

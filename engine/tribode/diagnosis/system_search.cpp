@@ -28,8 +28,17 @@ constexpr double begun[] = {1, 0.25, 0.05, 0.01};
 // Where a fit gains less than this share of what screening promised, the errors are bent on the way: it is tried once more over
 // growing parts of the records.
 constexpr double kept_promise = 0.5, worth_growing = 0.1;
-constexpr double worth_another_way = 0.98; // of the error, for another way of the inputs between samples
+constexpr double worth_another_way = 0.98; // of both errors, for another way of the inputs between samples
 constexpr double dispensable = 1.01;       // of the score without a term, for the term to be left out
+
+} // namespace
+
+namespace {
+
+bool suits_better(const SystemCandidate& one, const SystemCandidate& other) {
+    return rms_of_errors(one.fitted) < worth_another_way * rms_of_errors(other.fitted) &&
+           rms_of_errors(one.predicted) < worth_another_way * rms_of_errors(other.predicted);
+}
 
 } // namespace
 
@@ -91,19 +100,34 @@ std::vector<double> SystemSearch::predicted(const SystemModel& model, const std:
     return all;
 }
 
-SystemCandidate SystemSearch::begin() {
+// The ways in which inputs may run between their samples. Without states, nothing is between these.
+std::vector<Interpolation> SystemSearch::ways() const {
     const bool sampled = std::any_of(records_.begin(), records_.end(), [](const auto& record) {
         return std::any_of(record.inputs.begin(), record.inputs.end(), [](const auto& u) { return !u.empty(); });
     });
-    // Without states, nothing is between the samples.
-    std::vector<Interpolation> ways = {Interpolation::hold};
-    if (sampled && !first_.equations.states.empty()) {
-        ways = {Interpolation::hold, Interpolation::linear, Interpolation::band_limited};
-    } else if (sampled) {
-        ways = {Interpolation::linear};
+    if (!sampled) return {Interpolation::hold};
+    if (first_.equations.states.empty()) return {Interpolation::linear};
+    return {Interpolation::hold, Interpolation::linear, Interpolation::band_limited};
+}
+
+void SystemSearch::reconsider_inputs(SystemCandidate& candidate) {
+    const Interpolation present = between_;
+    for (const Interpolation between : ways()) {
+        if (between == present || late()) continue;
+        const Interpolation kept = between_;
+        between_ = between;
+        SystemCandidate other = candidate;
+        if (fit(other, iterations) && suits_better(other, candidate)) {
+            candidate = std::move(other);
+        } else {
+            between_ = kept;
+        }
     }
+}
+
+SystemCandidate SystemSearch::begin() {
     std::optional<SystemCandidate> best;
-    for (const Interpolation between : ways) {
+    for (const Interpolation between : ways()) {
         if (best && late()) break;
         const Interpolation kept = between_;
         between_ = between;
@@ -116,8 +140,7 @@ SystemCandidate SystemSearch::begin() {
             candidate = std::move(grown);
             fits = true;
         }
-        const bool better =
-            fits && (!best || rms_of_errors(candidate.fitted) < worth_another_way * rms_of_errors(best->fitted));
+        const bool better = fits && (!best || suits_better(candidate, *best));
         if (better) {
             best = std::move(candidate);
         } else {

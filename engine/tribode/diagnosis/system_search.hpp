@@ -34,6 +34,9 @@ class SystemSearch {
     // records best is kept. Throws InputError where the model cannot be simulated on a record.
     SystemCandidate begin();
 
+    // The same for a model with what was found: the way that suited a model that lacked it may have made up for a part of it.
+    void reconsider_inputs(SystemCandidate& candidate);
+
     // Fits of the likeliest terms and pairs of terms beside those of `current`, the best score first. To the best of the single
     // terms, screened again where each was fitted, a second one is sought: two terms that both move the free values far
     // show to first order only beside each other.
@@ -53,6 +56,7 @@ class SystemSearch {
         ScreenedTerms terms; // beside those of `from`
     };
 
+    std::vector<Interpolation> ways() const;
     SystemFit fit_of_first_part() const { return {records_, scale_, between_, used_}; }
     bool fit(SystemCandidate& candidate, int iterations, bool growing = false) const;
     std::vector<SystemCandidate> fitted(const std::vector<Hypothesis>& list,
