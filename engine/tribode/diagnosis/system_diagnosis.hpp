@@ -13,11 +13,11 @@ namespace tribode {
 
 struct SystemDiagnosisOptions {
     std::size_t max_effects = 3; // kinds of terms; 0: the model is fitted and compared, nothing is sought
-    double budget = 300;         // after so long what is known is the answer [s]
+    double budget = 300;         // processor time of each worker after which what is known is the answer [s]
 
     static void describe(auto& o, auto& fields) {
         fields.integer("max_effects", o.max_effects, 0, 6, "how many kinds of terms may be missing together");
-        fields.number("budget_s", o.budget, "s", Allowed::positive, "after so long what is known is the answer");
+        fields.number("budget_s", o.budget, "s", Allowed::positive, "processor time of each thread after which what is known is the answer");
     }
 };
 
