@@ -49,6 +49,24 @@ double correlation_length(const std::vector<double>& errors) {
     return std::min(sum, static_cast<double>(n) / 4);
 }
 
+bool is_white(const std::vector<double>& errors) {
+    constexpr std::size_t lags = 20;
+    const std::size_t n = errors.size();
+    if (n < 3 * lags) return false; // too few to tell
+    const double mean = std::accumulate(errors.begin(), errors.end(), 0.0) / static_cast<double>(n);
+    double zero = 0, sum = 0;
+    for (const double e : errors) zero += (e - mean) * (e - mean);
+    if (!(zero > 0)) return true;
+    for (std::size_t lag = 1; lag <= lags; ++lag) {
+        double product = 0;
+        for (std::size_t k = lag; k < n; ++k) product += (errors[k] - mean) * (errors[k - lag] - mean);
+        sum += product * product / (zero * zero) / static_cast<double>(n - lag);
+    }
+    // Of white noise chi square of as many degrees of freedom as lags: less than three standard deviations above its mean.
+    const double chi_square = static_cast<double>(n) * static_cast<double>(n + 2) * sum;
+    return chi_square < lags + 3 * std::sqrt(2.0 * lags);
+}
+
 double probability_of_gain(const std::vector<double>& first, const std::vector<double>& second) {
     const std::size_t n = std::min(first.size(), second.size());
     if (n == 0) return 0;

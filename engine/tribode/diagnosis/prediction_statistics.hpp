@@ -13,6 +13,10 @@ double white_noise(const std::vector<double>& values);
 // Samples after which errors have forgotten what they were: the sum of their correlations, both ways.
 double correlation_length(const std::vector<double>& errors);
 
+// Whether the errors cannot be told from white noise, in which nothing is left to find: the sum of their squared correlations
+// over the first lags is no larger than by chance [Ljung 1978].
+bool is_white(const std::vector<double>& errors);
+
 // The probability, by resampling blocks longer than the correlation, that the second errors are smaller in mean square than
 // the first ones. Both of the same samples.
 double probability_of_gain(const std::vector<double>& first, const std::vector<double>& second);

@@ -144,6 +144,7 @@ class Diagnoser {
                !search.late()) {
             Step& last = steps_.back();
             const SystemCandidate& current = last.candidate;
+            if (is_white(current.fitted) && is_white(current.predicted)) break; // nothing is left to find
             if (!last.tried) {
                 last.tried = search.next(current);
                 last.first_told = result_.hypotheses.size();

@@ -203,7 +203,11 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
         list.push_back({current, std::move(some)});
     }
     auto found = fitted(list, terms);
-    auto seconds = fitted(deepened(current, found, terms), terms);
+    // Where one leaves nothing but noise, a second one has nothing to explain.
+    const bool is_enough = std::any_of(found.begin(), found.end(), [](const SystemCandidate& one) {
+        return is_white(one.fitted) && is_white(one.predicted);
+    });
+    auto seconds = is_enough ? std::vector<SystemCandidate>{} : fitted(deepened(current, found, terms), terms);
     found.insert(found.end(), std::make_move_iterator(seconds.begin()), std::make_move_iterator(seconds.end()));
     std::stable_sort(found.begin(), found.end(),
                      [](const SystemCandidate& a, const SystemCandidate& b) { return a.score() < b.score(); });

@@ -35,6 +35,19 @@ TEST(PredictionStatistics, CorrelationHasTheLengthOfItsMemory) {
     EXPECT_EQ(correlation_length({1, 1, 1, 1, 1}), 1);
 }
 
+TEST(PredictionStatistics, NoiseIsWhiteAndWhatIsLeftInItIsNot) {
+    int white = 0;
+    for (std::uint64_t seed = 100; seed < 200; ++seed) white += is_white(noise(seed, 300, 0.01)) ? 1 : 0;
+    EXPECT_GE(white, 95);
+    EXPECT_FALSE(is_white(correlated(7, 300, 0.5)));
+    // A tenth of the noise, that lasts, shows in a long record.
+    auto values = noise(8, 30000, 1);
+    EXPECT_TRUE(is_white(values));
+    for (std::size_t k = 0; k < values.size(); ++k) values[k] += 0.15 * std::sin(0.01 * static_cast<double>(k));
+    EXPECT_FALSE(is_white(values));
+    EXPECT_FALSE(is_white({1, -1, 1}));
+}
+
 TEST(PredictionStatistics, AGainIsSureOnlyWhereItIsMoreThanChance) {
     const auto first = correlated(4, 4000, 0.95), same = correlated(5, 4000, 0.95);
     std::vector<double> smaller = first;
