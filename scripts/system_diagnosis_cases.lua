@@ -42,7 +42,8 @@ local kinds = {
       { { "spring_force" }, function(s) return s.h * s.x end },
       { { "coulomb_friction" }, function(s) return s.h * 0.4 * tb.tanh(s.v / 0.02) end },
       { { "force_ripple" }, function(s) return s.h * 0.8 * math.sin(5 * s.x) end },
-      { { "constant_force" }, function(s) return s.h * 0.3 end },
+      -- The same as an offset of the input.
+      { { "constant_force", "offset" }, function(s) return s.h * 0.3 end },
       { { "unknown" }, function(s) return s.h * math.sin(3 * s.v) * math.cos(2 * s.x) end },
     },
   },
@@ -84,7 +85,7 @@ local kinds = {
     hidden = {
       { { "quadratic", "square", "cubic" }, function(s) return s.h * 0.01 * drag(s.T) end },
       { { "periodic_in_time" }, function(s) return s.h * 0.1 * math.sin(0.3 * s.t) end },
-      { { "constant" }, function(s) return s.h * 0.1 end },
+      { { "constant", "offset" }, function(s) return s.h * 0.1 end },
     },
   },
 }

@@ -16,6 +16,7 @@ namespace {
 
 constexpr std::size_t max_samples = 2000; // of a record on the list
 constexpr double worth_measuring = 1.2;   // times what the present record tells
+constexpr double min_apart = 0.1;         // of the error that is left: below it the two say the same
 
 struct Experiment {
     std::string text;
@@ -181,7 +182,7 @@ std::optional<SystemExperiment> next_system_experiment(const SystemCandidate& fi
     if (best == apart.end() || !(left > 0)) return std::nullopt;
     Experiment present{.record = records.front()};
     const double here = difference(first, second, present, scale, between, nullptr) / left;
-    if (!(*best > worth_measuring * here)) return std::nullopt;
+    if (!(*best > worth_measuring * here) || *best < min_apart) return std::nullopt;
     Experiment& chosen = menu.list[static_cast<std::size_t>(best - apart.begin())];
     SystemExperiment result{.apart = *best};
     difference(first, second, chosen, scale, between, &result.record);
