@@ -17,7 +17,8 @@ struct SystemDiagnosisOptions {
 
     static void describe(auto& o, auto& fields) {
         fields.integer("max_effects", o.max_effects, 0, 6, "how many kinds of terms may be missing together");
-        fields.number("budget_s", o.budget, "s", Allowed::positive, "processor time of each thread after which what is known is the answer");
+        fields.number("budget_s", o.budget, "s", Allowed::positive,
+                      "processor time of each thread after which what is known is the answer");
     }
 };
 
