@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace tribode {
 
@@ -86,8 +85,7 @@ SystemTerm wave(const TermLibrary& library, const TermTarget& target, const std:
 // An input u acts as u + gain q, where q vibrates: q'' = w^2 (u - q) - 2 damping w q', w = 2 pi frequency.
 SystemTerm mode(const SystemVariable& input, double frequency) {
     SystemTerm made{.name = "resonant_mode", .equation = "input " + input.name};
-    constexpr double infinity = std::numeric_limits<double>::infinity();
-    made.parameters = {{"gain", 0.01, -infinity, infinity, 1},
+    made.parameters = {{.name = "gain", .start = 0.01},
                        {"frequency", frequency, frequency / 3, 3 * frequency, frequency, "Hz"},
                        {"damping", 0.05, 1e-4, 2, 0.1}};
     made.apply = [u = input.symbol, name = input.name, unit = input.unit](Equations& equations,
