@@ -38,3 +38,22 @@ refused("factor", tb.decimate, { values = q, factor = 1 })
 refused("two values", tb.derivative, { values = { 1 }, sample_time_s = Ts })
 refused("depend on one another", tb.least_squares, { columns = { v, v }, values = force })
 refused("columns must be a list of lists", tb.least_squares, { columns = { { "x" } }, values = force })
+
+-- tb.spectrum: the response of a first-order filter, with coherence, and the power of the noise that is added.
+local input, output, state = {}, {}, 0
+for k = 1, 20000 do
+  input[k] = tb.standard_normal(3, 1, k)
+  state = 0.7 * state + 0.3 * input[k]
+  output[k] = state + 0.1 * tb.standard_normal(3, 2, k)
+end
+local s = tb.spectrum { output = output, input = input, sample_time_s = Ts, window_samples = 512 }
+assert(#s.frequency_hz == 255 and s.windows == 77 and #s.inputs == 1)
+local half = s.inputs[1].h1
+assert(math.abs(half.gain_db[10]) < 4 * half.std_gain_db[10] + 0.2 and half.std_gain_db[10] < 0.3)
+assert(s.coherence[10] > 0.95 and s.coherence[10] > s.coherence_threshold)
+assert(math.abs(s.noise_power[100] / (0.01 / 500) - 1) < 0.6)
+assert(#tb.spectrum { output = output, sample_time_s = Ts }.inputs == 0)
+local two = tb.spectrum { output = output, inputs = { input, output }, sample_time_s = Ts, window_samples = 512 }
+assert(math.abs(two.coherence[5] - 1) < 1e-9 and not two.inputs[1].h2)
+local ok, message = pcall(tb.spectrum, { output = output, input = input, inputs = { input }, sample_time_s = Ts })
+assert(not ok and message:find("inputs must be a list of lists of numbers, in place of input", 1, true), message)

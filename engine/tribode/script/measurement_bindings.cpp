@@ -1,4 +1,5 @@
 #include "tribode/analysis/multisine.hpp"
+#include "tribode/analysis/spectral_estimate.hpp"
 #include "tribode/analysis/test_signals.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/field_reader.hpp"
@@ -10,6 +11,7 @@
 
 #include <cmath>
 #include <fmt/format.h>
+#include <numbers>
 
 namespace tribode {
 
@@ -141,6 +143,66 @@ Json response_between(const Json& arguments) {
     return to_json(cross_spectra({signals}, static_cast<std::size_t>(window)).front());
 }
 
+// One list of numbers, or a list of such lists.
+std::vector<std::vector<double>> inputs_of(FieldReader& fields) {
+    std::vector<std::vector<double>> inputs;
+    if (fields.has("input")) inputs.push_back(fields.numbers("input", "", Allowed::finite, {}));
+    const Json& list = fields.value("inputs");
+    if (list.is_null()) return inputs;
+    if (!inputs.empty() || !list.is_array()) fields.fail("inputs", "must be a list of lists of numbers, in place of input");
+    for (const auto& entry : list) {
+        const Json one{{"values", entry}};
+        FieldReader reader(one, fields.name_of(fmt::format("inputs[{}]", inputs.size() + 1)));
+        inputs.push_back(reader.numbers("values", "", Allowed::finite, {}));
+    }
+    return inputs;
+}
+
+Json spectrum(const Json& arguments) {
+    FieldReader fields(arguments, "tb.spectrum");
+    const auto output = fields.numbers("output", "", Allowed::finite, {});
+    const auto inputs = inputs_of(fields);
+    SpectrumOptions options;
+    read_options(options, fields);
+    fields.finish();
+    const SpectralEstimate found = spectral_estimate(inputs, output, options);
+    Json json{{"frequency_hz", found.frequency_hz}, {"power", found.power},
+              {"windows", found.windows},           {"averages", found.averages},
+              {"bandwidth_hz", found.bandwidth},    {"power_low", found.power_low},
+              {"power_high", found.power_high},     {"inputs", Json::array()}};
+    if (inputs.empty()) return json;
+    json["coherence"] = found.coherence;
+    json["coherence_threshold"] = found.coherence_threshold;
+    json["noise_power"] = found.noise;
+    for (const auto& input : found.inputs) {
+        std::vector<double> real, imag, gain_error, phase_error;
+        for (const auto& value : input.cross) {
+            real.push_back(value.real());
+            imag.push_back(value.imag());
+        }
+        for (const double error : input.standard_deviation) {
+            gain_error.push_back(20 / std::numbers::ln10 * error);
+            phase_error.push_back(180 / std::numbers::pi * error);
+        }
+        const auto response = [&](const std::vector<std::complex<double>>& values) {
+            Json one = to_json(FrequencyResponse{found.frequency_hz, values});
+            one["std_gain_db"] = gain_error;
+            one["std_phase_deg"] = phase_error;
+            return one;
+        };
+        Json one{{"power", input.power},
+                 {"cross_power", {{"real", real}, {"imag", imag}}},
+                 {"coherence", input.coherence},
+                 {"h1", response(input.h1)}};
+        if (!input.h2.empty()) {
+            one["h2"] = response(input.h2);
+            one["hv"] = response(input.hv);
+        }
+        json["inputs"].push_back(std::move(one));
+    }
+    return json;
+}
+
 // A signal from its options alone.
 template <class Options, class Signal>
 Signal signal_of(const Json& arguments, const char* function, Signal (*make)(const Options&)) {
@@ -204,6 +266,21 @@ const std::vector<LuaFunction>& measurement_functions() {
          "the response between any two signals by averaged cross spectra; in a closed loop with the "
          "`excitation` as reference. A response as in `tb.fra`. `window_samples` = 0: an eighth of the "
          "signals, at most 8192"},
+        {"spectrum", spectrum, "`tb.spectrum{ output = {…}, input = {…}, sample_time_s =, … }`",
+         "power spectrum of a signal and, with `input` or a list `inputs` of several, its relation to them, by averages "
+         "over windows ([how](measured-frequency-response.md#spectra-and-coherence), [options](#tbspectrum)). Returns "
+         "`frequency_hz`, `power` (of the output, one-sided density, unit²/Hz), `windows`, `averages` (as many windows "
+         "without overlap would be worth), `bandwidth_hz`, `power_low`, `power_high` (the true power is that times these, "
+         "with 95 %); with inputs `coherence` (multiple), `coherence_threshold` (chance stays below it, with 95 %), "
+         "`noise_power` (what the inputs do not explain), and `inputs`: of each `power`, `cross_power` (`real`, `imag`), "
+         "`coherence` (ordinary) and `h1`, of one input also `h2` and `hv`: responses with `std_gain_db` and "
+         "`std_phase_deg`",
+         [] {
+             return option_rows<SpectrumOptions>(
+                 {{"output", "", "list of numbers", "required", "a signal"},
+                  {"input", "", "list of numbers", "none", "the signal that it answers"},
+                  {"inputs", "", "list of lists", "none", "several of them, in place of `input`"}});
+         }},
         {"multisine", multisine, "`tb.multisine{ f_min_hz = 10, f_max_hz = 200, … }`",
          "a random-phase multisine: `values`, `period_samples`, `frequency_hz` of its lines, `crest_factor` "
          "([options](#tbmultisine))",
