@@ -189,6 +189,11 @@ check("cascade", base { controller = cascade, output_delay_s = 2e-4 }, { r = sig
   { "controller.kp", "controller.kv", "controller.limit", "friction.elements[2].F", "modes[1].gain", "r",
   "output_delay_s" },
   { events = 8 })
+local filters = { { type = "low_pass", freq_hz = 200 }, { type = "notch", freq_hz = 82, zeta = 0.3 } }
+cascade = { type = "cascade", kp = 60, kv = 300, ki = 40, limit = 9, filters = filters }
+check("P-PI with filters", base { controller = cascade }, { r = signal(300, 6e-4, 9) },
+  { "controller.kp", "controller.kv", "controller.ki", "friction.elements[2].F", "modes[1].gain", "r" },
+  { events = 8 })
 
 -- Effects.
 local open, small = { u = signal(300, 12, 11) }, { "rigid_gain_per_kg", "friction.elements[2].F", "modes[1].freq_hz" }
@@ -272,6 +277,7 @@ refused({}, "friction.coulomb", "any other value adds a part")
 refused({ friction = { coulomb = 1, stribeck = { static = 2, velocity = 0.1 } } }, "friction.viscous", "Stribeck")
 refused({ effects = { { name = "cubic_stiffness", parameters = { k3 = 1e6 } } } }, "friction.viscous",
   "a run of this machine has none")
+refused({ controller = cascade }, "controller.filters[1].freq_hz", "filters of the controller are taken as exact")
 refused({ input = "band_limited" }, "friction.viscous", "u varies between its samples")
 refused({ controller = pid }, "friction.viscous", "friction is fed back", true)
 

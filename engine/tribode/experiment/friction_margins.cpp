@@ -15,10 +15,19 @@ LoopDelays loop_delays_of(const MachineModel& machine) {
     return {machine.sample_time, machine.input_delay + machine.output_delay, machine.current_loop_hz};
 }
 
+static std::complex<double> filters_response(const std::vector<LoopFilter>& filters, double sample_time,
+                                             double frequency_hz) {
+    std::complex<double> response = 1;
+    for (const auto& filter : filters) response *= filter.response(frequency_hz, sample_time);
+    return response;
+}
+
 std::complex<double> pid_response(const PidController& pid, double sample_time, double frequency_hz) {
     const double a = pid.derivative_filter_hz > 0 ? std::exp(-2 * pi * pid.derivative_filter_hz * sample_time) : 0.0;
     const auto d = std::polar(1.0, -2 * pi * frequency_hz * sample_time); // z^-1
-    return pid.kp + pid.ki * sample_time / (1.0 - d) + pid.kd * (1 - a) / sample_time * (1.0 - d) / (1.0 - a * d);
+    const auto own =
+        pid.kp + pid.ki * sample_time / (1.0 - d) + pid.kd * (1 - a) / sample_time * (1.0 - d) / (1.0 - a * d);
+    return own * filters_response(pid.filters, sample_time, frequency_hz);
 }
 
 std::complex<double> controller_response(const MachineModel& machine, double frequency_hz) {
@@ -28,7 +37,9 @@ std::complex<double> controller_response(const MachineModel& machine, double fre
     if (!cascade) return 0;
     const auto d = std::polar(1.0, -2 * pi * frequency_hz * ts); // z^-1
     const auto late = std::polar(1.0, -2 * pi * frequency_hz * ts * static_cast<double>(cascade->delay_samples));
-    return late * cascade->kv * (cascade->kp + (1.0 + d) / 2.0 * (1.0 - d) / ts);
+    const auto integral = 1.0 + cascade->ki * ts / (1.0 - d);
+    return late * cascade->kv * integral * (cascade->kp + (1.0 + d) / 2.0 * (1.0 - d) / ts) *
+           filters_response(cascade->filters, ts, frequency_hz);
 }
 
 FrictionLoop friction_loop_of(const MachineModel& machine) {

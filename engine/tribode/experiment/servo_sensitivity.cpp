@@ -288,14 +288,15 @@ double SensitiveServoSystem::controller_step(Direction& direction, const State& 
                          a_by * (error - before.pid.previous_error) / ts +
                          (1 - a) * (error_by - own.previous_error) / ts;
         own.previous_error = error_by;
-        return by.kp * error + pid->kp * error_by + own.integral + by.kd * s.controller.pid.derivative +
-               pid->kd * own.derivative;
+        const double u_by = by.kp * error + pid->kp * error_by + own.integral + by.kd * s.controller.pid.derivative +
+                            pid->kd * own.derivative;
+        return pid->filters.empty() ? u_by : own.filters.step(pid->filters, u_by, ts);
     }
     const auto* cascade = std::get_if<CascadeController>(&settings_);
     if (!cascade) return 0;
     const auto& by = std::get<CascadeController>(direction.by.numbers.controller);
     CascadeController::State& own = direction.controller.cascade;
-    if (!own.started) own = {true, position, position, std::vector<double>(cascade->delay_samples, 0.0)};
+    if (!own.started) own = {true, position, position, 0, {}, std::vector<double>(cascade->delay_samples, 0.0)};
     const bool began = before.cascade.started;
     const double mean = s.controller.cascade.previous_mean;
     const double velocity = (mean - (began ? before.cascade.previous_mean : s.detected)) / ts;
@@ -305,8 +306,21 @@ double SensitiveServoSystem::controller_step(Direction& direction, const State& 
     own.previous_mean = mean_by;
     const double wanted = cascade->kp * (s.reference - s.detected) - velocity;
     const double wanted_by = by.kp * (s.reference - s.detected) + cascade->kp * (reference - position) - velocity_by;
-    own.pending.push_back(
-        clipped(cascade->kv * wanted, by.kv * wanted + cascade->kv * wanted_by, cascade->limit, by.limit));
+    double u = cascade->kv * wanted, u_by = by.kv * wanted + cascade->kv * wanted_by;
+    if (cascade->ki != 0 || by.ki != 0) {
+        const double integral = before.cascade.integral + cascade->ki * ts * wanted;
+        const double integral_by = own.integral + ts * (by.ki * wanted + cascade->ki * wanted_by);
+        u += cascade->kv * integral;
+        u_by += by.kv * integral + cascade->kv * integral_by;
+        // Beyond the limit it may rest.
+        if (s.controller.cascade.integral == integral) own.integral = integral_by;
+    }
+    if (!cascade->filters.empty()) {
+        auto filters = before.cascade.filters;
+        u = filters.step(cascade->filters, u, ts);
+        u_by = own.filters.step(cascade->filters, u_by, ts);
+    }
+    own.pending.push_back(clipped(u, u_by, cascade->limit, by.limit));
     const double output = own.pending.front();
     own.pending.erase(own.pending.begin());
     return output;

@@ -114,6 +114,14 @@ void MachineModel::check(const std::string& where) const {
                                          max_delayed_samples));
         }
     }
+    visit_present(controller, [&](const auto& kind) {
+        for (std::size_t i = 0; i < kind.filters.size(); ++i) {
+            if (kind.filters[i].freq_hz * sample_time < 0.5) continue;
+            throw InputError(fmt::format("{}: controller.filters[{}].freq_hz = {} Hz, must be below half the sampling "
+                                         "rate, {} Hz",
+                                         where, i + 1, to_text(kind.filters[i].freq_hz), to_text(0.5 / sample_time)));
+        }
+    });
     if (input == InputKind::band_limited && in_closed_loop()) {
         throw InputError(where + ": input = \"band_limited\" needs u as a whole record, so closed_loop must be false");
     }

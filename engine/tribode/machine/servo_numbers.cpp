@@ -78,6 +78,13 @@ ServoDirection direction(const std::string& name, const std::function<MachineMod
     ServoNumbers::each(direction.numbers, [&](double& number) { number = by[next++]; });
     if (direction.numbers.sample_time != 0) refuse(name, "it sets the sample instants");
     if (direction.numbers.encoder_resolution != 0) refuse(name, "the encoder's rounding jumps with it");
+    visit_present(direction.numbers.controller, [&](const auto& controller) {
+        for (const auto& filter : controller.filters) {
+            if (filter.freq_hz != 0 || filter.zeta != 0 || filter.depth != 0) {
+                refuse(name, "filters of the controller are taken as exact");
+            }
+        }
+    });
     return direction;
 }
 

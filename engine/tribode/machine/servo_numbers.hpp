@@ -33,11 +33,18 @@ struct ServoNumbers {
                 act(*number);
             }
         }
+        const auto each_filter = [&](auto& filters) {
+            for (auto& filter : filters) {
+                for (auto* number : {&filter.freq_hz, &filter.zeta, &filter.depth}) act(*number);
+            }
+        };
         if (auto* pid = std::get_if<PidController>(&n.controller)) {
+            each_filter(pid->filters);
             for (auto* number : {&pid->kp, &pid->ki, &pid->kd, &pid->derivative_filter_hz}) act(*number);
         }
         if (auto* cascade = std::get_if<CascadeController>(&n.controller)) {
-            for (auto* number : {&cascade->kp, &cascade->kv, &cascade->limit}) act(*number);
+            each_filter(cascade->filters);
+            for (auto* number : {&cascade->kp, &cascade->kv, &cascade->ki, &cascade->limit}) act(*number);
         }
         ServoPlantNumbers::each(n.plant, act);
     }

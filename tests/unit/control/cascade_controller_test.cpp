@@ -38,6 +38,12 @@ TEST(CascadeController, ADelayHandsOnEarlierOutputsAfterZeros) {
     expect_outputs({.kp = 10, .kv = 2, .delay_samples = 3}, {0, 0, 0});
 }
 
+// e = 1, -0.02, -2.06 m/s and I[k] = I[k-1] + 5 Ts e[k]; beyond the limit I rests where e would take it further.
+TEST(CascadeController, TheIntegralPartByHand) {
+    expect_outputs({.kp = 10, .kv = 2, .ki = 5}, {2.01, -0.0302, -4.1308});
+    expect_outputs({.kp = 10, .kv = 2, .ki = 5, .limit = 1.5}, {1.5, -0.0402, -1.5});
+}
+
 TEST(CascadeController, AtTheStartTheAxisIsTakenToRestWhereItIs) {
     const CascadeController controller{.kp = 10, .kv = 2};
     CascadeController::State state;
