@@ -157,12 +157,19 @@ class SineWindow {
         output_fit_ = fit(signals.output);
         const std::vector<double> rest = rest_of(signals.output, output_fit_);
         output_lines_ = lines(rest);
-        for (std::size_t i = 1; i < rest.size(); ++i) {
-            sample_noise_ += (rest[i] - rest[i - 1]) * (rest[i] - rest[i - 1]) / 2;
+        constexpr std::size_t blocks = 8;
+        for (std::size_t b = 0; b < blocks; ++b) {
+            const std::size_t first = std::max<std::size_t>(b * rest.size() / blocks, 1);
+            const std::size_t end = (b + 1) * rest.size() / blocks;
+            double sum = 0;
+            for (std::size_t i = first; i < end; ++i) sum += (rest[i] - rest[i - 1]) * (rest[i] - rest[i - 1]) / 2;
+            if (end > first) sample_noise_.push_back(sum / static_cast<double>(end - first));
         }
-        sample_noise_ /= static_cast<double>(rest.size() - 1);
         step_squared_ = signals.resolution * signals.resolution;
-        if (signals.resolution > 0) rounding_ = rounding(signals.resolution);
+        if (signals.resolution > 0) {
+            rounding_ = rounding(signals.resolution);
+            pattern_changes_ = pattern_changes(signals.output, rest, signals.resolution);
+        }
     }
 
     SineFit fit(std::span<const double> signal) const { return basis_.fit(cut(signal)); }
@@ -177,13 +184,19 @@ class SineWindow {
         }
         Precision found = precision_of(distance_, z);
         if (rounding_ > 0) {
-            // Noise besides that of rounding, in steps squared. Both changes from sample to sample and the lines next to f must show it: the
-            // pattern of the rounding may have lines there of its own, and its power differs from 1/12, the more the fewer
-            // phases it has.
+            // Noise besides that of rounding, in steps squared. Both changes from sample to sample and the lines next to f must show
+            // it: the pattern of the rounding may have lines there of its own, and its power differs from 1/12, the more the
+            // fewer phases it has; and its errors may alternate. A transient is such noise as long as it lasts, so the pattern is
+            // judged block by block.
             const double power = std::norm(output_fit_.fundamental());
             const double near = found.variance * power * static_cast<double>(window_.count) / 4;
-            const double dither = std::max(std::min(near, sample_noise_) / step_squared_ - pattern_power_, 0.0);
-            const double share = std::exp(-4 * pi * pi * dither);
+            double pattern = 0; // amplitude that is left of it
+            for (const double noise : sample_noise_) {
+                const double dither = std::max(
+                    std::min(near / step_squared_ - pattern_power_, noise / step_squared_ - pattern_changes_), 0.0);
+                pattern += std::exp(-2 * pi * pi * dither) / static_cast<double>(sample_noise_.size());
+            }
+            const double share = pattern * pattern;
             // A slow drift across the steps spreads the pattern over the lines next to the sine, and not further.
             found.variance = std::max(found.variance, share * found.nearest) + share * rounding_ / power;
             found.is_rounded = share > 0.5;
@@ -220,6 +233,25 @@ class SineWindow {
         return folded + 2 * gain * step * step / amplitude;
     }
 
+    // Largest mean square of the change of the rounding error of the fitted signal from sample to sample, halved as the noise
+    // is, in steps squared: over offsets, of which the fit knows only a part.
+    double pattern_changes(std::span<const double> output, const std::vector<double>& rest, double step) const {
+        constexpr int offsets = 8;
+        const std::span<const double> measured = cut(output);
+        double largest = 0;
+        for (int i = 0; i < offsets; ++i) {
+            double sum = 0, previous = 0;
+            for (std::size_t k = 0; k < rest.size(); ++k) {
+                const double fitted = (measured[k] - rest[k]) / step + static_cast<double>(i) / offsets;
+                const double error = std::round(fitted) - fitted;
+                if (k > 0) sum += (error - previous) * (error - previous) / 2;
+                previous = error;
+            }
+            largest = std::max(largest, sum / static_cast<double>(rest.size() - 1));
+        }
+        return largest;
+    }
+
     std::vector<double> rest_of(std::span<const double> signal, const SineFit& fitted) const {
         return residual(cut(signal), fitted, cycles_, window_.first);
     }
@@ -239,9 +271,11 @@ class SineWindow {
     std::vector<int> distance_;
     SineFit output_fit_;
     Spectrum output_lines_;
-    double sample_noise_ = 0; // variance of what the harmonics leave of the output, from sample to sample
-    double rounding_ = 0;     // variance of the output's phasor, without noise
-    double step_squared_ = 0, pattern_power_ = 0; // largest power of the rounding, in steps squared
+    // Variance of what the harmonics leave of the output, from sample to sample, in each eighth of the window.
+    std::vector<double> sample_noise_;
+    double rounding_ = 0; // variance of the output's phasor, without noise
+    double step_squared_ = 0;
+    double pattern_power_ = 0, pattern_changes_ = 0; // largest ones of the rounding alone, in steps squared
 };
 
 bool is_constant(std::span<const double> x) {
