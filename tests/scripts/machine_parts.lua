@@ -107,6 +107,20 @@ end
 
 for i = 1, 12 do agrees("machine " .. i, random_machine(), { samples = 300, solver = "exact", within = 1e-13 }) end
 
+-- P-PI, with and without a limit, and filters behind both controllers.
+local filters = { { type = "low_pass", freq_hz = 150 }, { type = "notch", freq_hz = 82, zeta = 0.3, depth = 0.1 } }
+for _, limit in ipairs { false, 6 } do
+  local filtered = random_machine()
+  filtered.friction.coulomb = 0
+  filtered.controller = {
+    type = "cascade", kp = 10, kv = 20 / filtered.rigid_gain_per_kg, ki = 30, limit = limit or nil, filters = filters,
+  }
+  agrees("P-PI", filtered, { samples = 300, solver = "exact", within = 1e-13 })
+end
+local with_filters = random_machine()
+with_filters.controller = { type = "pid", kp = 1e4, ki = 1e4, kd = 300, filters = filters }
+agrees("PID with filters", with_filters, { samples = 300, solver = "exact", within = 1e-13 })
+
 -- ---- effects ------------------------------------------------------------------------------------------------------
 
 local function axis(effects, more)
@@ -157,7 +171,7 @@ for _, kind in ipairs(tb.effects {}) do
 end
 for name, parameters in pairs(cases) do
   local options = affine[name] and { solver = "exact", within = 1e-13 } or
-    { solver = "erk", tolerance = 1e-10, within = 1e-12 }
+    { solver = "erk", tolerance = 1e-12, within = 1e-12 }
   options.samples = 250
   agrees(name, axis { { name = name, parameters = parameters } }, options)
 end

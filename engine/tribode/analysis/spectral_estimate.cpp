@@ -144,9 +144,8 @@ SpectralEstimate spectral_estimate(const std::vector<std::vector<double>>& input
     estimate.power_low = 1 / chi_squared_ratio(0.975, degrees);
     estimate.power_high = 1 / std::max(chi_squared_ratio(0.025, degrees), std::numeric_limits<double>::min());
     const double more = estimate.averages - static_cast<double>(count);
-    estimate.coherence_threshold = count > 0 && estimate.averages > 1
-                                       ? 1 - std::pow(0.05, 1 / (estimate.averages - 1))
-                                       : std::numeric_limits<double>::quiet_NaN();
+    estimate.coherence_threshold = count > 0 && estimate.averages > 1 ? 1 - std::pow(0.05, 1 / (estimate.averages - 1))
+                                                                      : std::numeric_limits<double>::quiet_NaN();
     estimate.inputs.resize(count);
     for (std::size_t l = 0; l < lines; ++l) {
         const double frequency = static_cast<double>(l + 1) * rate / static_cast<double>(length);

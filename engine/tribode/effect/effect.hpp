@@ -68,6 +68,8 @@ struct EffectKind {
     std::vector<std::string> simpler = {};
     // It rounds what is measured: compared with a record, it counts as noise.
     bool is_rounding = false;
+    // It adds a FrictionLaw: analyses that subtract friction subtract it too.
+    bool is_friction_law = false;
 
     std::string unit_of(std::string_view path) const; // of a number: "k", "harmonics[1].F"; empty: none
 };

@@ -31,8 +31,8 @@ struct LoopSignals {
         auto delay_model =
             DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time);
         for (std::size_t k = 0; k < trace.u.size(); ++k) {
-            const double friction = friction_model.step(trace.y[k]);
             const double delayed = delay_model.step(trace.u[k]);
+            const double friction = friction_model.step(trace.y[k], delayed);
             friction_estimate.push_back(friction);
             delayed_thrust.push_back(delayed);
             before_feedback.push_back(trace.u[k] - trace.fed_back[k]);

@@ -78,7 +78,12 @@ std::string element_of(const std::string& path) {
 std::vector<Moved> moved_numbers(const MachineModel& machine, std::vector<std::string> paths) {
     const std::vector<Number> numbers = numbers_of(machine);
     const bool usual = paths.empty();
-    if (usual) paths = {"rigid_gain_per_kg", "modes", "friction", "input_delay_s"};
+    if (usual) {
+        paths = {"rigid_gain_per_kg", "modes", "friction", "input_delay_s"};
+        for (std::size_t i = 0; i < machine.effects.size(); ++i) {
+            if (machine.effects[i].kind().is_friction_law) paths.push_back(fmt::format("effects[{}]", i + 1));
+        }
+    }
     std::vector<Moved> moved;
     const auto known = [&](const std::string& name) {
         return std::ranges::find(moved, name, &Moved::name) != moved.end();
@@ -97,7 +102,8 @@ std::vector<Moved> moved_numbers(const MachineModel& machine, std::vector<std::s
                                              path));
             }
             const std::string element = how == Match::itself ? "" : element_of(path);
-            if (usual && path.ends_with(".exponent")) continue;
+            // The shares of a level could be moved against it.
+            if (usual && (path.ends_with(".exponent") || path.ends_with("].share"))) continue;
             if (!element.empty()) {
                 if (!known(element)) moved.push_back({element, "N", {}, i});
                 Moved& one = *std::ranges::find(moved, element, &Moved::name);

@@ -30,11 +30,38 @@ std::complex<double> actuator_response(const MachineModel& machine, double frequ
     return response;
 }
 
+namespace {
+
+// Of the laws under a steady motion, whose phasors these are at the driven point, as friction_phasor(). thrust: of the motor.
+std::complex<double> law_phasor(const std::vector<Effect>& laws, double frequency_hz,
+                                const std::vector<std::complex<double>>& position, std::complex<double> thrust) {
+    constexpr int points = 2000, periods = 3; // two to settle
+    const double omega = 2 * pi * frequency_hz;
+    SampledLaws sampled(laws, 1 / (frequency_hz * points));
+    std::complex<double> sum = 0;
+    for (int i = 0; i < periods * points; ++i) {
+        const auto turn = std::polar(1.0, 2 * pi * (i % points) / points);
+        std::complex<double> power = turn;
+        double y = 0, v = 0;
+        for (std::size_t n = 0; n < position.size(); ++n, power *= turn) {
+            y += (position[n] * power).real();
+            v -= static_cast<double>(n + 1) * omega * (position[n] * power).imag();
+        }
+        sampled.step(y, std::abs((thrust * turn).real()));
+        if (i >= (periods - 1) * points) sum += sampled.force(v) * std::conj(turn);
+    }
+    return sum * (2.0 / points);
+}
+
+} // namespace
+
 std::complex<double> improved_thrust(const MachineModel& machine, const FrictionModel& model, double frequency_hz,
                                      std::complex<double> thrust, std::vector<std::complex<double>> position) {
     for (std::size_t n = 0; n < position.size(); ++n) position[n] *= undelayed(machine, frequency_hz, n + 1);
-    const auto friction = friction_phasor(position, frequency_hz, model.elements, model.viscous);
-    return actuator_response(machine, frequency_hz) * thrust - friction;
+    const auto driving = actuator_response(machine, frequency_hz) * thrust;
+    auto friction = friction_phasor(position, frequency_hz, model.elements, model.viscous);
+    if (!model.laws.empty()) friction += law_phasor(model.laws, frequency_hz, position, driving);
+    return driving - friction;
 }
 
 std::complex<double> improved_response(const MachineModel& machine, const FrictionModel& model, double frequency_hz,

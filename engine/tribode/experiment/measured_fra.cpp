@@ -34,7 +34,8 @@ double rms(const std::vector<double>& values) {
 }
 
 bool has_friction(const MachineModel& machine) {
-    return !machine.elements.empty() || machine.viscous > 0 || machine.dry.present();
+    return !machine.elements.empty() || machine.viscous > 0 || machine.dry.present() ||
+           !FrictionModel::of(machine).laws.empty();
 }
 
 double delay_of(const MachineModel& machine) {
@@ -79,6 +80,9 @@ struct FraRecord {
     bool loop_closed = false;
     bool excitation_is_thrust = false;
     std::array<std::vector<double>, 4> inputs; // of fra1, fra2, proposed, improved
+    std::vector<double> driving;               // the thrust that acts, A u
+    std::size_t period = 0;                    // of a multisine [samples]
+    std::vector<Observation> observations;
 
     MeasuredSignals signals(const MachineModel& machine) const {
         return {machine.sample_time,
@@ -180,20 +184,15 @@ FraRecord prepared(const MachineModel& machine, const Table& table, const Measur
     choose_excitation(machine, table, record);
 
     MeasuredFriction model(FrictionModel::of(machine), machine);
-    std::vector<double> friction;
-    for (const double y : record.position) friction.push_back(model.step(y));
     auto delay_model = DiscreteTransferFunction::pade_delay(delay, options.delay_order, machine.sample_time);
     record.inputs[0] = record.thrust;
-    record.inputs[3] = actuator_thrust(machine, record.thrust);
+    record.inputs[3] = record.driving = actuator_thrust(machine, record.thrust);
     const std::vector<double> velocity = velocity_of(record.position, machine.sample_time);
-    double previous = record.position.front();
     for (std::size_t k = 0; k < record.thrust.size(); ++k) {
-        record.inputs[1].push_back(record.thrust[k] - friction[k]);
-        record.inputs[2].push_back(delay_model.step(record.thrust[k]) - friction[k]);
-        // The velocity of the friction model is half a sample late.
-        const double late = (record.position[k] - previous) / machine.sample_time;
-        previous = record.position[k];
-        record.inputs[3][k] -= friction[k] + machine.viscous * (velocity[k] - late);
+        const double friction = model.step(record.position[k], record.inputs[3][k]);
+        record.inputs[1].push_back(record.thrust[k] - friction);
+        record.inputs[2].push_back(delay_model.step(record.thrust[k]) - friction);
+        record.inputs[3][k] -= friction + model.velocity_correction(velocity[k]);
     }
     return record;
 }
@@ -292,6 +291,36 @@ void fit_analysis(const MachineModel& machine, const MeasuredFraOptions& options
     }
 }
 
+// Loops and residuals, by the model that was fitted.
+void map_friction(const MachineModel& machine, const MeasuredFraOptions& options, const std::vector<FraRecord>& records,
+                  MeasuredFra& fra) {
+    const MeasuredAnalysis* analysis = nullptr;
+    for (const char* method : {"improved", "proposed"}) {
+        if (!analysis || !analysis->fit) analysis = fra.find(method);
+    }
+    if (!analysis || !analysis->fit) return;
+    const ModalModel& model = analysis->fit->model;
+    const double limit = options.fit_max_hz.value_or(0.1 / machine.sample_time);
+    for (const auto& record : records) {
+        const ForceSignals signals{record.position, record.driving, record.inputs[improved_input], machine.sample_time};
+        fra.residuals.push_back(force_residual(signals, record.period, model, limit));
+        fra.residuals.back().record = record.source;
+        for (const auto& o : record.observations) {
+            // With a few harmonics below the limit.
+            if (o.is_line || !o.missing.empty() || 3 * o.frequency_hz > limit) continue;
+            auto loop = measured_loop(fra.residuals.back(), o.window, o.frequency_hz, machine.sample_time);
+            if (!loop.position.empty()) fra.loops.push_back(std::move(loop));
+        }
+    }
+    // Some of them, over all frequencies.
+    std::ranges::stable_sort(fra.loops, {}, &MeasuredLoop::frequency_hz);
+    constexpr std::size_t most = 6;
+    if (fra.loops.size() <= most) return;
+    std::vector<MeasuredLoop> some;
+    for (std::size_t i = 0; i < most; ++i) some.push_back(fra.loops[i * (fra.loops.size() - 1) / (most - 1)]);
+    fra.loops = std::move(some);
+}
+
 void note_what_is_missing(const MachineModel& machine, const MeasuredFraOptions& options, MeasuredFra& fra) {
     const auto asked = [&](const char* method) {
         return std::ranges::find(options.methods, method) != options.methods.end();
@@ -304,8 +333,13 @@ void note_what_is_missing(const MachineModel& machine, const MeasuredFraOptions&
     if (!options.delay && delay_of(machine) <= machine.sample_time / 2 && asked("proposed")) {
         fra.notes.push_back("The machine file has no delays: the delay model of Proposed is the hold alone.");
     }
-    if (!machine.effects.empty()) {
-        fra.notes.push_back("The effects in the machine file are no part of the friction model.");
+    std::vector<std::string> others;
+    for (const auto& effect : machine.effects) {
+        if (!effect.kind().is_friction_law) others.push_back(effect.kind().name);
+    }
+    if (!others.empty()) {
+        fra.notes.push_back(fmt::format("Effects in the machine file that are no part of the friction model: {}.",
+                                        fmt::join(others, ", ")));
     }
 }
 
@@ -363,6 +397,7 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
             found = sine_observations(record.signals(machine), excitation.segments, options.sine);
         } else if (excitation.kind == ExcitationKind::multisine) {
             found = multisine_observations(record.signals(machine), excitation.period, record.source);
+            record.period = excitation.period;
             only_sines = false;
         } else {
             ++broadband;
@@ -380,6 +415,7 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
         }
         fra.records.push_back(describe(record, excitation, found, machine.sample_time));
         observations.insert(observations.end(), found.begin(), found.end());
+        record.observations = std::move(found);
     }
     if (broadband > 0 && broadband < records.size()) {
         throw InputError(
@@ -433,6 +469,8 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
     }
     if (fra.analyses.empty())
         throw InputError("none of the methods can be used with these records: " + fra.notes.back());
+
+    map_friction(machine, options, records, fra);
 
     std::vector<std::string> missing, unsettled;
     for (const auto& point : fra.analyses.front().points) {

@@ -3,6 +3,7 @@
 #include "tribode/analysis/weighted_modal_fit.hpp"
 #include "tribode/base/options.hpp"
 #include "tribode/base/run_control.hpp"
+#include "tribode/experiment/friction_map.hpp"
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/record/given_record.hpp"
 #include "tribode/record/run_folder.hpp"
@@ -71,6 +72,9 @@ struct MeasuredFra {
     std::vector<std::string> records; // what each of them is: a sentence
     std::vector<std::string> notes;   // what was left out or should be known: sentences
     double delay = 0;                 // of the delay model [s]
+    // What the fitted model, of Improved or else Proposed, leaves of the thrust for friction; empty without a fit.
+    std::vector<MeasuredLoop> loops;      // of single sines, some of the frequencies
+    std::vector<ForceResidual> residuals; // of each record
 
     const MeasuredAnalysis* find(const std::string& method) const;
     std::string csv() const;  // response.csv
@@ -94,7 +98,8 @@ MeasuredFra measure_fra(const FraRequest& request);
 // The columns that it can use: t, r, exc, u, y.
 const std::vector<std::string>& fra_columns();
 
-// response.csv, fit.json, report.html, bode.png, distortion.png, uncertainty.png.
+// response.csv, fit.json, report.html, bode.png, distortion.png, uncertainty.png, settling.png, loops.png, residual.png: the last
+// ones where there is what they show.
 void write_measured_fra(const MeasuredFra& fra, RunFolder& folder, const RunControl& control = {});
 
 } // namespace tribode

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <functional>
 #include <limits>
 #include <numbers>
 
@@ -152,6 +153,119 @@ std::optional<Plot> distortion_plot(const MeasuredFra& fra) {
     }
     plot.panels.back().x_label = "Frequency [Hz]";
     return plot;
+}
+
+// Single sines only: of other excitations transients are no part of the analysis.
+std::optional<Plot> settling_plot(const MeasuredFra& fra) {
+    const auto& points = fra.analyses.front().points;
+    if (std::ranges::none_of(points, [](const MeasuredPoint& p) { return p.transient > 0 || p.bias > 0; }))
+        return std::nullopt;
+    Panel panel;
+    panel.x_label = "Frequency [Hz]";
+    panel.y_label = "Share of the response [-]";
+    panel.x_log = panel.y_log = true;
+    Series found{"transient in the window", {}, {}, SeriesStyle::line, colors[0], 1.2};
+    Series left{"estimated to be left", {}, {}, SeriesStyle::points, colors[2]};
+    Series noise{"standard deviation", {}, {}, SeriesStyle::dashed, colors[1], 1};
+    for (const auto& point : points) {
+        const bool known = point.missing.empty();
+        for (auto* series : {&found, &left, &noise}) series->x.push_back(point.frequency_hz);
+        found.y.push_back(known && point.transient > 0 ? point.transient : nan);
+        left.y.push_back(known && point.bias > 0 ? point.bias : nan);
+        noise.y.push_back(known ? std::sqrt(point.variance) : nan);
+    }
+    panel.series = {found, left, noise};
+    Plot plot;
+    plot.title = "Transients of " + title_of_method(fra.analyses.front().method);
+    plot.panels = {panel};
+    return plot;
+}
+
+// The frequencies at which most is left.
+ReportTable settling_table(const MeasuredFra& fra) {
+    std::vector<MeasuredPoint> points = fra.analyses.front().points;
+    std::erase_if(points, [](const MeasuredPoint& p) { return !p.missing.empty(); });
+    std::ranges::stable_sort(points, std::greater{}, &MeasuredPoint::bias);
+    constexpr std::size_t most = 8;
+    points.resize(std::min(most, points.size()));
+    ReportTable table;
+    table.caption = "The frequencies at which most of a transient is left";
+    table.columns = {{"frequency", "Hz", 3},
+                     {"transient in the window", "%", 3},
+                     {"estimated to be left", "%", 3},
+                     {"standard deviation", "%", 3},
+                     {"settled"}};
+    for (const auto& p : points) {
+        table.rows.push_back({p.frequency_hz, 100 * p.transient, 100 * p.bias, 100 * std::sqrt(p.variance),
+                              std::string(p.settled ? "yes" : "no")});
+    }
+    return table;
+}
+
+Plot loops_plot(const MeasuredFra& fra) {
+    Plot plot;
+    plot.title = "Friction over the position: measured (points) and friction model (lines)";
+    plot.height = 300 + 250 * static_cast<int>(fra.loops.size());
+    for (const auto& loop : fra.loops) {
+        Panel panel;
+        panel.title = fmt::format("{:.4g} Hz", loop.frequency_hz);
+        panel.y_label = "Friction [N]";
+        panel.legend = "none";
+        std::vector<double> position = loop.position;
+        for (auto& value : position) value *= 1e6;
+        panel.series = {{"measured", position, loop.measured, SeriesStyle::points, colors[0]},
+                        {"model", position, loop.modeled, SeriesStyle::line, colors[2], 1.4}};
+        plot.panels.push_back(std::move(panel));
+    }
+    plot.panels.back().x_label = "Position [um]";
+    return plot;
+}
+
+// Mean over the cells of position and velocity, of all records.
+Plot residual_plot(const MeasuredFra& fra) {
+    constexpr std::size_t cells = 40, most_points = 4000;
+    std::vector<double> x, v, force;
+    for (const auto& residual : fra.residuals) {
+        for (std::size_t k = 0; k < residual.force.size(); ++k) {
+            x.push_back(1e3 * residual.position[k]);
+            v.push_back(1e3 * residual.velocity[k]);
+            force.push_back(residual.force[k]);
+        }
+    }
+    Panel map;
+    map.x_label = "Position [mm]";
+    map.y_label = "Velocity [mm/s]";
+    map.legend = "none";
+    const CellMeans means = cell_means(x, v, force, cells);
+    map.map = {"Mean residual force [N]", means.x_edges, means.y_edges, means.values, 0};
+    const auto over = [&](const std::vector<double>& axis, const std::string& label) {
+        Panel panel;
+        panel.x_label = label;
+        panel.y_label = "Residual force [N]";
+        panel.legend = "none";
+        Series points{"", {}, {}, SeriesStyle::points, "#9db7d5"};
+        const std::size_t every = std::max<std::size_t>(1, axis.size() / most_points);
+        for (std::size_t k = 0; k < axis.size(); k += every) {
+            points.x.push_back(axis[k]);
+            points.y.push_back(force[k]);
+        }
+        panel.series = {points};
+        return panel;
+    };
+    Plot plot;
+    plot.title = "Force that neither the linear model nor the friction model explains";
+    plot.height = 1400;
+    plot.panels = {map, over(x, "Position [mm]"), over(v, "Velocity [mm/s]")};
+    return plot;
+}
+
+ReportTable residual_table(const MeasuredFra& fra) {
+    ReportTable table;
+    table.caption = "Force that is left, below the upper end of the fit";
+    table.columns = {
+        {"record"}, {"friction, rms", "N"}, {"left, rms", "N"}, {"of it a function of position and velocity", "%", 0}};
+    for (const auto& r : fra.residuals) table.rows.push_back({r.record, r.friction_rms, r.rms, 100 * r.explained});
+    return table;
 }
 
 double median(std::vector<double> values) {
@@ -321,6 +435,19 @@ void write_measured_fra(const MeasuredFra& fra, RunFolder& folder, const RunCont
     report.sections.push_back(
         {"Uncertainty",
          {Figure{"uncertainty", "Standard deviation, transients and coherence", uncertainty_plot(fra)}}});
+    if (const auto plot = settling_plot(fra)) {
+        report.sections.push_back(
+            {"Settling",
+             {Figure{"settling", "Transients in the windows, what is left of them, and the noise", *plot},
+              settling_table(fra)}});
+    }
+    if (!fra.residuals.empty()) {
+        ReportSection section{"Friction", {}};
+        if (!fra.loops.empty()) section.blocks.push_back(Figure{"loops", "Friction over one period", loops_plot(fra)});
+        section.blocks.push_back(Figure{"residual", "Residual force over position and velocity", residual_plot(fra)});
+        section.blocks.push_back(residual_table(fra));
+        report.sections.push_back(std::move(section));
+    }
     if (const auto plot = distortion_plot(fra)) {
         ReportSection section{"Distortion", {Figure{"distortion", "Odd and even distortion", *plot}}};
         if (const std::string verdict = verdict_on_friction(fra); !verdict.empty()) {

@@ -1,6 +1,7 @@
 #pragma once
 #include "tribode/hybrid/hybrid_system.hpp"
 
+#include <cstddef>
 #include <optional>
 #include <span>
 #include <string>
@@ -10,6 +11,9 @@ namespace tribode {
 
 // A force on the driven point that is not affine between events: F(t, y, v; s), smooth but for isolated points, with
 // states s of its own that are zero at the start. [N], t [s], y [m], v [m/s].
+//
+// Its laws may change at zero crossings of v and s: guards() and on_crossing(). What is discrete then, such as whether an
+// element slips, is a state whose rate is zero.
 class PointForce {
   public:
     struct Slopes {
@@ -27,6 +31,27 @@ class PointForce {
     // ds/dt, one entry a state.
     virtual void rates(double /*t*/, double /*y*/, double /*v*/, std::span<const double> /*s*/,
                        std::span<double> /*dsdt*/) const {}
+    virtual std::size_t guard_count() const { return 0; }
+    virtual void guards(double /*v*/, std::span<const double> /*s*/, std::span<double> /*g*/) const {}
+    // The guard has come to zero from above.
+    virtual void on_crossing(std::size_t /*guard*/, double /*v*/, std::span<double> /*s*/) const {}
+};
+
+// A friction law with states of its own, driven by the motion alone: the force is -friction(v, s), grown with the load where
+// it says so. As an analysis subtracts it and as a machine has it, it is the same object.
+class FrictionLaw : public PointForce {
+  public:
+    virtual double friction(double v, std::span<const double> s) const = 0; // [N]
+    virtual void rates(double v, std::span<const double> s, std::span<double> dsdt) const = 0;
+    // Whether the friction is that of a load of 1 N, and grows with the load, which is the magnitude of the motor force.
+    virtual bool per_load() const { return false; }
+    // The fastest rate at which a state decays at this velocity [1/s], for steps of fixed length.
+    virtual double fastest_rate(double v, std::span<const double> s) const = 0;
+
+    double force(double, double, double v, std::span<const double> s) const final { return -friction(v, s); }
+    void rates(double, double, double v, std::span<const double> s, std::span<double> dsdt) const final {
+        rates(v, s, dsdt);
+    }
 };
 
 // A factor on all friction of the driven point, a function of time and position; never below zero.

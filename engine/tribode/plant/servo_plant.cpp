@@ -50,6 +50,8 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
     first_own_ = states_.size();
     for (const auto& force : p_.forces) {
         own_count_.push_back(force->states().size());
+        own_guards_ += force->guard_count();
+        laws_.push_back(dynamic_cast<const FrictionLaw*>(force.get()));
         for (auto& state : force->states()) states_.push_back(std::move(state));
     }
     const auto& [forward, backward] = std::pair{p_.forward, p_.backward};
@@ -104,11 +106,26 @@ double ServoPlant::pushing(double thrust, std::span<const double> x, const State
     return sum + (p_.backlash->load_side ? contact : thrust - contact);
 }
 
-double ServoPlant::own_forces(double t, std::span<const double> x) const {
+double ServoPlant::own_forces(double t, std::span<const double> x, const State& s) const {
     double sum = 0;
     std::size_t own = first_own_;
     for (std::size_t i = 0; i < p_.forces.size(); ++i) {
-        sum += p_.forces[i]->force(t, position(x), velocity(x), x.subspan(own, own_count_[i]));
+        double force = p_.forces[i]->force(t, position(x), velocity(x), x.subspan(own, own_count_[i]));
+        if (laws_[i] && laws_[i]->per_load()) force *= std::abs(thrust(t, x, s));
+        sum += force;
+        own += own_count_[i];
+    }
+    return sum;
+}
+
+double ServoPlant::law_friction(double t, std::span<const double> x, const State& s) const {
+    double sum = 0;
+    std::size_t own = first_own_;
+    for (std::size_t i = 0; i < p_.forces.size(); ++i) {
+        if (laws_[i]) {
+            const double friction = laws_[i]->friction(velocity(x), x.subspan(own, own_count_[i]));
+            sum += laws_[i]->per_load() ? std::abs(thrust(t, x, s)) * friction : friction;
+        }
         own += own_count_[i];
     }
     return sum;
@@ -116,7 +133,7 @@ double ServoPlant::own_forces(double t, std::span<const double> x) const {
 
 double ServoPlant::driving(double t, std::span<const double> x, const State& s) const {
     if (!added_) return thrust(t, x, s) + s.disturbance;
-    return pushing(thrust(t, x, s), x, s, 1) + s.disturbance + own_forces(t, x);
+    return pushing(thrust(t, x, s), x, s, 1) + s.disturbance + own_forces(t, x, s);
 }
 
 // y_motor - y_load (of = 0), or its rate (of = 1).
@@ -219,6 +236,7 @@ ServoPlant::Outputs ServoPlant::outputs(double t, std::span<const double> x, con
     if (has_dry_) {
         f += s.dry == SlipState::stick ? holding_force(t, x, s) : sign(s.dry) * dry_level(v, s) * friction_factor(t, x);
     }
+    if (!p_.forces.empty()) f += law_friction(t, x, s);
     return {position(x), v, f, thrust(t, x, s)};
 }
 
@@ -379,6 +397,11 @@ ServoPlant::Watched ServoPlant::watched(const State& s) const {
 }
 
 void ServoPlant::guards(double t, std::span<const double> x, const State& s, std::span<double> g) const {
+    if (own_guards_ > 0) {
+        each_force([&](const PointForce& force, std::size_t state, std::size_t count, std::size_t guard) {
+            force.guards(velocity(x), x.subspan(state, count), g.subspan(guard, force.guard_count()));
+        });
+    }
     if (!is_stuck(s)) return guards_of(0, 0, 0, x, s, 1, g);
     guards_of(holding_force(t, x, s), release_level(1, t, x), release_level(-1, t, x), x, s, 1, g);
 }
@@ -440,7 +463,7 @@ std::size_t ServoPlant::forcing_count() const {
 
 void ServoPlant::forcing(double t, std::span<const double> x, const State& s, std::span<double> w) const {
     const double v = velocity(x), factor = friction_factor(t, x);
-    double sum = own_forces(t, x);
+    double sum = own_forces(t, x, s);
     double affine = p_.rolling.force(s.rolling, position(x), v) + viscous(s) * v;
     if (has_dry_ && s.dry != SlipState::stick) {
         const double towards = sign(s.dry);
@@ -459,6 +482,13 @@ EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x
         log.push_back({t, coulomb_subject, static_cast<int>(now)});
         s.dry = now;
     };
+    if (guard >= first_own_guard()) {
+        each_force([&](const PointForce& force, std::size_t state, std::size_t count, std::size_t first) {
+            if (guard < first || guard >= first + force.guard_count()) return;
+            force.on_crossing(guard - first, velocity(x), x.subspan(state, count));
+        });
+        return EventEffect::restart;
+    }
     if (guard >= first_contact_guard()) {
         contact_crossing(guard == first_contact_guard(), s);
         return EventEffect::restart;
@@ -497,6 +527,7 @@ EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x
 }
 
 std::string ServoPlant::guard_name(GuardId guard, const State& s) const {
+    if (guard >= first_own_guard()) return "an element of a friction law";
     if (guard >= first_contact_guard()) return "the contact of the backlash";
     switch (guard) {
     case forward_limit: return fmt::format("friction element {}", s.rolling.next_forward + 1);

@@ -89,7 +89,7 @@ class ServoPlant {
     const Parameters& parameters() const { return p_; }
     const std::vector<StateVariable>& states() const { return states_; }
     double driven_gain() const { return total_gain_; } // k: v' by the effective thrust [m/(N s^2)]
-    std::size_t guard_count() const { return first_contact_guard() + (p_.backlash ? 2 : 0); }
+    std::size_t guard_count() const { return first_own_guard() + own_guards_; }
 
     // Elements relaxed, dry friction in stick where v = 0. x has states().size() entries.
     State start(double position, double velocity, std::span<double> x) const;
@@ -142,10 +142,21 @@ class ServoPlant {
     };
     Watched watched(const State& s) const;
     GuardId first_contact_guard() const { return has_dry_ ? 5 : 3; }
+    GuardId first_own_guard() const { return first_contact_guard() + (p_.backlash ? 2 : 0); } // of forces
 
     double thrust(double t, std::span<const double> x, const State& s) const;
     double pushing(double thrust, std::span<const double> x, const State& s, double one) const;
-    double own_forces(double t, std::span<const double> x) const;              // not affine [N]
+    double own_forces(double t, std::span<const double> x, const State& s) const;   // not affine [N]
+    double law_friction(double t, std::span<const double> x, const State& s) const; // of friction laws [N]
+    // Calls act(force, first state, states, first guard) for each force.
+    void each_force(auto act) const {
+        std::size_t state = first_own_, guard = first_own_guard();
+        for (std::size_t i = 0; i < p_.forces.size(); ++i) {
+            act(*p_.forces[i], state, own_count_[i], guard);
+            state += own_count_[i];
+            guard += p_.forces[i]->guard_count();
+        }
+    }
     double driving(double t, std::span<const double> x, const State& s) const; // Fm + disturbance + F [N]
     double viscous(const State& s) const { return viscous_[static_cast<std::size_t>(sign(s.dry) + 1)]; }
     double dry_level(double v, const State& s) const;
@@ -185,6 +196,8 @@ class ServoPlant {
     std::array<double, 3> viscous_{}; // D_v backward, in stick, forward [N s/m]
     std::size_t first_sine_ = 0, first_own_ = 0;         // states
     std::vector<std::size_t> own_count_;                 // states of each force
+    std::size_t own_guards_ = 0;                         // of all forces
+    std::vector<const FrictionLaw*> laws_;               // forces that are friction; none where one is not
     double other_gain_ = 0;                              // of the body that is not the driven point [1/kg]
     double contact_stiffness_ = 0, contact_damping_ = 0; // [N/m], [N s/m]
 };

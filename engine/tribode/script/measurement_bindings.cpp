@@ -86,6 +86,23 @@ Json measure(const ScriptContext& script, const Json& arguments) {
     }
     run.note_work({{"function", "fra"}, {"machine", request.machine.hash()}, {"records", fra.records}});
     Json json{{"records", fra.records}, {"notes", fra.notes}, {"delay_s", fra.delay}, {"text", fra.text()}};
+    json["loops"] = Json::array();
+    for (const auto& loop : fra.loops) {
+        json["loops"].push_back({{"frequency_hz", loop.frequency_hz},
+                                 {"position", loop.position},
+                                 {"measured", loop.measured},
+                                 {"modeled", loop.modeled}});
+    }
+    json["residuals"] = Json::array();
+    for (const auto& residual : fra.residuals) {
+        json["residuals"].push_back({{"record", residual.record},
+                                     {"position", residual.position},
+                                     {"velocity", residual.velocity},
+                                     {"force", residual.force},
+                                     {"rms", residual.rms},
+                                     {"friction_rms", residual.friction_rms},
+                                     {"explained", residual.explained}});
+    }
     for (const auto& analysis : fra.analyses) {
         json["responses"][analysis.method] = to_json(analysis.points);
         if (analysis.fit) json["fits"][analysis.method] = to_json(*analysis.fit);
@@ -149,7 +166,8 @@ std::vector<std::vector<double>> inputs_of(FieldReader& fields) {
     if (fields.has("input")) inputs.push_back(fields.numbers("input", "", Allowed::finite, {}));
     const Json& list = fields.value("inputs");
     if (list.is_null()) return inputs;
-    if (!inputs.empty() || !list.is_array()) fields.fail("inputs", "must be a list of lists of numbers, in place of input");
+    if (!inputs.empty() || !list.is_array())
+        fields.fail("inputs", "must be a list of lists of numbers, in place of input");
     for (const auto& entry : list) {
         const Json one{{"values", entry}};
         FieldReader reader(one, fields.name_of(fmt::format("inputs[{}]", inputs.size() + 1)));
@@ -240,7 +258,12 @@ const std::vector<LuaFunction>& measurement_functions() {
          "frequency-response.md), [options](#tbfra)). Returns `responses` by method (`frequency_hz, real, imag, "
          "gain_db, "
          "phase_deg, std_gain_db, std_phase_deg, coherence, odd_distortion_db, even_distortion_db, settled`, and "
-         "`missing`), `fits` by method, `records`, `notes`, `delay_s`, `text`",
+         "`missing`), `fits` by method, `records`, `notes`, `delay_s`, `text`; with a fit of `improved` or `proposed` "
+         "also "
+         "`loops` (of single sines `frequency_hz`, and over a period `position` [m], `measured` and `modeled` friction "
+         "[N]) "
+         "and `residuals` (of each record `position`, `velocity`, `force` [N] that is left, `rms`, `friction_rms`, and "
+         "`explained`, its share that is a function of position and velocity)",
          [] {
              return option_rows<MeasuredFraOptions>(
                  with_columns({machine_row(),
@@ -267,12 +290,15 @@ const std::vector<LuaFunction>& measurement_functions() {
          "`excitation` as reference. A response as in `tb.fra`. `window_samples` = 0: an eighth of the "
          "signals, at most 8192"},
         {"spectrum", spectrum, "`tb.spectrum{ output = {…}, input = {…}, sample_time_s =, … }`",
-         "power spectrum of a signal and, with `input` or a list `inputs` of several, its relation to them, by averages "
+         "power spectrum of a signal and, with `input` or a list `inputs` of several, its relation to them, by "
+         "averages "
          "over windows ([how](measured-frequency-response.md#spectra-and-coherence), [options](#tbspectrum)). Returns "
          "`frequency_hz`, `power` (of the output, one-sided density, unit²/Hz), `windows`, `averages` (as many windows "
-         "without overlap would be worth), `bandwidth_hz`, `power_low`, `power_high` (the true power is that times these, "
+         "without overlap would be worth), `bandwidth_hz`, `power_low`, `power_high` (the true power is that times "
+         "these, "
          "with 95 %); with inputs `coherence` (multiple), `coherence_threshold` (chance stays below it, with 95 %), "
-         "`noise_power` (what the inputs do not explain), and `inputs`: of each `power`, `cross_power` (`real`, `imag`), "
+         "`noise_power` (what the inputs do not explain), and `inputs`: of each `power`, `cross_power` (`real`, "
+         "`imag`), "
          "`coherence` (ordinary) and `h1`, of one input also `h2` and `hv`: responses with `std_gain_db` and "
          "`std_phase_deg`",
          [] {

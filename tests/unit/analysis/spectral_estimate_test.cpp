@@ -43,7 +43,8 @@ TEST(SpectralEstimate, PowerOfWhiteNoiseIsItsVarianceOverHalfTheRate) {
         // The bounds hold at about 95 % of the lines.
         double inside = 0;
         for (std::size_t l = 4; l < estimate.power.size(); ++l) {
-            inside += estimate.power[l] * estimate.power_low < 9.0 / 500 && estimate.power[l] * estimate.power_high > 9.0 / 500;
+            inside += estimate.power[l] * estimate.power_low < 9.0 / 500 &&
+                      estimate.power[l] * estimate.power_high > 9.0 / 500;
         }
         inside /= static_cast<double>(estimate.power.size() - 4);
         EXPECT_GT(inside, 0.88) << window;

@@ -1,0 +1,65 @@
+#include "tribode/effect/candidate.hpp"
+#include "tribode/effect/directed_law.hpp"
+
+#include <cmath>
+#include <memory>
+
+namespace tribode::effects {
+
+namespace {
+
+class LoadDependent final : public DirectedLaw {
+  public:
+    LoadDependent(double share, double reach) : DirectedLaw("load_dependent_friction"), share_(share), reach_(reach) {}
+    double friction(double, double, double z) const override { return share_ / reach_ * z; }
+    double rate(double v, double way, double z) const override { return v - way * v * z / reach_; }
+    bool per_load() const override { return true; }
+    double fastest_rate(double v, std::span<const double>) const override { return std::abs(v) / reach_; }
+    std::string reason() const override { return "the friction (load_dependent_friction) grows with the load"; }
+
+  private:
+    double share_, reach_;
+};
+
+} // namespace
+
+// As in gears and screws, whose teeth are pressed together by the force that they transmit.
+extern const EffectKind load_dependent_friction = {
+    .name = "load_dependent_friction",
+    .summary = "Friction grows with the force that the motor transmits, as in gears and screws.",
+    .order = 35,
+    .equation = "- share abs(Fm) z/reach, z' = v - abs(v) z/reach",
+    .parameters =
+        {
+            {.name = "share",
+             .meaning = "friction by load",
+             .allowed = Allowed::non_negative,
+             .plausible_min = 0.005,
+             .plausible_max = 0.5},
+            {.name = "reach",
+             .unit = "m",
+             .meaning = "distance over which it builds up after a reversal",
+             .allowed = Allowed::positive,
+             .plausible_min = 1e-7,
+             .plausible_max = 1e-3},
+        },
+    .example = R"({"share": 0.1, "reach": 2e-5})",
+    .affine = false,
+    .drawn_against = DrawnAgainst::thrust,
+    .neutral = {{"share", 0}},
+    .apply =
+        [](const Effect& e, ServoAxis& axis) {
+            axis.plant.forces.push_back(std::make_shared<const LoadDependent>(e.number("share"), e.number("reach")));
+        },
+    .lua = R"lua(
+m.add_force {
+  states = { z = 0 },
+  sees_thrust = true,
+  rates = function(s, own) return { z = s.v - tb.where(tb.less(s.v, 0), -1, 1) * s.v * own.z / p.reach } end,
+  force = function(s, own) return -p.share * tb.no_event(math.abs(s.thrust)) * own.z / p.reach end,
+}
+)lua",
+    .is_friction_law = true,
+};
+
+} // namespace tribode::effects
