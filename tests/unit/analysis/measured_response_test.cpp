@@ -135,30 +135,6 @@ TEST(MeasuredResponse, RoundingThatRepeatsItselfIsInTheBounds) {
     EXPECT_GT(covered, 0.90 * 2 * records);
 }
 
-TEST(MeasuredResponse, ATransientMakesTheRoundingRandomOnlyAsLongAsItLasts) {
-    // 25 samples a period, and a mode next to the sine that has died away long before the end of the window.
-    int covered = 0;
-    constexpr int records = 100;
-    constexpr double step = 15 * 0.02 / 11;
-    for (int record = 0; record < records; ++record) {
-        Sine sine = noisy_sine(80, 8000, 0, 1);
-        const double phase = 2 * pi * uniform(6, 0, static_cast<std::uint64_t>(record));
-        for (std::size_t k = 0; k < sine.y.size(); ++k) {
-            const double t = ts * static_cast<double>(k);
-            const Complex turn = std::polar(1.0, 2 * pi * 80 * t + phase);
-            const double decaying = 5 * step * std::exp(-t / 0.6) * std::cos(2 * pi * 82.3 * t + 3 * phase);
-            sine.u[k] = (15.0 * turn).real();
-            sine.y[k] = std::round(((15.0 * true_response * turn).real() + decaying) / step) * step;
-        }
-        const MeasuredSignals signals{ts, sine.u, sine.y, {sine.u}, step};
-        const auto point = merged(sine_observations(signals, {sine.segment}, {})).at(0).at(0);
-        const Complex error = std::log(point.value / true_response);
-        covered += std::abs(error.real()) < 1.96 * std::sqrt(point.variance / 2);
-        covered += std::abs(error.imag()) < 1.96 * std::sqrt(point.variance / 2);
-    }
-    EXPECT_GT(covered, 0.90 * 2 * records);
-}
-
 // y = first-order lag of u, plus a cubic part of the lag's output, with noise; odd random-phase multisine with every fourth odd line
 // left out.
 struct Multisine {
