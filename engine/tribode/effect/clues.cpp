@@ -31,7 +31,8 @@ Clues::Clues(const ServoAxis& axis_, double sample_time_, const ResidualForce& r
     if (!speeds.empty()) {
         const auto quarter = speeds.begin() + static_cast<std::ptrdiff_t>(speeds.size() / 4);
         std::nth_element(speeds.begin(), quarter, speeds.end());
-        shortest_period = std::max({shortest_period, 4 * axis.encoder_resolution, 1.25 * *quarter / residual.bandwidth});
+        shortest_period =
+            std::max({shortest_period, 4 * axis.encoder_resolution, 1.25 * *quarter / residual.bandwidth});
     }
     max_thrust = largest(residual.reference_thrust);
     duration = static_cast<double>(measured.size()) * sample_time;

@@ -38,6 +38,7 @@ std::string type_of(const std::string& values) {
     if (values.starts_with("list of numbers")) return "number[]";
     if (values.starts_with("list of texts")) return "string[]";
     if (values.starts_with("list of tables")) return "table[]";
+    if (values == "list of lists") return "number[][]";
     if (values == "table of numbers") return "table<string, number>";
     if (values == "table") return "table";
     if (values == "text") return "string";
@@ -199,11 +200,15 @@ const std::map<std::string_view, std::string_view> result_types = {
     {"sweep", "{ responses: table<string, tribode.response>, loop_gain: tribode.response, columns: tribode.column[], "
               "warnings: string[], statistics: table<string, number> }"},
     {"fra", "{ responses: table<string, tribode.measured_response>, fits: table<string, table>, records: string[], "
-            "notes: string[], delay_s: number, text: string }"},
+            "notes: string[], delay_s: number, text: string, loops: table<string, number|number[]>[], "
+            "residuals: table<string, string|number|number[]>[] }"},
     {"identify", "{ machine: tribode.machine_description, parameters: table[], covariance: number[][], "
                  "residuals: number[][], residual_rms_m: number, excess: number, objective: number, "
                  "iterations: integer, converged: boolean, notes: string[] }"},
     {"estimate_delay", "{ delay_s: number, spread_s: number, frequency_hz: number[], delays_s: number[] }"},
+    {"spectrum", "{ frequency_hz: number[], power: number[], windows: integer, averages: number, bandwidth_hz: number, "
+                 "power_low: number, power_high: number, coherence?: number[], coherence_threshold?: number, "
+                 "noise_power?: number[], inputs: table<string, table|number[]>[] }"},
     {"multisine", "{ values: number[], period_samples: integer, frequency_hz: number[], crest_factor: number }"},
     {"chirp", "{ values: number[], frequency_hz: number[] }"},
     {"binary_sequence", "{ values: number[], period_samples: integer }"},
@@ -386,6 +391,7 @@ constexpr const char* classes = R"(---@class tribode.response One complex value 
 ---@field f number[] [N]
 
 ---@class tribode.simulation: tribode.signals
+---@field sensitivities? table<string, table<string, number[]>> by parameter, then as signals
 ---@field events tribode.transition[]
 ---@field ok boolean
 ---@field message string
@@ -417,6 +423,7 @@ constexpr const char* classes = R"(---@class tribode.response One complex value 
 ---@field columns tribode.column[]
 ---@field events tribode.event[]
 ---@field final table<string, any>
+---@field sensitivities? table<string, table<string, number[]>> by parameter, then as values
 ---@field state table where the run can be continued
 ---@field ok boolean
 ---@field message string

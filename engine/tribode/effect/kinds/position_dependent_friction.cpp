@@ -96,15 +96,16 @@ end
             }
             gradients.push_back({std::clamp(regress({shape}, c.force).coefficients[0], -2.0, 2.0), period});
         }
-        return {
-            {.form = "sine",
-             .fixed = {{"mode", "sine"}},
-             .parameters = {{"a", 0, 3, false, 1e-3}, factor("period_m", c.shortest_period, 3 * c.stroke), angle("phase")},
-             .starts = sines},
-            {.form = "gradient",
-             .fixed = {{"mode", "gradient"}},
-             .parameters = {{"a", -5, 5, false, 1e-3}, factor("period_m", 0.05 * c.reach, 20 * c.reach)},
-             .starts = gradients}};
+        return {{.form = "sine",
+                 .fixed = {{"mode", "sine"}},
+                 .parameters = {{"a", 0, 3, false, 1e-3},
+                                factor("period_m", c.shortest_period, 3 * c.stroke),
+                                angle("phase")},
+                 .starts = sines},
+                {.form = "gradient",
+                 .fixed = {{"mode", "gradient"}},
+                 .parameters = {{"a", -5, 5, false, 1e-3}, factor("period_m", 0.05 * c.reach, 20 * c.reach)},
+                 .starts = gradients}};
     },
     .fit_order = 70,
 };
