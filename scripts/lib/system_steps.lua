@@ -56,15 +56,17 @@ local function plot_of(title, unit, rows, result)
   local own, published = { x = {}, y = {} }, { x = {}, y = {} }
   for i, row in ipairs(rows) do
     names[i], own.x[i], own.y[i] = row[1], row[4], i
-    if row[5] ~= "" then published.x[#published.x + 1], published.y[#published.y + 1] = row[5], i end
+    if row[5] ~= "" then published.x[#published.x + 1], published.y[#published.y + 1] = row[5], i + 0.15 end
   end
   names[#rows + 1] = "diagnosis of the first model"
   local low, high = math.huge, 0
   for _, x in ipairs { result.gap.validate.after, table.unpack(own.x) } do
     low, high = math.min(low, x), math.max(high, x)
   end
+  local wide = high > 10 * low
   return { file = "steps", title = title .. ": error on the validation records", panels = { {
-    x_label = "rms of measured minus simulated [" .. unit .. "]", x_log = true, x_range = { low / 1.5, high * 1.5 },
+    x_label = "rms of measured minus simulated [" .. unit .. "]", x_log = wide,
+    x_range = { wide and low / 1.5 or 0, high * (wide and 1.5 or 1.1) },
     y_names = names, y_range = { 0.5, #names + 0.5 }, series = {
       { name = "fitted with this model", x = own.x, y = own.y, style = "points" },
       { name = "published", x = published.x, y = published.y, style = "points" },
