@@ -14,11 +14,11 @@ namespace tribode {
 
 namespace {
 
-constexpr std::size_t max_samples = 2000; // of a record on the list
-constexpr double worth_measuring = 1.2;   // times what the present record tells
-constexpr double min_apart = 0.1;         // of the error that is left: below it the two say the same
+constexpr std::size_t max_record_samples = 2000; // of a record on the list
+constexpr double worth_measuring = 1.2;          // times what the present record tells
+constexpr double min_apart = 0.1;                // of the error that is left: below it the two say the same
 
-struct Experiment {
+struct ListedRecord {
     std::string text;
     SystemRecord record;
     std::vector<double> starts; // of the states whose start values may move; empty: those of the first record
@@ -27,7 +27,7 @@ struct Experiment {
 class Menu {
   public:
     Menu(const SystemModel& model, const std::vector<SystemRecord>& records) : model_(model), first_(records.front()) {
-        const std::size_t n = std::min(first_.size(), max_samples);
+        const std::size_t n = std::min(first_.size(), max_record_samples);
         step_ = first_.t.back() / static_cast<double>(first_.size() - 1);
         for (std::size_t k = 0; k < n; ++k) t_.push_back(static_cast<double>(k) * step_);
         for (std::size_t i = 0; i < first_.inputs.size(); ++i) {
@@ -38,7 +38,7 @@ class Menu {
     // Without inputs only the start can be chosen: nearer to where the record ends, or as far on the other side.
     void add_starts(const std::vector<double>& start, const std::vector<double>& end) {
         for (const double share : {0.5, 0.25, 0.1, -1.0}) {
-            Experiment one{"a record that begins with", record(), {}};
+            ListedRecord one{"a record that begins with", record(), {}};
             for (std::size_t i = 0; i < start.size(); ++i) {
                 const auto& state = model_.equations.states[model_.starts[i]];
                 one.starts.push_back(end[i] + share * (start[i] - end[i]));
@@ -49,7 +49,7 @@ class Menu {
         }
     }
 
-    std::vector<Experiment> list;
+    std::vector<ListedRecord> list;
 
   private:
     bool is_rate(std::size_t i) const {
@@ -75,7 +75,7 @@ class Menu {
         const auto& own = model_.equations.inputs[input];
         const auto [least, greatest] = std::minmax_element(first_.inputs[input].begin(), first_.inputs[input].end());
         const double middle = 0.5 * (*least + *greatest), reach = 0.5 * share * (*greatest - *least);
-        Experiment one{.record = record()};
+        ListedRecord one{.record = record()};
         one.text = fmt::format("{} of {} between {} and {}, {} samples at {}", what, own.name,
                                format_quantity(middle - reach, own.unit, 3),
                                format_quantity(middle + reach, own.unit, 3), t_.size(), format_quantity(step_, "s", 3));
@@ -127,7 +127,7 @@ class Menu {
 };
 
 // Of the difference of two models on a record, rms over scale, what no values of the first one make up.
-double difference(const SystemCandidate& first, const SystemCandidate& second, const Experiment& one,
+double difference(const SystemCandidate& first, const SystemCandidate& second, const ListedRecord& one,
                   const std::vector<double>& scale, Interpolation between, SystemRecord* foretold) {
     const auto own = [&](const SystemCandidate& candidate) {
         auto values = candidate.model.values_of(candidate.values, 0);
@@ -180,10 +180,10 @@ std::optional<SystemExperiment> next_system_experiment(const SystemCandidate& fi
     });
     const auto best = std::max_element(apart.begin(), apart.end());
     if (best == apart.end() || !(left > 0)) return std::nullopt;
-    Experiment present{.record = records.front()};
+    ListedRecord present{.record = records.front()};
     const double here = difference(first, second, present, scale, between, nullptr) / left;
     if (!(*best > worth_measuring * here) || *best < min_apart) return std::nullopt;
-    Experiment& chosen = menu.list[static_cast<std::size_t>(best - apart.begin())];
+    ListedRecord& chosen = menu.list[static_cast<std::size_t>(best - apart.begin())];
     SystemExperiment result{.apart = *best};
     difference(first, second, chosen, scale, between, &result.record);
     result.text =

@@ -15,8 +15,8 @@ constexpr std::size_t max_rows = 4000; // of the errors: of more, some are left 
 constexpr double min_share = 1e-3;     // of the squared errors, for a term to be worth a fit
 constexpr double min_of_pair = 1.2;    // times what the better one explains alone
 constexpr std::size_t max_pairs = 60;
-constexpr double too_large = 10; // an effect of a probe, times the errors
-constexpr int max_attempts = 4;  // to make it smaller
+constexpr double too_large = 10;   // an effect of a probe, times the errors
+constexpr int max_probe_sizes = 4; // to make it smaller
 
 class Screen {
   public:
@@ -41,7 +41,7 @@ class Screen {
             // An effect far larger than the errors, such as that of a negative damping over a long record, says nothing to first
             // order about one as large as they are: then with less of the amplitude.
             double share = 1;
-            for (int attempt = 0; attempt < max_attempts; ++attempt) {
+            for (int attempt = 0; attempt < max_probe_sizes; ++attempt) {
                 std::vector<double> own;
                 for (std::size_t p = 0; p < term.parameters.size(); ++p) {
                     const double start = term.parameters[p].start;
@@ -60,7 +60,7 @@ class Screen {
                 const Eigen::VectorXd moved = error_ - thinned(there); // what it adds to the outputs
                 if (moved.norm() < 1e-9 * std::sqrt(static_cast<double>(error_.size()))) break;
                 const double excess = moved.norm() / (too_large * error_.norm());
-                if (excess > 1 && attempt + 1 < max_attempts) {
+                if (excess > 1 && attempt + 1 < max_probe_sizes) {
                     share *= 0.3 / excess;
                     continue;
                 }

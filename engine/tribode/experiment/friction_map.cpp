@@ -1,4 +1,5 @@
 #include "tribode/experiment/friction_map.hpp"
+#include "tribode/analysis/signal_fit.hpp"
 
 #include <unsupported/Eigen/FFT>
 
@@ -37,12 +38,6 @@ std::vector<double> segment(std::span<const double> x, std::size_t period, bool 
         y[k] = share * (x[k] - line);
     }
     return y;
-}
-
-double rms(const std::vector<double>& values) {
-    double sum = 0;
-    for (const double value : values) sum += value * value;
-    return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(values.size(), 1)));
 }
 
 std::vector<double> edges(std::span<const double> x, std::size_t cells) {

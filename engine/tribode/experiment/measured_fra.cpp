@@ -1,5 +1,6 @@
 #include "tribode/experiment/measured_fra.hpp"
 #include "tribode/analysis/signal.hpp"
+#include "tribode/analysis/signal_fit.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/control/discrete_transfer_function.hpp"
@@ -25,12 +26,6 @@ constexpr std::size_t min_fra_samples = 64;
 double range_of(const std::vector<double>& values) {
     const auto [low, high] = std::minmax_element(values.begin(), values.end());
     return *high - *low;
-}
-
-double rms(const std::vector<double>& values) {
-    double sum = 0;
-    for (const double value : values) sum += value * value;
-    return std::sqrt(sum / static_cast<double>(values.size()));
 }
 
 bool has_friction(const MachineModel& machine) {

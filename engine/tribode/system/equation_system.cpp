@@ -1,6 +1,7 @@
 #include "tribode/system/equation_system.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/system/algebraic_equations.hpp"
+#include "tribode/system/message_text.hpp"
 #include "tribode/system/work_space.hpp"
 
 #include <algorithm>
@@ -16,12 +17,6 @@ namespace tribode {
 namespace {
 
 constexpr std::size_t usual_size = 64; // of a work space: more goes to the heap
-
-// The end of a chain, for messages: long expressions are cut.
-std::string shortened(const std::string& text) {
-    constexpr std::size_t longest = 60;
-    return text.size() <= longest ? text : text.substr(0, longest - 3) + "...";
-}
 
 } // namespace
 

@@ -1,6 +1,7 @@
 #include "tribode/system/sensitivities.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
+#include "tribode/system/message_text.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -10,11 +11,6 @@
 namespace tribode {
 
 namespace {
-
-std::string shortened(const std::string& text) {
-    constexpr std::size_t longest = 60;
-    return text.size() <= longest ? text : text.substr(0, longest - 3) + "...";
-}
 
 // Discrete variables that no derivative reaches, such as modes and samples of inputs, get none.
 class Variations {
