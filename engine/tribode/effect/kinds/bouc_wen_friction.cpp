@@ -1,5 +1,6 @@
 #include "tribode/effect/candidate.hpp"
 #include "tribode/effect/directed_law.hpp"
+#include "tribode/effect/friction_law_parameters.hpp"
 
 #include <cmath>
 #include <memory>
@@ -37,12 +38,7 @@ extern const EffectKind bouc_wen_friction = {
     .equation = "- F z/reach, z' = v (1 - abs(z/reach)^exponent (beta sign(v z) + 1 - beta))",
     .parameters =
         {
-            {.name = "F",
-             .unit = "N",
-             .meaning = "level",
-             .allowed = Allowed::positive,
-             .plausible_min = 0.1,
-             .plausible_max = 50},
+            friction_level_parameter("F", "level"),
             {.name = "reach",
              .unit = "m",
              .meaning = "level over the stiffness at rest",

@@ -1,5 +1,6 @@
 #include "tribode/effect/candidate.hpp"
 #include "tribode/effect/directed_law.hpp"
+#include "tribode/effect/friction_law_parameters.hpp"
 
 #include <cmath>
 #include <memory>
@@ -38,18 +39,8 @@ extern const EffectKind dahl_friction = {
     .equation = "- K z, z' = v left abs(left)^(exponent - 1), left = 1 - K z sign(v)/F",
     .parameters =
         {
-            {.name = "F",
-             .unit = "N",
-             .meaning = "level",
-             .allowed = Allowed::positive,
-             .plausible_min = 0.1,
-             .plausible_max = 50},
-            {.name = "K",
-             .unit = "N/m",
-             .meaning = "stiffness at the start of a motion",
-             .allowed = Allowed::positive,
-             .plausible_min = 1e3,
-             .plausible_max = 1e8},
+            friction_level_parameter("F", "level"),
+            friction_stiffness_parameter("stiffness at the start of a motion"),
             {.name = "exponent",
              .meaning = "exponent",
              .allowed = Allowed::positive,

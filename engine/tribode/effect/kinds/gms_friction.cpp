@@ -1,5 +1,6 @@
 #include "tribode/effect/candidate.hpp"
 #include "tribode/effect/directed_law.hpp"
+#include "tribode/effect/friction_law_parameters.hpp"
 
 #include <cmath>
 #include <memory>
@@ -92,43 +93,17 @@ extern const EffectKind gms_friction = {
                          .allowed = Allowed::positive,
                          .plausible_min = 0.01,
                          .plausible_max = 1}}},
-            {.name = "F",
-             .unit = "N",
-             .meaning = "Coulomb level",
-             .allowed = Allowed::positive,
-             .plausible_min = 0.1,
-             .plausible_max = 50},
-            {.name = "Fs",
-             .unit = "N",
-             .meaning = "static level",
-             .allowed = Allowed::positive,
-             .plausible_min = 0.1,
-             .plausible_max = 50},
-            {.name = "velocity",
-             .unit = "m/s",
-             .meaning = "Stribeck velocity",
-             .allowed = Allowed::positive,
-             .plausible_min = 1e-4,
-             .plausible_max = 0.1},
-            {.name = "exponent",
-             .meaning = "exponent of the Stribeck curve",
-             .allowed = Allowed::positive,
-             .plausible_min = 0.5,
-             .plausible_max = 2,
-             .fallback = 2},
+            friction_level_parameter("F", "Coulomb level"),
+            friction_level_parameter("Fs", "static level"),
+            stribeck_velocity_parameter(),
+            stribeck_exponent_parameter("exponent of the Stribeck curve", 2),
             {.name = "attraction",
              .unit = "N/s",
              .meaning = "how fast slipping elements follow the level: g/attraction is the time of their lag",
              .allowed = Allowed::positive,
              .plausible_min = 1,
              .plausible_max = 1e5},
-            {.name = "viscous",
-             .unit = "N s/m",
-             .meaning = "viscous friction",
-             .allowed = Allowed::non_negative,
-             .plausible_min = 0.1,
-             .plausible_max = 500,
-             .fallback = 0},
+            law_viscous_parameter(),
         },
     .example = R"({"elements": [{"K": 1e5, "share": 0.6}, {"K": 1e4, "share": 0.4}], "F": 3, "Fs": 4,
         "velocity": 0.005, "attraction": 300})",
@@ -138,10 +113,8 @@ extern const EffectKind gms_friction = {
         [](const Effect& e, ServoAxis& axis) {
             std::vector<Element> elements;
             for (const auto& record : e.records("elements")) elements.push_back({record[0], record[1]});
-            const DryFriction level{e.number("F"),
-                                    Stribeck{e.number("Fs"), e.number("velocity"), e.number("exponent")}};
             axis.plant.forces.push_back(std::make_shared<const GeneralizedMaxwellSlip>(
-                std::move(elements), level, e.number("attraction"), e.number("viscous")));
+                std::move(elements), stribeck_level(e), e.number("attraction"), e.number("viscous")));
         },
     .lua = R"lua(
 local function level(s)

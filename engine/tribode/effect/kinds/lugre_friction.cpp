@@ -1,5 +1,6 @@
 #include "tribode/effect/candidate.hpp"
 #include "tribode/effect/directed_law.hpp"
+#include "tribode/effect/friction_law_parameters.hpp"
 
 #include <cmath>
 #include <memory>
@@ -41,36 +42,11 @@ extern const EffectKind lugre_friction = {
     .equation = "- K z - D z' - viscous v, z' = v - K abs(v) z/g(v), g = F + (Fs - F) exp(-(abs(v)/velocity)^exponent)",
     .parameters =
         {
-            {.name = "F",
-             .unit = "N",
-             .meaning = "Coulomb level",
-             .allowed = Allowed::positive,
-             .plausible_min = 0.1,
-             .plausible_max = 50},
-            {.name = "Fs",
-             .unit = "N",
-             .meaning = "static level",
-             .allowed = Allowed::positive,
-             .plausible_min = 0.1,
-             .plausible_max = 50},
-            {.name = "velocity",
-             .unit = "m/s",
-             .meaning = "Stribeck velocity",
-             .allowed = Allowed::positive,
-             .plausible_min = 1e-4,
-             .plausible_max = 0.1},
-            {.name = "exponent",
-             .meaning = "exponent of the Stribeck curve",
-             .allowed = Allowed::positive,
-             .plausible_min = 0.5,
-             .plausible_max = 2,
-             .fallback = 2},
-            {.name = "K",
-             .unit = "N/m",
-             .meaning = "stiffness of the bristles",
-             .allowed = Allowed::positive,
-             .plausible_min = 1e3,
-             .plausible_max = 1e8},
+            friction_level_parameter("F", "Coulomb level"),
+            friction_level_parameter("Fs", "static level"),
+            stribeck_velocity_parameter(),
+            stribeck_exponent_parameter("exponent of the Stribeck curve", 2),
+            friction_stiffness_parameter("stiffness of the bristles"),
             {.name = "D",
              .unit = "N s/m",
              .meaning = "damping of the bristles",
@@ -78,23 +54,15 @@ extern const EffectKind lugre_friction = {
              .plausible_min = 0.1,
              .plausible_max = 1e4,
              .fallback = 0},
-            {.name = "viscous",
-             .unit = "N s/m",
-             .meaning = "viscous friction",
-             .allowed = Allowed::non_negative,
-             .plausible_min = 0.1,
-             .plausible_max = 500,
-             .fallback = 0},
+            law_viscous_parameter(),
         },
     .example = R"({"F": 3, "Fs": 4, "velocity": 0.005, "K": 1e5, "D": 30})",
     .affine = false,
     .drawn_against = DrawnAgainst::distance_since_reversal,
     .apply =
         [](const Effect& e, ServoAxis& axis) {
-            const DryFriction level{e.number("F"),
-                                    Stribeck{e.number("Fs"), e.number("velocity"), e.number("exponent")}};
             axis.plant.forces.push_back(
-                std::make_shared<const LuGre>(level, e.number("K"), e.number("D"), e.number("viscous")));
+                std::make_shared<const LuGre>(stribeck_level(e), e.number("K"), e.number("D"), e.number("viscous")));
         },
     .lua = R"lua(
 local function deflecting(s, own)

@@ -1,4 +1,5 @@
 #include "tribode/effect/candidate.hpp"
+#include "tribode/effect/friction_law_parameters.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -18,18 +19,8 @@ extern const EffectKind stribeck_friction = {
              .meaning = "static level above the Coulomb level",
              .plausible_min = 0.1,
              .plausible_max = 30},
-            {.name = "velocity",
-             .unit = "m/s",
-             .meaning = "Stribeck velocity",
-             .allowed = Allowed::positive,
-             .plausible_min = 1e-4,
-             .plausible_max = 0.1},
-            {.name = "exponent",
-             .meaning = "exponent",
-             .allowed = Allowed::positive,
-             .plausible_min = 0.5,
-             .plausible_max = 2,
-             .fallback = 1},
+            stribeck_velocity_parameter(),
+            stribeck_exponent_parameter("exponent", 1),
         },
     .example = R"({"dFs": 3, "velocity": 0.01})",
     .affine = false,
