@@ -6,6 +6,7 @@
 #include "tribode/control/discrete_transfer_function.hpp"
 #include "tribode/experiment/improved_analysis.hpp"
 #include "tribode/experiment/sweep_checkpoint.hpp"
+#include "tribode/solver/prepared_steps.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -210,8 +211,11 @@ SweepResult run_sweep(const MachineModel& machine, const SweepOptions& options, 
             control.progress(what, points.size() - missing.size() + done, points.size());
         };
     }
+    PreparedSteps prepared_steps; // one machine, many runs
+    SweepOptions together = options;
+    together.solver.prepared_steps = &prepared_steps;
     for_each_index(missing.size(), shown, "frequencies", [&](std::size_t n) {
-        SweepPoint point = run_point(machine, options, missing[n], control);
+        SweepPoint point = run_point(machine, together, missing[n], control);
         if (point.outcome.end == RunEnd::interrupted) return;
         kept.add(missing[n], point);
         points[missing[n]] = std::move(point);

@@ -56,6 +56,9 @@ class AffineKey {
         for (const std::uint64_t part : more_) hash = 31 * hash + part;
         return hash;
     }
+    struct Hash {
+        std::size_t operator()(const AffineKey& key) const { return key.hash(); }
+    };
 
   private:
     static constexpr std::size_t few = 4;

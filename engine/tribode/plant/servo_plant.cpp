@@ -246,10 +246,12 @@ ServoPlant::Outputs ServoPlant::outputs(double t, std::span<const double> x, con
                                                      std::span<const double> x, const State& s, double one,
                                                      std::span<double> dxdt) const {
     double acceleration = total_gain_ * effective;
-    for (std::size_t j = 0; j < gain_.size(); ++j) {
-        const double restoring = damping_[j] * x[2 * j + 3] + stiffness_[j] * x[2 * j + 2];
+    // In pointers, as dxdt might overwrite the vectors for all the compiler knows.
+    const double *gain = gain_.data(), *damping = damping_.data(), *stiffness = stiffness_.data();
+    for (std::size_t j = 0, modes = gain_.size(); j < modes; ++j) {
+        const double restoring = damping[j] * x[2 * j + 3] + stiffness[j] * x[2 * j + 2];
         dxdt[2 * j + 2] = x[2 * j + 3];
-        dxdt[2 * j + 3] = gain_[j] * effective - restoring;
+        dxdt[2 * j + 3] = gain[j] * effective - restoring;
         acceleration -= restoring;
     }
     dxdt[0] = x[1];

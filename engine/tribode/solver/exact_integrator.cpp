@@ -13,10 +13,10 @@ const HybridSystem& ExactIntegrator::checked(const HybridSystem& system) {
     throw InputError(fmt::format("solver \"exact\" cannot be used: {}; choose erk, adams or bdf", *reason));
 }
 
-ExactIntegrator::ExactIntegrator(const HybridSystem& system)
+ExactIntegrator::ExactIntegrator(const HybridSystem& system, PreparedSteps* shared)
     : SeriesIntegrator(checked(system), 4),
-      propagator_height_(height_ + padded(2 * guard_count_)),
-      rest_height_(padded(guard_count_)),
+      guard_room_((guard_count_ + guard_group - 1) / guard_group * guard_group),
+      shared_(shared),
       work_(height_),
       least_(height_),
       limit_(height_),
@@ -24,9 +24,7 @@ ExactIntegrator::ExactIntegrator(const HybridSystem& system)
       travel_(height_),
       response_(terms_.size()),
       f_(height_),
-      moved_(propagator_height_),
-      speed_(height_),
-      rest_(rest_height_) {
+      moved_(height_) {
     // At the end of a long chain a state has no term before many are taken. Sizes below this are not worth one.
     constexpr double least = 1e-25;
     std::transform(system.states().begin(), system.states().end(), least_.begin(),
@@ -41,32 +39,36 @@ void ExactIntegrator::restart(SystemState& state) {
     }
     const bool is_new = is_new_pattern(*state.discrete);
     if (pattern_ && !is_new) return;
-    pattern_ = &patterns_.find(key_, [this](AffinePattern& pattern) { make_pattern(pattern); });
+    pattern_ = &patterns_.find(key_, [this](AffinePattern& pattern) {
+        pattern.series = 0;
+        pattern.prepared.clear();
+        const auto make = [this] { return make_matrices(); };
+        pattern.matrices = shared_ ? shared_->matrices(key_, make) : std::make_shared<const Matrices>(make());
+    });
+    matrices_ = pattern_->matrices.get();
 }
 
-void ExactIntegrator::make_pattern(AffinePattern& pattern) const {
+PreparedSteps::Matrices ExactIntegrator::make_matrices() const {
     const AffineForm form = affine_.affine_form(*state_->discrete);
-    pattern.a.assign(height_ * height_, 0.0);
-    pattern.entries.clear();
-    pattern.first = {0};
+    Matrices made{Columns(height_ * height_), Columns(height_ * height_), 0, {}, {0}, Columns(guard_room_)};
     for (std::size_t guard = 0; guard < guard_count_; ++guard) {
         for (std::size_t j = 0; j < size_; ++j) {
             const double value = form.g[j * guard_count_ + guard];
-            if (value != 0) pattern.entries.push_back({j, value});
+            if (value == 0) continue;
+            made.entries.push_back({j, value});
+            made.moving[guard] = -1;
         }
-        pattern.first.push_back(pattern.entries.size());
+        made.first.push_back(made.entries.size());
     }
-    pattern.prepared.clear();
-    pattern.series = 0;
     for (std::size_t j = 0; j < size_; ++j) {
-        std::copy_n(form.a.data() + j * size_, size_, pattern.a.data() + j * height_);
+        std::copy_n(form.a.data() + j * size_, size_, made.a.data() + j * height_);
     }
-    pattern.square.resize(height_ * height_);
     for (std::size_t j = 0; j < size_; ++j) {
-        multiply_columns(pattern.a.data(), height_, height_, pattern.a.data() + j * height_,
-                         pattern.square.data() + j * height_);
+        multiply_columns(made.a.data(), height_, height_, made.a.data() + j * height_,
+                         made.square.data() + j * height_);
     }
-    pattern.decay = fastest_decay(pattern.a);
+    made.decay = fastest_decay(made.a);
+    return made;
 }
 
 // Of the states that decay by themselves, dx_j/dt = rate x_j, such as the lag of a thrust: 1/s, 0 where there is none.
@@ -81,83 +83,79 @@ double ExactIntegrator::fastest_decay(const Columns& a) const {
 }
 
 // Column by column, as the responses to f = e_j: a step's series from zero with that slope.
-ExactIntegrator::Prepared ExactIntegrator::prepare(const AffinePattern& pattern, double h) {
-    Prepared made{h, Columns(height_ * propagator_height_), Columns(height_ * rest_height_)};
+PreparedSteps::Propagation ExactIntegrator::prepare(double h) {
+    const std::size_t rows = height_ + 2 * guard_room_;
+    Propagation made{Columns(height_ * rows), Columns(height_ * guard_room_)};
     Columns& terms = response_; // those of the last step stay
     const Columns none(height_);
+    Columns unit(height_);
     for (std::size_t j = 0; j < size_; ++j) {
-        std::fill_n(terms.begin() + static_cast<std::ptrdiff_t>(height_), height_, 0.0);
-        terms[height_ + j] = h;
-        const int order = expand_columns(pattern.a.data(), pattern.square.data(), pattern.decay, none.data(), height_,
-                                         h, max_terms, terms.data(), limit_.data());
+        unit[j] = 1;
+        const int order = expand_columns(matrices_->a.data(), matrices_->square.data(), matrices_->decay, none.data(),
+                                         height_, unit.data(), h, max_terms, terms.data(), limit_.data());
+        unit[j] = 0;
         // From rest any length comes to an end at once; from elsewhere this one does not.
         if (order == 0) {
             made.propagator.clear();
             return made;
         }
-        double* column = made.propagator.data() + j * propagator_height_;
+        double* column = made.propagator.data() + j * rows;
         sum_columns(terms.data(), order, height_, column, travel_.data());
         for (std::size_t guard = 0; guard < guard_count_; ++guard) {
             const auto along = [&](int n) {
                 double g = 0;
-                for (const auto& [state, value] : pattern.row(guard)) {
+                for (const auto& [state, value] : matrices_->row(guard)) {
                     g += value * terms[static_cast<std::size_t>(n) * height_ + state];
                 }
                 return g;
             };
-            column[height_ + 2 * guard] = along(1);
-            column[height_ + 2 * guard + 1] = along(2);
-            for (int n = 3; n <= order; ++n) made.rest[j * rest_height_ + guard] += std::abs(along(n));
+            double* both = column + height_ + guard + guard / guard_group * guard_group;
+            both[0] = along(1);
+            both[guard_group] = along(2);
+            for (int n = 3; n <= order; ++n) made.rest[j * guard_room_ + guard] += std::abs(along(n));
         }
     }
     return made;
 }
 
 // Propagates the whole step, if no guard can cross zero in it.
-bool ExactIntegrator::propagate(const Prepared& prepared) {
-    if (prepared.propagator.empty()) return false;
+bool ExactIntegrator::propagate(const Propagation& step) {
+    if (step.propagator.empty()) return false;
     known_at_start_ = true;
-    auto& x = state_->x;
-    const std::span<double> f(f_.data(), size_);
-    system_.derivative(t0_, x, *state_->discrete, f);
+    std::vector<double>& x = state_->x;
     system_.guards(t0_, x, *state_->discrete, {guard_terms_.data(), guard_count_});
+    system_.derivative(t0_, x, *state_->discrete, {f_.data(), size_});
     ++counts_.derivative_evaluations;
     ++counts_.guard_evaluations;
-    for (std::size_t i = 0; i < size_; ++i) speed_[i] = std::abs(f[i]);
-    multiply_columns(prepared.propagator.data(), propagator_height_, height_, f.data(), moved_.data());
-    multiply_columns(prepared.rest.data(), rest_height_, height_, speed_.data(), rest_.data());
-    for (std::size_t guard = 0; guard < guard_count_; ++guard) {
-        if (pattern_->row(guard).empty()) continue; // it does not move
-        const double* row = moved_.data() + height_ + 2 * guard;
-        if (!stays_positive(guard_terms_[guard], row[0], row[1], rest_[guard])) return false;
+    if (!propagate_columns(step.propagator.data(), step.rest.data(), matrices_->moving.data(), guard_terms_.data(),
+                           height_, guard_room_ / guard_group, f_.data(), moved_.data())) {
+        return false;
     }
-    // A machine without guards that move would propagate on and on where its loop is unstable.
-    bool finite = true;
+    double zero = 0; // unless one of x is not finite
     for (std::size_t i = 0; i < size_; ++i) {
         x[i] += moved_[i];
-        finite = finite && std::isfinite(x[i]);
+        zero += 0 * x[i];
     }
-    if (!finite) std::copy_n(term(0), size_, x.begin());
-    return finite;
+    // A machine without guards that move would propagate on and on where its loop is unstable.
+    if (zero == 0) return true;
+    std::copy_n(term(0), size_, x.begin());
+    return false;
 }
 
 // Fills terms_ for a step h from where it began; false where they do not come to an end.
 bool ExactIntegrator::expand(double h) {
     h_ = h;
-    const std::span<double> first(term(1), size_);
-    if (known_at_start_) {
-        std::copy_n(f_.begin(), size_, first.begin());
-    } else {
-        system_.derivative(t0_, {term(0), size_}, *state_->discrete, first);
+    if (!known_at_start_) {
+        system_.derivative(t0_, {term(0), size_}, *state_->discrete, {f_.data(), size_});
         ++counts_.derivative_evaluations;
     }
-    for (double& c : first) c *= h;
     if (pattern_) {
-        order_ = expand_columns(pattern_->a.data(), pattern_->square.data(), pattern_->decay, least_.data(), height_, h,
-                                max_terms, terms_.data(), limit_.data());
+        order_ = expand_columns(matrices_->a.data(), matrices_->square.data(), matrices_->decay, least_.data(), height_,
+                                f_.data(), h, max_terms, terms_.data(), limit_.data());
         // A comparison with what is not a number hides it; in the last term it still shows.
         return order_ > 0 && std::all_of(term(order_), term(order_) + size_, [](double c) { return std::isfinite(c); });
     }
+    for (std::size_t i = 0; i < size_; ++i) term(1)[i] = h * f_[i];
     work_ = least_;
     return add_terms(h, work_, [&](int n) {
         affine_.rate_coefficient(n, t0_, h, {term(n), size_}, *state_->discrete, {term(n + 1), size_});
@@ -179,7 +177,7 @@ double ExactIntegrator::find_crossing() {
         });
     }
     return first_crossing([&](GuardId guard) -> std::optional<std::size_t> {
-        const auto row = pattern_->row(guard);
+        const auto row = matrices_->row(guard);
         if (row.empty()) return std::nullopt; // it does not move
         polynomial_[0] = guard_terms_[guard];
         // Mostly it is so far above zero that it cannot get there.
@@ -187,7 +185,7 @@ double ExactIntegrator::find_crossing() {
         for (const auto& [column, value] : row) reach += std::abs(value) * travel_[column];
         if (polynomial_[0] > reach) return std::nullopt;
         auto last = static_cast<std::size_t>(order_);
-        const auto along = [&](const Entry& entry, std::size_t n) {
+        const auto along = [&](const PreparedSteps::Entry& entry, std::size_t n) {
             return entry.value * terms_[n * height_ + entry.column];
         };
         for (std::size_t n = 1; n <= last; ++n) polynomial_[n] = along(row.front(), n);
@@ -211,7 +209,7 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
     ++counts_.steps;
     known_at_start_ = false;
     const Prepared* prepared = pattern_ ? prepared_for(*pattern_, whole) : nullptr;
-    if (prepared && propagate(*prepared)) return stop(whole, whole, t_stop, whole - prepared->h);
+    if (prepared && propagate(*prepared->step)) return stop(whole, whole, t_stop, whole - prepared->h);
     double h = whole;
     while (!expand(h)) {
         h /= 2;
@@ -227,7 +225,9 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
     std::copy_n(end_.begin(), size_, state_->x.begin());
     const Progress progress = stop(h, whole, t_stop, 0);
     if (progress == Progress::stopped && !prepared && pattern_ && is_worth_preparing(*pattern_, whole)) {
-        pattern_->prepared.push_back(prepare(*pattern_, whole));
+        const auto make = [&] { return prepare(whole); };
+        pattern_->prepared.push_back(
+            {whole, shared_ ? shared_->propagation(key_, whole, make) : std::make_shared<const Propagation>(make())});
     }
     return progress;
 }

@@ -1,5 +1,9 @@
 #pragma once
+#include "tribode/solver/prepared_steps.hpp"
 #include "tribode/solver/series_integrator.hpp"
+
+#include <memory>
+#include <vector>
 
 namespace tribode {
 
@@ -18,63 +22,48 @@ namespace tribode {
 class ExactIntegrator final : public SeriesIntegrator {
   public:
     // Throws InputError, with the reason, where the system is not piecewise affine.
-    explicit ExactIntegrator(const HybridSystem& system);
+    // shared: what runs of equal systems have prepared, not owned; null: this one alone.
+    explicit ExactIntegrator(const HybridSystem& system, PreparedSteps* shared = nullptr);
 
     void restart(SystemState& state) override;
     Progress step(double t_stop) override;
     void interpolate(double t, std::span<double> x) override;
 
   private:
-    // A guard's row of G without its zeros.
-    struct Entry {
-        std::size_t column;
-        double value;
-    };
+    using Matrices = PreparedSteps::Matrices;
+    using Propagation = PreparedSteps::Propagation;
 
-    // Of a pattern, for steps of one length h, with f the derivative at their beginning.
     struct Prepared {
         double h;
-        // Times f: how far x moves, Psi f, then for each guard its first and second coefficient. Empty: h is too long
-        // for its series.
-        Columns propagator; // (propagator_height x height)
-        // Times abs(f): a bound for all further coefficients of each guard together.
-        Columns rest; // (rest_height x height)
+        std::shared_ptr<const Propagation> step;
     };
-
     struct AffinePattern : Pattern<Prepared> {
-        Columns a, square;              // A, A^2
-        double decay;                   // see fastest_decay [1/s]
-        std::vector<Entry> entries;     // of G, row by row
-        std::vector<std::size_t> first; // (guards + 1): of each row, its first entry
-
-        std::span<const Entry> row(GuardId guard) const {
-            return {entries.data() + first[guard], first[guard + 1] - first[guard]};
-        }
+        std::shared_ptr<const Matrices> matrices;
     };
 
     static const HybridSystem& checked(const HybridSystem& system);
-    void make_pattern(AffinePattern& pattern) const;
+    Matrices make_matrices() const;
     double fastest_decay(const Columns& a) const;
-    Prepared prepare(const AffinePattern& pattern, double h);
-    bool propagate(const Prepared& prepared);
+    Propagation prepare(double h);
+    bool propagate(const Propagation& step);
     bool expand(double h);
     double find_crossing();
     void evaluate(double s, std::span<double> x);
 
-    const std::size_t propagator_height_, rest_height_; // see Prepared
+    const std::size_t guard_room_; // of all groups of guards
+    PreparedSteps* const shared_;
     Patterns<AffinePattern> patterns_;
-    AffinePattern* pattern_ = nullptr; // the present one; null where b varies
-    std::vector<double> work_;         // (height)
-    std::vector<double> least_;        // (height): sizes of the states below which nothing counts
-    std::vector<double> limit_;        // (height): sizes of terms below which they do not count
-    std::vector<double> end_;          // (height): x where the series ends
-    std::vector<double> travel_;       // (height): how far each state can go in the step
-    Columns response_;                 // (height x max_terms + 1): terms of prepare()
-    std::vector<double> f_;            // (height): the derivative where the step begins, and
+    AffinePattern* pattern_ = nullptr;   // the present one; null where b varies
+    const Matrices* matrices_ = nullptr; // its matrices
+    std::vector<double> work_;           // (height)
+    std::vector<double> least_;          // (height): sizes of the states below which nothing counts
+    std::vector<double> limit_;          // (height): sizes of terms below which they do not count
+    std::vector<double> end_;            // (height): x where the series ends
+    std::vector<double> travel_;         // (height): how far each state can go in the step
+    Columns response_;                   // (height x max_terms + 1): terms of prepare()
+    std::vector<double> f_;              // (height): the derivative where the step begins, and
     bool known_at_start_ = false; // whether it and the guards there are known: where the step could not be propagated
-    std::vector<double> moved_;   // (propagator_height): propagator times f
-    std::vector<double> speed_;   // (height): abs(f)
-    std::vector<double> rest_;    // (rest_height): rest times abs(f)
+    std::vector<double> moved_;   // (height): how far x moves in a propagated step
 };
 
 } // namespace tribode

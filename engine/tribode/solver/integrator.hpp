@@ -55,6 +55,8 @@ class Integrator {
     RunOutcome failure_;
 };
 
+class PreparedSteps;
+
 // Which method, and how exactly.
 struct SolverOptions {
     Method method = Method::automatic;
@@ -63,6 +65,8 @@ struct SolverOptions {
     double fixed_step = 5e-5;          // [s] of fixed, euler, semi_implicit_euler, zoh
     long max_steps = 100'000'000;      // from one output or sample to the next; more: the run ends
     double max_step = 0;               // [s] of erk, adams, bdf, ida; 0: as long as the tolerances allow
+    // Of exact, for many runs of equal systems: what they prepare together, which changes no result. Not owned.
+    PreparedSteps* prepared_steps = nullptr;
 
     static const std::vector<std::string>& method_names(); // as the user writes them, in the order of Method
     static constexpr Alias method_alias{"cvode", "bdf"};   // a name that is also accepted

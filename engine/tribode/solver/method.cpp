@@ -20,8 +20,8 @@ std::unique_ptr<Integrator> make(const HybridSystem& system, const SolverOptions
     return std::make_unique<Kind>(system, options);
 }
 
-std::unique_ptr<Integrator> make_exact(const HybridSystem& system, const SolverOptions&) {
-    return std::make_unique<ExactIntegrator>(system);
+std::unique_ptr<Integrator> make_exact(const HybridSystem& system, const SolverOptions& options) {
+    return std::make_unique<ExactIntegrator>(system, options.prepared_steps);
 }
 
 std::unique_ptr<Integrator> make_fixed(const HybridSystem& system, const SolverOptions& options) {

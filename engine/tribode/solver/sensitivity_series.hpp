@@ -60,9 +60,6 @@ class SensitivitySeries {
     void propagate(Pattern& pattern, double t, double h, const double* f, const double* q, double* s);
 
   private:
-    struct Hash {
-        std::size_t operator()(const AffineKey& key) const { return key.hash(); }
-    };
     static constexpr std::size_t max_patterns = 2000;
 
     void expand(const Pattern& pattern, double h, const double* f, const double* q, double* s);
@@ -70,7 +67,7 @@ class SensitivitySeries {
     Prepared prepare(const Pattern& pattern, double h);
 
     const std::size_t states_, parameters_, height_;
-    std::unordered_map<AffineKey, Pattern, Hash> patterns_;
+    std::unordered_map<AffineKey, Pattern, AffineKey::Hash> patterns_;
     RecurringLengths recurring_{4};
     std::vector<double> room_, sums_; // (height x 1 + parameters), room_ four of them
     std::vector<double> values_;      // of each product

@@ -57,9 +57,6 @@ class SeriesIntegrator : public Integrator {
         struct Followed : Known {
             Entry* next = nullptr; // the one that was found after this one
         };
-        struct Hash {
-            std::size_t operator()(const AffineKey& key) const { return key.hash(); }
-        };
         static constexpr std::size_t max_patterns = 2000;
 
         template <class Make>
@@ -79,7 +76,7 @@ class SeriesIntegrator : public Integrator {
             return *known;
         }
 
-        std::unordered_map<AffineKey, Followed, Hash> patterns_;
+        std::unordered_map<AffineKey, Followed, AffineKey::Hash> patterns_;
         Entry* last_ = nullptr;         // found last
         std::vector<AffineKey> oldest_; // keys of patterns_, as they came
         std::size_t replaced_ = 0;

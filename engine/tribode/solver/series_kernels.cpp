@@ -16,10 +16,13 @@ namespace {
 // a column of zeros for each number that pads a column.
 using Block __attribute__((vector_size(64), aligned(8), may_alias)) = double;
 using Bits = long long __attribute__((vector_size(64)));
+using Group __attribute__((vector_size(8 * guard_group), aligned(8), may_alias)) = double;
+using GroupBits __attribute__((vector_size(8 * guard_group), aligned(8), may_alias)) = long long;
 constexpr long long not_sign = std::numeric_limits<long long>::max(); // all bits of a number but that of its sign
 
 const Block& block(const double* at) { return *reinterpret_cast<const Block*>(at); }
 Block& block(double* at) { return *reinterpret_cast<Block*>(at); }
+const Group& group(const double* at) { return *reinterpret_cast<const Group*>(at); }
 
 // product = factor matrix x; four columns at a time, which do not wait for one another.
 template <std::size_t FixedHeight, std::size_t FixedColumns>
@@ -38,6 +41,30 @@ template <std::size_t FixedHeight, std::size_t FixedColumns>
         }
         block(product + row) = ((a + b) + (c + d)) * factor;
     }
+}
+
+// The same of a column that is one block and in a register, where numbers are got faster than from memory. Blocks are results
+// by reference: as values they would depend on the instructions that the caller may use.
+template <int J>
+[[gnu::always_inline]] inline void multiply_by_number(const Block& column, const Block& x, Block& product) {
+    product = column * __builtin_shufflevector(x, x, J, J, J, J, J, J, J, J);
+}
+[[gnu::always_inline]] inline void multiply_block(const double* matrix, const Block& x, double factor, Block& product) {
+    const auto column = [&](std::size_t j) -> const Block& { return block(matrix + j * block_size); };
+    Block a, b, c, d, more;
+    multiply_by_number<0>(column(0), x, a);
+    multiply_by_number<1>(column(1), x, b);
+    multiply_by_number<2>(column(2), x, c);
+    multiply_by_number<3>(column(3), x, d);
+    multiply_by_number<4>(column(4), x, more);
+    a += more;
+    multiply_by_number<5>(column(5), x, more);
+    b += more;
+    multiply_by_number<6>(column(6), x, more);
+    c += more;
+    multiply_by_number<7>(column(7), x, more);
+    d += more;
+    product = ((a + b) + (c + d)) * factor;
 }
 
 // Sets the signs of `found` where the size of a value is above `most`, or is no number: by the sign of most - size. GCC takes
@@ -61,16 +88,14 @@ constexpr auto reciprocals = [] {
     return values;
 }();
 
-// From c_0 and c_1 on, c_{n+1} = h/(n+1) A c_n, until two terms in a row are below half a unit in the last place of
+// From c_0 and c_1 = h f on, c_{n+1} = h/(n+1) A c_n, until two terms in a row are below half a unit in the last place of
 // the largest, as a rule one of the first five, `least` at least. Returns the last n, or 0 where max_terms, an even
 // number, do not do. Even and odd terms go each their own way by the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two
 // chains that do not wait for one another. Where nothing is left of two terms but an eigenvector of A, of eigenvalue
 // `rate`, numbers take its place.
-template <std::size_t Fixed>
 [[gnu::always_inline]] inline int expand(const double* a, const double* square, double rate, const double* least,
-                                         std::size_t any_height, double h, int max_terms, double* terms,
+                                         std::size_t height, const double* f, double h, int max_terms, double* terms,
                                          double* limit) {
-    const std::size_t height = Fixed ? Fixed : any_height;
     const auto term = [&](int n) { return terms + static_cast<std::size_t>(n) * height; };
     const auto scale = [&](int from, double factor, int to) {
         for (std::size_t row = 0; row < height; row += block_size) {
@@ -107,7 +132,8 @@ template <std::size_t Fixed>
             block(limit + row) = half_ulp * largest;
         }
     };
-    multiply<Fixed, Fixed>(a, height, height, term(1), h / 2, term(2));
+    for (std::size_t row = 0; row < height; ++row) term(1)[row] = f[row] * h;
+    multiply<0, 0>(a, height, height, term(1), h / 2, term(2));
     bool only_decay = false;
     for (int n = 1; n + 3 <= max_terms; n += 2) {
         const double even = h * h * reciprocals[static_cast<std::size_t>(n)];
@@ -116,8 +142,8 @@ template <std::size_t Fixed>
             scale(n, rate * rate * even, n + 2);
             scale(n + 1, rate * rate * odd, n + 3);
         } else {
-            multiply<Fixed, Fixed>(square, height, height, term(n), even, term(n + 2));
-            multiply<Fixed, Fixed>(square, height, height, term(n + 1), odd, term(n + 3));
+            multiply<0, 0>(square, height, height, term(n), even, term(n + 2));
+            multiply<0, 0>(square, height, height, term(n + 1), odd, term(n + 3));
         }
         if (n == 1) {
             set_limits(n + 3);
@@ -129,6 +155,119 @@ template <std::size_t Fixed>
     // States at the end of a long chain have their largest terms later.
     set_limits(max_terms);
     return small(max_terms - 1) ? max_terms : 0;
+}
+
+// The same where a column is one block: terms and limits stay in registers.
+[[gnu::always_inline]] inline int expand_block(const double* a, const double* square, double rate, const double* least,
+                                               const double* f, double h, int max_terms, double* terms, double* limit) {
+    const auto term = [&](int n) -> Block& { return block(terms + static_cast<std::size_t>(n) * block_size); };
+    const auto enlarge = [](Block& largest, const Block& value) {
+        const Block size = (Block)((Bits)value & not_sign);
+        largest = size > largest ? size : largest;
+    };
+    const auto are_small = [](const Block& most, const Block& first, const Block& second) {
+        Bits large{};
+        find_above(most, first, large);
+        find_above(most, second, large);
+        return !any_of(large);
+    };
+    // f number by number, as it was written just before.
+    Block first = Block{f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]} * h, second, third, fourth;
+    multiply_block(a, first, h / 2, second);
+    term(1) = first;
+    term(2) = second;
+    Block largest = block(least);
+    for (int n = 0; n <= 2; ++n) enlarge(largest, term(n));
+    Block most{};
+    bool only_decay = false;
+    for (int n = 1; n + 3 <= max_terms; n += 2) {
+        const double even = h * h * reciprocals[static_cast<std::size_t>(n)];
+        const double odd = h * h * reciprocals[static_cast<std::size_t>(n) + 1];
+        if (only_decay) {
+            third = first * (rate * rate * even);
+            fourth = second * (rate * rate * odd);
+        } else {
+            multiply_block(square, first, even, third);
+            multiply_block(square, second, odd, fourth);
+        }
+        term(n + 2) = third;
+        term(n + 3) = fourth;
+        if (n == 1) {
+            enlarge(largest, third);
+            enlarge(largest, fourth);
+            block(limit) = most = half_ulp * largest;
+        } else {
+            if (are_small(most, third, fourth)) return n + 3;
+            if (!only_decay && rate != 0) {
+                only_decay =
+                    are_small(most, third - (rate * rate * even) * first, fourth - (rate * rate * odd) * second);
+            }
+        }
+        first = third;
+        second = fourth;
+    }
+    // States at the end of a long chain have their largest terms later.
+    for (int n = 5; n <= max_terms; ++n) enlarge(largest, term(n));
+    block(limit) = most = half_ulp * largest;
+    return are_small(most, first, second) ? max_terms : 0;
+}
+
+// Eight rows of matrix f, and as many as a group has of matrix abs(f); the matrix has a multiple of four columns.
+[[gnu::always_inline]] inline void multiply_rows(const double* matrix, std::size_t height, std::size_t columns,
+                                                 const double* f, Block& product) {
+    const auto column = [&](std::size_t j) -> const Block& { return block(matrix + j * height); };
+    Block a = column(0) * f[0], b = column(1) * f[1], c = column(2) * f[2], d = column(3) * f[3];
+    for (std::size_t j = 4; j < columns; j += 4) {
+        a += column(j) * f[j];
+        b += column(j + 1) * f[j + 1];
+        c += column(j + 2) * f[j + 2];
+        d += column(j + 3) * f[j + 3];
+    }
+    product = (a + b) + (c + d);
+}
+[[gnu::always_inline]] inline void multiply_sizes(const double* matrix, std::size_t height, std::size_t columns,
+                                                  const double* f, Group& product) {
+    const auto column = [&](std::size_t j) -> const Group& { return group(matrix + j * height); };
+    const auto size = [&](std::size_t j) { return std::abs(f[j]); };
+    Group a = column(0) * size(0), b = column(1) * size(1), c = column(2) * size(2), d = column(3) * size(3);
+    for (std::size_t j = 4; j < columns; j += 4) {
+        a += column(j) * size(j);
+        b += column(j + 1) * size(j + 1);
+        c += column(j + 2) * size(j + 2);
+        d += column(j + 3) * size(j + 3);
+    }
+    product = (a + b) + (c + d);
+}
+
+// See propagate_columns(). A guard that begins at g and moves by first s + second s^2 and by at most `beyond` besides stays above
+// zero; s and s^2 lie between 0 and 1, up to rounding, which the margin covers.
+template <std::size_t FixedHeight, std::size_t FixedGroups>
+[[gnu::always_inline]] inline bool propagate(const double* propagator, const double* rest, const double* moving,
+                                             const double* g, std::size_t any_height, std::size_t any_groups,
+                                             const double* f, double* moved) {
+    const std::size_t height = FixedHeight ? FixedHeight : any_height;
+    const std::size_t groups = FixedGroups ? FixedGroups : any_groups;
+    const std::size_t rows = height + groups * 2 * guard_group;
+    for (std::size_t row = 0; row < height; row += block_size) {
+        multiply_rows(propagator + row, rows, height, f, block(moved + row));
+    }
+    const Group zero{}, crosses = zero - 1;
+    GroupBits found{};
+    for (std::size_t i = 0; i < groups; ++i) {
+        const double* begin = g + i * guard_group;
+        Block both;
+        multiply_rows(propagator + height + 2 * i * guard_group, rows, height, f, both);
+        const Group first = __builtin_shufflevector(both, both, 0, 1, 2, 3);
+        const Group second = __builtin_shufflevector(both, both, 4, 5, 6, 7);
+        Group beyond;
+        multiply_sizes(rest + i * guard_group, groups * guard_group, height, f, beyond);
+        const Group bent = first + (second < zero ? second : zero);
+        // One by one, as they were written just before.
+        const Group lowest = Group{begin[0], begin[1], begin[2], begin[3]} + (bent < zero ? bent : zero) - beyond;
+        const Group sizes = (Group)((GroupBits)first & not_sign) + (Group)((GroupBits)second & not_sign) + beyond;
+        found |= (GroupBits)(lowest > 1e-12 * sizes ? zero : crosses) & (GroupBits)group(moving + i * guard_group);
+    }
+    return ((found[0] | found[1]) | (found[2] | found[3])) == 0;
 }
 
 // The sum of all terms, x at the step's end, and of the sizes of those after the first; small ones come first.
@@ -353,11 +492,19 @@ TRIBODE_CLONES void multiply_columns(const double* matrix, std::size_t height, s
     }
 }
 
+TRIBODE_CLONES bool propagate_columns(const double* propagator, const double* rest, const double* moving,
+                                      const double* g, std::size_t height, std::size_t groups, const double* f,
+                                      double* moved) {
+    if (height == 8 && groups == 1) return propagate<8, 1>(propagator, rest, moving, g, 8, 1, f, moved);
+    return propagate<0, 0>(propagator, rest, moving, g, height, groups, f, moved);
+}
+
 TRIBODE_CLONES int expand_columns(const double* a, const double* square, double rate, const double* least,
-                                  std::size_t height, double h, int max_terms, double* terms, double* limit) {
+                                  std::size_t height, const double* f, double h, int max_terms, double* terms,
+                                  double* limit) {
     switch (height) {
-    case 8: return expand<8>(a, square, rate, least, 8, h, max_terms, terms, limit);
-    default: return expand<0>(a, square, rate, least, height, h, max_terms, terms, limit);
+    case 8: return expand_block(a, square, rate, least, f, h, max_terms, terms, limit);
+    default: return expand(a, square, rate, least, height, f, h, max_terms, terms, limit);
     }
 }
 

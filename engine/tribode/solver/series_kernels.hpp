@@ -13,15 +13,23 @@ constexpr std::size_t padded(std::size_t size) { return (size + block_size - 1) 
 // product = matrix x; a multiple of four columns
 void multiply_columns(const double* matrix, std::size_t height, std::size_t columns, const double* x, double* product);
 
+// A propagated step from the derivative f. moved = Psi f, and false if a guard might cross zero meanwhile. propagator: Psi,
+// below it for each group of guards the rows of their first coefficients, then those of their second ones; rest: the rows of
+// bounds for their further ones; moving: of each guard -1, or 0 where it does not move; g: the guards where the step begins,
+// with room for all of a group.
+constexpr std::size_t guard_group = 4;
+bool propagate_columns(const double* propagator, const double* rest, const double* moving, const double* g,
+                       std::size_t height, std::size_t groups, const double* f, double* moved);
+
 // sum = start + matrix x
 void add_columns(const double* start, const double* matrix, std::size_t columns, std::size_t height, const double* x,
                  double* sum);
 
-// From c_0 and c_1 on c_{n+1} = h/(n+1) A c_n, until two terms in a row do not count any more. Returns the last n, or 0 where
+// From c_0 and c_1 = h f on c_{n+1} = h/(n+1) A c_n, until two terms in a row do not count any more. Returns the last n, or 0 where
 // max_terms, an even number, do not do. least: sizes of the states below which nothing counts; limit: set to the sizes
 // below which terms do not count; decay: see ExactIntegrator::fastest_decay.
 int expand_columns(const double* a, const double* square, double decay, const double* least, std::size_t height,
-                   double h, int max_terms, double* terms, double* limit);
+                   const double* f, double h, int max_terms, double* terms, double* limit);
 
 // The sum of all terms, x at the step's end, and of the sizes of those after the first.
 void sum_columns(const double* terms, int order, std::size_t height, double* end, double* travel);

@@ -67,13 +67,15 @@ Simulator::Simulator(const HybridSystem& system, const SolverOptions& options, S
         relative_tolerance_ = 16 * std::numeric_limits<double>::epsilon();
         absolute_tolerance_ = 0;
     }
-    if (!state_.next_sample.empty()) return; // a snapshot of another run
-    for (const auto& clock : system.clocks()) {
-        long k = static_cast<long>(std::ceil((state_.t - clock.offset) / clock.period));
-        k = std::max(k - 1, 0L);
-        while (clock.instant(k) < state_.t && !same_instant(clock.instant(k), state_.t)) ++k;
-        state_.next_sample.push_back(k);
+    if (state_.next_sample.empty()) { // else it is a snapshot of another run
+        for (const auto& clock : clocks_) {
+            long k = static_cast<long>(std::ceil((state_.t - clock.offset) / clock.period));
+            k = std::max(k - 1, 0L);
+            while (clock.instant(k) < state_.t && !same_instant(clock.instant(k), state_.t)) ++k;
+            state_.next_sample.push_back(k);
+        }
     }
+    for (ClockId id = 0; id < clocks_.size(); ++id) instants_.push_back(clocks_[id].instant(state_.next_sample[id]));
 }
 
 void Simulator::set_output_grid(std::vector<double> instants) {
@@ -309,10 +311,10 @@ void Simulator::collect_due_clocks() {
     if (!is_due(next_instant_)) return;
     begin_row();
     next_instant_ = std::numeric_limits<double>::infinity();
-    for (ClockId id = 0; id < state_.next_sample.size(); ++id) {
-        long& k = state_.next_sample[id];
-        double next = clocks_[id].instant(k);
+    for (ClockId id = 0; id < instants_.size(); ++id) {
+        double& next = instants_[id];
         if (is_due(next)) {
+            long& k = state_.next_sample[id];
             due_.push_back({id, k});
             next = clocks_[id].instant(++k);
         }

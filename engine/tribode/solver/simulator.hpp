@@ -100,7 +100,8 @@ class Simulator {
     RunStatistics statistics_;
     RunOutcome outcome_;
     std::vector<DueClock> due_;
-    double next_instant_ = 0; // of a clock, once the first ones have fired [s]
+    std::vector<double> instants_; // of each clock, the next one [s]
+    double next_instant_ = 0;      // of a clock, once the first ones have fired [s]
     std::vector<double> guard_values_, guards_nearby_, x_nearby_;
     std::vector<double> output_grid_;
     std::size_t next_output_ = 0;

@@ -3,6 +3,7 @@
 #include "function_system.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/solver/exact_integrator.hpp"
+#include "tribode/solver/prepared_steps.hpp"
 #include "tribode/solver/simulator.hpp"
 
 #include <algorithm>
@@ -304,6 +305,66 @@ TEST(ExactIntegrator, more_patterns_than_are_kept_are_each_themselves) {
     ASSERT_TRUE(run.advance_to(1e-3 * 2 * count).ok());
     // 1e4 steps round by half a unit in the last place each, and so do the sums of the exponent.
     EXPECT_NEAR(run.state().x[0] / std::exp(-exponent), 1, 1e-12);
+}
+
+// Three patterns that recur at two lengths of steps, from instants that round these lengths in their own ways.
+std::vector<double> run_of_many(double begin, PreparedSteps* shared) {
+    AffineSystem system = affine_oscillator();
+    system.a = {{-0.1, 1}, {-4, -0.3}};
+    system.b = {0.3, 1};
+    system.scaled = true;
+    system.start_memory = {1};
+    system.guard = {{{1, 0}, 10}};
+    system.sample_clocks = {{"tick", 0.25, 0.0}, {"tock", 0.25, 0.1}};
+    system.sample = [](ClockId, long k, SystemState& state) {
+        AffineSystem::memory(state).u.coefficient[0] = std::sin(static_cast<double>(k));
+        AffineSystem::memory(state).value[0] = static_cast<double>(1 + k % 3);
+        return EventEffect::restart;
+    };
+    SystemState start = system.initial_state();
+    start.t = begin;
+    SolverOptions options = exact;
+    options.prepared_steps = shared;
+    Simulator run(system, options, start);
+    EXPECT_TRUE(run.advance_to(begin + 50).ok());
+    return run.state().x;
+}
+
+TEST(PreparedSteps, runs_that_share_them_come_to_the_same_bits_as_alone) {
+    PreparedSteps shared;
+    for (const double begin : {0.0, 3.3, 100.1, 1e4 + 0.7, 100.1, 0.0}) {
+        EXPECT_EQ(run_of_many(begin, &shared), run_of_many(begin, nullptr)) << begin;
+    }
+}
+
+TEST(PreparedSteps, are_made_once_for_each_pattern_and_each_length_to_the_bit) {
+    PreparedSteps steps;
+    int made = 0;
+    const auto matrices = [&](std::uint64_t part) {
+        AffineKey key;
+        key.push_back(part);
+        return steps.matrices(key, [&] {
+            ++made;
+            return PreparedSteps::Matrices{};
+        });
+    };
+    const auto propagation = [&](std::uint64_t part, double h) {
+        AffineKey key;
+        key.push_back(part);
+        return steps.propagation(key, h, [&] {
+            ++made;
+            return PreparedSteps::Propagation{};
+        });
+    };
+    const auto one = matrices(1);
+    EXPECT_NE(matrices(2), one);
+    EXPECT_EQ(matrices(1), one);
+    EXPECT_EQ(made, 2);
+    const auto step = propagation(1, 0.1);
+    EXPECT_EQ(propagation(1, 0.1), step);
+    EXPECT_NE(propagation(1, std::nextafter(0.1, 1)), step);
+    EXPECT_NE(propagation(2, 0.1), step);
+    EXPECT_EQ(made, 5);
 }
 
 // x' = -x + u(t), u cubic between its samples: x = e^{-t} (x0 - p(0)) + p(t) with p' + p = u.
