@@ -14,6 +14,7 @@ local option = tb.options {
   f_max = { default = 200, unit = "Hz", help = "highest frequency" },
   solver = { default = "auto", help = "as of tb.simulate" },
   machine = { default = "models/linear_motor_table.lua", help = "machine description, .lua or .json" },
+  loop_hz = { default = 7, unit = "Hz", help = "crossover of the position loop of the ready machine" },
   reading = { default = "halved", choices = { "halved", "printed" }, help = "of Table II" },
   delay_s = { default = 1.38e-3, unit = "s", help = "of the delay model C_dly" },
   seed = { default = 0, help = "of the sensor noise" },
@@ -29,7 +30,7 @@ local function frequency_list()
   return list
 end
 
-local machine = tb.machine { file = option.machine, argument = { table_ii = option.reading } }
+local machine = tb.machine { file = option.machine, argument = { table_ii = option.reading, loop_hz = option.loop_hz } }
 
 -- The sweep: all three analyses from the same signals.
 local sweep = tb.sweep {

@@ -227,7 +227,17 @@ for _, wrong in ipairs(wrongs) do row(wrong) end
 -- FRA-1 as the paper treats it: the delay read from its phase at 120 Hz, eq. (18), is taken out.
 local function without_delay(response)
   local delay = tb.phase_delay { response = response, at_hz = math.max(option.f_min, math.min(120, option.f_max)) }
-  return tb.remove_delay { response = response, delay_s = delay }
+  return tb.remove_delay { response = response, delay_s = delay }, delay
+end
+
+-- What FRA-1 is off by, in two: friction alone, with the loop taken out exactly, and what is left of the loop when the
+-- delay read by eq. (18) is taken out of it, with no friction. Both act on the same response and cancel in part.
+local function apart(response, delay_s)
+  local friction_alone = response_of(function(i) return times(at(response, i), inverse(loop(f[i]))) end)
+  local loop_alone = response_of(function(i)
+    return times(times(at(plant, i), loop(f[i])), polar(1, 2 * math.pi * f[i] * delay_s))
+  end)
+  return rms(distance(friction_alone, plant)), rms(distance(loop_alone, plant))
 end
 
 local by_amplitude, amplitude_columns = {}, { { name = "amplitude_N", unit = "N", values = option.amplitudes } }
@@ -237,10 +247,17 @@ for i, amplitude in ipairs(option.amplitudes) do
     or sweep { amplitude_N = amplitude, harmonics = many }
   by_amplitude[i] = { amplitude_N = amplitude }
   for _, name in ipairs { "FRA-1", "Proposed", "Improved" } do
-    local response = name == "FRA-1" and without_delay(responses[name]) or responses[name]
+    local response, delay = responses[name], nil
+    if name == "FRA-1" then response, delay = without_delay(response) end
     local result = case(string.format("%s, %g N", name, amplitude), response)
     row(result)
     by_amplitude[i][name] = result
+    if delay then
+      local friction, rest = apart(responses[name], delay)
+      result.delay_s, result.friction_alone, result.loop_alone = delay, friction, rest
+      print(string.format("  friction alone %.1f %%; the loop behind the delay of %.3f ms that is read %.1f %%",
+        100 * friction, delay * 1e3, 100 * rest))
+    end
   end
 end
 
@@ -249,7 +266,8 @@ end
 local function summary(result)
   return {
     name = result.name, errors = result.errors, standard_errors = result.standard_errors,
-    rms_distance = result.rms_distance, rms_change = result.rms_change,
+    rms_distance = result.rms_distance, rms_change = result.rms_change, delay_s = result.delay_s,
+    friction_alone = result.friction_alone, loop_alone = result.loop_alone,
   }
 end
 local function summaries(list)

@@ -1,14 +1,17 @@
 -- Positioning with two degrees of freedom (section V-C): 0.5 mm in 50 ms with the deadbeat feedforward designed on
 -- each of the three identified models, the paper's (Table III) and those identified here, beside Table IV (Figs.
 -- 15-17).
+-- The friction model is driven by the reference; and by the detected position, as eqs. (11) and (16) can be read, over
+-- shares and loops (Table IV again, `detected`).
 -- Then other feedforwards on the paper's proposed model: zero phase error tracking, fourth-order S-curve, input
 -- shaping.
 --
 --   tribode run scripts/positioning.lua
 --   tribode run scripts/positioning.lua -D identified=results/fra_comparison/identified.json
 --
--- Results: summary.json, designs.json, identified.json, one CSV file per run (paper_*, identified_*, design_*) and the
--- plots positions, identified, feedforward_gain, spectrum, designs (png, svg).
+-- Results: summary.json, detected.json, designs.json, identified.json, one CSV file per run (paper_*, detected_*,
+-- identified_*, design_*) and the plots positions, detected, reading, identified, feedforward_gain, spectrum, designs
+-- (png, svg).
 
 local tb = require "tribode"
 
@@ -24,6 +27,11 @@ local option = tb.options {
   delay_s = { default = 1.38e-3, unit = "s", help = "of the delay model C_dly" },
   smoothness = { default = 1, help = "of the deadbeat feedforward: which difference of the thrust is least" },
   friction_compensation = { default = true, help = "by the friction model driven by the reference" },
+  detected_loop_hz = { default = 16, unit = "Hz", help = "crossover where it is driven by the detected position" },
+  detected_share = { default = 0.9, help = "share of the friction model that is fed back there" },
+  shares = { default = { 0.8, 0.85, 0.9, 0.95, 1 }, help = "shares to compare" },
+  loops_hz = { default = tb.quick and { 12, 16, 20, 30 } or tb.linspace(12, 30, 19), unit = "Hz",
+    help = "crossovers to compare" },
   solver = { default = "auto", help = "as of tb.simulate" },
   seed = { default = 0, help = "of the sensor noise" },
 }
@@ -76,7 +84,7 @@ tb.write_json { file = "identified.json", value = identified }
 
 local gain_frequencies = tb.logspace(1, 500, 1000)
 
-local function run(file, name, model, design, delay_s)
+local function feedforward_of(model, design)
   local wanted = {
     model = model,
     sample_time_s = machine.Ts,
@@ -87,17 +95,28 @@ local function run(file, name, model, design, delay_s)
     frequency_hz = gain_frequencies,
   }
   for key, value in pairs(design) do wanted[key] = value end
-  local feedforward = tb.feedforward(wanted)
-  local result = tb.positioning {
-    machine = machine,
+  return tb.feedforward(wanted)
+end
+
+-- loop_hz: of the machine, by default that of the option; share: of the friction model that the detected position
+-- drives in place of the reference.
+local function move(feedforward, more)
+  return tb.positioning {
+    machine = more.loop_hz and tb.machine { file = option.machine, argument = { loop_hz = more.loop_hz } } or machine,
     feedforward = feedforward,
     duration_s = option.window,
-    delay_s = delay_s or option.delay_s,
+    delay_s = more.delay_s or option.delay_s,
     friction_compensation = option.friction_compensation,
+    friction_feedback = more.share or 0,
     band_m = band,
     solver = option.solver,
     seed = option.seed,
   }
+end
+
+local function run(file, name, model, design, more)
+  local feedforward = feedforward_of(model, design)
+  local result = move(feedforward, more)
   tb.write_csv { file = file .. ".csv", columns = result.columns }
   if not result.within_rating then
     print(string.format("%s: the thrust of %.0f N is above the rated 150 N", name, result.peak_thrust_N))
@@ -109,17 +128,43 @@ end
 
 local paper_runs, identified_runs = {}, {}
 for i, name in ipairs(analyses) do
-  paper_runs[i] = run("paper_" .. name, name, table_iii[name], {})
-  identified_runs[i] = run("identified_" .. name, name, identified[name], {})
+  paper_runs[i] = run("paper_" .. name, name, table_iii[name], {}, {})
+  identified_runs[i] = run("identified_" .. name, name, identified[name], {}, {})
+end
+
+-- The friction model driven by the detected position: eqs. (11) and (16) with x = y_dly, "the same FM" as that of the
+-- analyses. The paper prints neither the loop nor the share.
+local detected_runs, deadbeat = {}, {}
+for i, name in ipairs(analyses) do
+  deadbeat[i] = feedforward_of(table_iii[name], {})
+  detected_runs[i] = run("detected_" .. name, name, table_iii[name], {},
+    { loop_hz = option.detected_loop_hz, share = option.detected_share })
+end
+-- The error of each model by share and loop; share 0: driven by the reference. In the paper's order the proposed model
+-- is best and FRA-2 worst.
+local shares = { 0, table.unpack(option.shares) }
+local map, in_order, settings, from_reference = {}, 0, 0, 0
+for _, share in ipairs(shares) do
+  for _, loop_hz in ipairs(option.loops_hz) do
+    local rmse = {}
+    for i = 1, #analyses do rmse[i] = move(deadbeat[i], { loop_hz = loop_hz, share = share }).rmse_m * 1e6 end
+    local as_in_paper = rmse[3] < rmse[1] and rmse[1] < rmse[2]
+    map[#map + 1] = { share = share, loop_hz = loop_hz, rmse_um = rmse, paper_order = as_in_paper }
+    if share == 0 then
+      from_reference = from_reference + (as_in_paper and 1 or 0)
+    else
+      settings = settings + 1
+      in_order = in_order + (as_in_paper and 1 or 0)
+    end
+  end
 end
 
 -- The discrete plant holds the half sample of the hold already, and so does the delay read from the sweep: as in the
--- paper
--- it is counted twice. The second run counts it once.
-local once = math.max(option.delay_s - machine.Ts / 2, 0)
+-- paper it is counted twice. The second run counts it once.
+local once = { delay_s = math.max(option.delay_s - machine.Ts / 2, 0) }
 local best = table_iii["Proposed"]
 local designs = {
-  run("design_deadbeat", "deadbeat", best, {}),
+  run("design_deadbeat", "deadbeat", best, {}, {}),
   run("design_deadbeat_hold_once", "deadbeat, hold counted once", best, {}, once),
   run("design_zero_phase", "zero phase error", best, { method = "zero_phase" }, once),
   run("design_s_curve", "S-curve, inverse dynamics", best, { method = "s_curve" }, once),
@@ -149,6 +194,13 @@ for _, result in ipairs(designs) do
   entry.peak_thrust_N, entry.within_rating = result.peak_thrust_N, result.within_rating
   details[result.name] = entry
 end
+local table_iv = { 2.70, 4.55, 2.39 }
+local detected = {
+  loop_hz = option.detected_loop_hz, share = option.detected_share, models = {}, map = map, settings = settings,
+  in_paper_order = in_order, reference_settings = #option.loops_hz, reference_in_paper_order = from_reference,
+}
+for i, name in ipairs(analyses) do detected.models[name] = summary_of(detected_runs[i]) end
+tb.write_json { file = "detected.json", value = detected }
 local margins = tb.loop_margins { machine = machine }
 tb.write_json { file = "summary.json", value = summary }
 tb.write_json { file = "designs.json", value = { designs = details, margins = margins } }
@@ -165,7 +217,6 @@ if margins.phase_margin_deg then
 end
 print(string.format("  least distance to -1: %.2f", margins.modulus_margin))
 
-local table_iv = { 2.70, 4.55, 2.39 }
 local independent = { 3.70, 3.54, 1.25 } -- another program with the same models
 print(string.format("\n%g mm in %g ms, deadbeat feedforward: RMSE of delayed r* - y over %g s [um]",
   option.distance * 1e3,
@@ -180,6 +231,17 @@ for i, name in ipairs(analyses) do
     a.max_error_m * 1e6, table_iv[i], independent[i], b.rmse_m * 1e6, ms(b.settling_s), b.max_error_m * 1e6))
 end
 print("(max: largest error [um]; settled: within +-5 um, in ms, independent program 47.5 ms with the proposed model)")
+
+print(string.format("\nThe same with the friction model driven by the detected position, %g %% of it, loop of %g Hz:",
+  option.detected_share * 100, option.detected_loop_hz))
+for i, name in ipairs(analyses) do
+  local a = detected_runs[i]
+  print(string.format("%-9s %8.2f %8s %8.2f %14.2f", name, a.rmse_m * 1e6, ms(a.settling_s), a.max_error_m * 1e6,
+    table_iv[i]))
+end
+print(string.format("The paper's order (proposed best, FRA-2 worst): %d of %d settings of share and loop, %d of %d " ..
+  "loops where\nthe reference drives it. Share and loop were chosen to come near the three errors of the paper.",
+  in_order, settings, from_reference, #option.loops_hz))
 
 print(string.format("\n%-31s %8s %8s %8s %10s", "Feedforwards, proposed model", "RMSE", "settled", "max", "peak [N]"))
 for _, result in ipairs(designs) do
@@ -236,6 +298,42 @@ local function position_panels(runs)
 end
 
 tb.plot { file = "positions", title = "Positioning, models of Table III", panels = position_panels(paper_runs) }
+tb.plot {
+  file = "detected",
+  title = string.format("The same, %g %% of the friction model driven by the detected position, %g Hz",
+    option.detected_share * 100, option.detected_loop_hz),
+  panels = position_panels(detected_runs),
+}
+-- Over the loop, where the reference drives the friction model and where the detected position does. Table IV dashed.
+local function over_loops(share)
+  local list = {}
+  for i, name in ipairs(analyses) do
+    list[i] = { name = name, x = {}, y = {}, style = "line_points" }
+    for _, entry in ipairs(map) do
+      if entry.share == share then
+        table.insert(list[i].x, entry.loop_hz)
+        table.insert(list[i].y, entry.rmse_um[i])
+      end
+    end
+  end
+  for i, rmse in ipairs(table_iv) do
+    list[#list + 1] = { name = "", x = { option.loops_hz[1], option.loops_hz[#option.loops_hz] }, y = { rmse, rmse },
+      style = "dashed", color = ({ "#0072b2", "#d55e00", "#009e73" })[i] }
+  end
+  return list
+end
+tb.plot {
+  file = "reading",
+  title = "RMSE by what drives the friction model; dashed: the paper's Table IV",
+  panels = {
+    { y_label = "Reference [um]", y_range = { 0, 12 }, series = over_loops(0) },
+    {
+      x_label = "Crossover of the loop [Hz]", y_label = string.format("Detected position, %g %% [um]",
+        option.detected_share * 100),
+      y_range = { 0, 12 }, series = over_loops(option.detected_share), legend = "none",
+    },
+  },
+}
 tb.plot { file = "identified", title = "Positioning, models identified here",
   panels = position_panels(identified_runs) }
 tb.plot { file = "designs", title = "Feedforwards on the proposed model", panels = position_panels(designs) }

@@ -3,6 +3,8 @@
 #include "unit/script/temporary_folder.hpp"
 
 #include <gtest/gtest.h>
+#include <utility>
+#include <vector>
 
 namespace tribode::cli {
 namespace {
@@ -32,6 +34,22 @@ TEST(Positioning, TheProposedModelComesFirstAndTheModelsMayBeGiven) {
         EXPECT_LT(rmse("Proposed"), rmse("FRA-2")) << models;
         EXPECT_LE(group.at("Proposed").at("settling_ms").get<double>(), 50) << models;
     }
+
+    // With the friction model driven by the detected position the errors come near those of the paper, in its order.
+    const auto detected = Json::parse(text_of(folder / "out/detected.json"));
+    for (const auto& [name, paper_um] : {std::pair{"FRA-1", 2.70}, {"FRA-2", 4.55}, {"Proposed", 2.39}}) {
+        EXPECT_NEAR(detected.at("models").at(name).at("rmse_um").get<double>(), paper_um, 0.1 * paper_um) << name;
+    }
+    int in_order = 0, settings = 0;
+    for (const auto& entry : detected.at("map")) {
+        const auto rmse = entry.at("rmse_um").get<std::vector<double>>();
+        if (entry.at("share").get<double>() == 0) continue;
+        ++settings;
+        in_order += rmse[2] < rmse[0] && rmse[0] < rmse[1];
+    }
+    EXPECT_EQ(detected.at("settings"), settings);
+    EXPECT_EQ(detected.at("in_paper_order"), in_order);
+    EXPECT_GT(in_order, settings / 2);
 
     ending = run({"run", script, "--quick", "--quiet", "-D", "identified=out/identified.json", "-o", "again"},
                  {.folder = folder.path()});
