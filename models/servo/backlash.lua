@@ -1,16 +1,24 @@
 -- A rigid body in two halves with play between them, in place of the plant. The motor's force acts on the motor's body,
--- friction and all other forces on the driven point, the body whose position is measured.
+-- friction and all other forces on the driven point, the body whose position is measured. Vibration modes are of that
+-- body, as those of the plant.
 --
 --   d = y_motor - y_load;   beyond half a gap g/2 on either side the contact presses, and never pulls, with
 --   F = c d' + k (d -+ g/2) on the load, -F on the motor,   k = m w^2,   c = 2 zeta w m,   m the reduced mass
 --
--- Five modes: open, pressing and parting on either side. Parting is still within reach of the contact, but faster than
--- it relaxes. In and out as of the plant.
+-- Five modes of operation: open, pressing and parting on either side. Parting is still within reach of the contact, but
+-- faster than it relaxes. In and out as of the plant.
 local tb = require "tribode"
 
--- rigid_gain = 1/mass [m/(N s^2)], gap_m, load_fraction, contact_hz, contact_zeta, sensor = "motor" or "load"
+local function sum_of(list, term)
+  local sum = 0
+  for j, entry in ipairs(list) do sum = sum + term(j, entry) end
+  return sum
+end
+
+-- rigid_gain = 1/mass [m/(N s^2)], gap_m, load_fraction, contact_hz, contact_zeta, sensor = "motor" or "load";
+-- vibrations = { { gain = k_j, freq_hz =, zeta = }, … }
 return function(settings)
-  local at_load = settings.sensor == "load"
+  local at_load, vibrations = settings.sensor == "load", settings.vibrations
   local load = settings.rigid_gain / settings.load_fraction
   local motor = settings.rigid_gain / (1 - settings.load_fraction)
   local own, other = at_load and load or motor, at_load and motor or load
@@ -21,6 +29,23 @@ return function(settings)
     stiffness = { value = stiffness, unit = "N/m" }, damping = { value = damping, unit = "N s/m" },
     half = { value = settings.gap_m / 2, unit = "m" },
   }
+  local states = {
+    position = { unit = "m" }, velocity = { unit = "m/s", nominal = 100 },
+    other = { unit = "m" }, other_velocity = { unit = "m/s", nominal = 100 },
+  }
+  for j, mode in ipairs(vibrations) do
+    local omega = 2 * math.pi * mode.freq_hz
+    parameters["k" .. j] = { value = mode.gain, unit = "1/kg" }
+    parameters["damping" .. j] = { value = 2 * mode.zeta * omega, unit = "1/s" }
+    parameters["stiffness" .. j] = { value = omega * omega, unit = "1/s2" }
+    states["q" .. j] = { unit = "m" }
+    states["w" .. j] = { unit = "m/s", nominal = 100 }
+  end
+  local function gain(s) return s.own + sum_of(vibrations, function(j) return s["k" .. j] end) end
+  local function pull(s) -- r_j
+    return function(j) return s["damping" .. j] * s["w" .. j] + s["stiffness" .. j] * s["q" .. j] end
+  end
+  local function restoring(s) return sum_of(vibrations, pull(s)) / gain(s) end
 
   local function ahead(own_value, other_value) -- of the motor's over the load's
     return at_load and other_value - own_value or own_value - other_value
@@ -40,14 +65,22 @@ return function(settings)
     return {
       der = function(s)
         local push, beside = pushes(s, pressed(s))
-        return {
+        local held = tb.greater(s.held, 0)
+        local effective = tb.where(held, restoring(s), push - s.friction)
+        local pulls = sum_of(vibrations, pull(s))
+        local rates = {
           position = s.velocity,
-          velocity = tb.where(tb.greater(s.held, 0), 0, s.own * (push - s.friction)),
+          velocity = tb.where(held, 0, gain(s) * effective - pulls),
           other = s.other_velocity,
           other_velocity = s.beside * beside,
         }
+        for j in ipairs(vibrations) do
+          rates["q" .. j] = s["w" .. j]
+          rates["w" .. j] = s["k" .. j] * effective - pull(s)(j)
+        end
+        return rates
       end,
-      outputs = function(s) return { push = { (pushes(s, pressed(s))), unit = "N" } } end,
+      outputs = function(s) return { push = { pushes(s, pressed(s)) - restoring(s), unit = "N" } } end,
       when = when,
     }
   end
@@ -80,18 +113,19 @@ return function(settings)
     name = "plant with backlash",
     parameters = parameters,
     inputs = { thrust = { unit = "N" }, force = { unit = "N" }, friction = { unit = "N" }, held = 0 },
-    states = {
-      position = { unit = "m" }, velocity = { unit = "m/s", nominal = 100 },
-      other = { unit = "m" }, other_velocity = { unit = "m/s", nominal = 100 },
-    },
+    states = states,
     modes = modes,
     start_mode = "open",
     outputs = function(s) return { y = { s.position, unit = "m" }, v = { s.velocity, unit = "m/s" } } end,
     when = {
-      {
+      { -- an impulse at the driven point takes the rest of its velocity
         name = "stops",
         condition = function(s) return tb.greater(s.held, 0) end,
-        set = function() return { velocity = 0 } end,
+        set = function(s)
+          local set = { velocity = 0 }
+          for j in ipairs(vibrations) do set["w" .. j] = s["w" .. j] - s["k" .. j] * (s.velocity / gain(s)) end
+          return set
+        end,
       },
     },
   }

@@ -128,7 +128,7 @@ function servo.parts(machine, options)
     encoder = encoder(m.encoder),
   }
   if m.backlash then
-    local settings = { rigid_gain = m.plant.rigid_gain }
+    local settings = { rigid_gain = m.plant.rigid_gain, vibrations = m.plant.modes }
     for key, value in pairs(m.backlash) do settings[key] = value end
     parts.plant = backlash(settings)
   end

@@ -224,6 +224,89 @@ TEST(Effects, exact_and_variable_step_agree_on_backlash) {
     }
 }
 
+// Backlash and a mode against three masses in a row, written for this test alone: motor, play, driven body, and a second body
+// on a spring and a damper behind it, whose modal form is
+//
+//     1/((m1 + m2) s^2) + m2/(m1 (m1 + m2)) / (s^2 + 2 zeta w s + w^2),   w^2 = k/m,   2 zeta w = c/m,   m = m1 m2/(m1 + m2)
+struct ThreeMasses {
+    double motor = 6, driven = 2.5, behind = 1.5;                  // [kg]
+    double stiffness = 0, damping = 0;                             // between driven and behind
+    double gap = 1e-4, contact_stiffness = 0, contact_damping = 0; // of the play
+    double viscous = 5;                                            // of the driven body
+    bool load_side = false; // the driven body is the load; else the motor's body is driven
+
+    using State = std::array<double, 6>; // driven, behind, other: position and velocity each
+    State rates(const State& x, double u) const {
+        const double spring = stiffness * (x[2] - x[0]) + damping * (x[3] - x[1]);
+        const double d = load_side ? x[4] - x[0] : x[0] - x[4], rate = load_side ? x[5] - x[1] : x[1] - x[5];
+        double contact = 0; // on the load
+        if (d > gap / 2) contact = std::max(0.0, contact_stiffness * (d - gap / 2) + contact_damping * rate);
+        if (d < -gap / 2) contact = std::min(0.0, contact_stiffness * (d + gap / 2) + contact_damping * rate);
+        const double on_driven = (load_side ? contact : u - contact) - viscous * x[1] + spring;
+        const double on_other = load_side ? u - contact : contact;
+        return {x[1], on_driven / driven, x[3], -spring / behind, x[5], on_other / motor};
+    }
+};
+
+TEST(Effects, backlash_with_a_mode_moves_as_three_masses_in_a_row) {
+    for (const char* sensor : {"motor", "load"}) {
+        ThreeMasses row;
+        row.load_side = std::string(sensor) == "load";
+        const double with_mode = row.driven + row.behind, total = row.motor + with_mode;
+        const double reduced = row.driven * row.behind / with_mode, w = 2 * pi * 70, zeta = 0.02;
+        row.stiffness = reduced * w * w;
+        row.damping = 2 * zeta * w * reduced;
+        const double contact_hz = 120, contact_zeta = 0.3, wc = 2 * pi * contact_hz;
+        const double between = row.motor * with_mode / total;
+        row.contact_stiffness = between * wc * wc;
+        row.contact_damping = 2 * contact_zeta * wc * between;
+        Json m = {
+            {"rigid_gain_per_kg", 1 / total},
+            {"modes",
+             Json::array({{{"gain", row.behind / (row.driven * with_mode)}, {"freq_hz", 70}, {"zeta", zeta}}})},
+            {"friction", {{"viscous", row.viscous}}},
+            {"effects",
+             Json::array({effect("backlash", {{"gap_m", row.gap},
+                                              {"load_fraction", row.load_side ? with_mode / total : row.motor / total},
+                                              {"contact_hz", contact_hz},
+                                              {"contact_zeta", contact_zeta},
+                                              {"sensor", sensor}})})}};
+        const auto u = problems::sampled_sine(15, 6, ts, 401);
+        std::vector<double> expected;
+        ThreeMasses::State x{};
+        constexpr int parts = 2000;
+        constexpr double h = ts / parts;
+        const auto moved = [](const ThreeMasses::State& from, const ThreeMasses::State& slope, double by) {
+            ThreeMasses::State to = from;
+            for (std::size_t i = 0; i < to.size(); ++i) to[i] += by * slope[i];
+            return to;
+        };
+        double most_apart = 0;
+        for (const double thrust : u) {
+            expected.push_back(x[0]);
+            for (int i = 0; i < parts; ++i) {
+                const auto k1 = row.rates(x, thrust), k2 = row.rates(moved(x, k1, h / 2), thrust);
+                const auto k3 = row.rates(moved(x, k2, h / 2), thrust), k4 = row.rates(moved(x, k3, h), thrust);
+                for (std::size_t j = 0; j < x.size(); ++j) x[j] += h / 6 * (k1[j] + 2 * k2[j] + 2 * k3[j] + k4[j]);
+                most_apart = std::max(most_apart, std::abs(x[2] - x[0]));
+            }
+        }
+        ASSERT_GT(most_apart, 2e-6); // the mode takes part
+        // The steps of the reference go over the edges of the contact.
+        constexpr double bound = 2e-9;
+        const auto exact = run_open_loop(m, u, exact_solver).trace.x;
+        EXPECT_LT(largest_difference(exact, expected), bound) << sensor;
+        for (const Method method : {Method::erk, Method::adams, Method::bdf}) {
+            SolverOptions solver = fine_erk;
+            solver.method = method;
+            EXPECT_LT(largest_difference(run_open_loop(m, u, solver).trace.x, expected), bound)
+                << sensor << " " << name_of(method);
+        }
+        const SolverOptions steps{.method = Method::fixed, .fixed_step = 2e-6};
+        EXPECT_LT(largest_difference(run_open_loop(m, u, steps).trace.x, expected), 1e-7) << sensor;
+    }
+}
+
 TEST(Effects, scaled_friction_slows_a_slide_as_a_small_program_says) {
     Json machine = mass_with(
         {effect("position_dependent_friction", {{"mode", "sine"}, {"a", 0.5}, {"period_m", 2e-3}, {"phase", 1}}),

@@ -179,6 +179,13 @@ for _, sensor in ipairs { "motor", "load" } do
   local play = { gap_m = 2e-4, load_fraction = 0.6, contact_hz = 150, contact_zeta = 0.1, sensor = sensor }
   agrees("backlash", axis({ { name = "backlash", parameters = play } }, { modes = {} }),
     { samples = 250, solver = "exact", within = 1e-13 })
+  local vibrating = {
+    modes = { { gain = 0.02, freq_hz = 60, zeta = 0.02 }, { gain = 0.01, freq_hz = 140, zeta = 0.01 } },
+  }
+  agrees("backlash with modes", axis({ { name = "backlash", parameters = play } }, vibrating),
+    { samples = 250, solver = "exact", within = 1e-12 })
+  agrees("backlash with modes", axis({ { name = "backlash", parameters = play } }, vibrating),
+    { samples = 250, solver = "erk", tolerance = 1e-12, within = 1e-10 })
 end
 -- All together.
 agrees("many effects", axis {

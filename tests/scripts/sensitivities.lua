@@ -234,6 +234,12 @@ for _, sensor in ipairs { "motor", "load" } do
     { "gap_m", "load_fraction", "contact_hz", "contact_zeta" },
     { modes = {}, friction = { elements = elements } }, nil, { reference = 5e-9 })
 end
+-- With modes, and an axis that also sticks.
+for _, sensor in ipairs { "motor", "load" } do
+  effect("backlash", { gap_m = 5e-5, load_fraction = 0.4, contact_hz = 200, contact_zeta = 0.2, sensor = sensor },
+    { "gap_m", "load_fraction", "contact_hz", "contact_zeta" },
+    { friction = { elements = elements, coulomb = 2 } }, nil, { reference = 5e-9 })
+end
 -- Noise.
 check("noise", base { noise_rms_m = 1e-7, process_noise_rms_N = 0.2, controller = pid }, loop_input,
   { { "noise_rms_m", step = 5e-8 }, "process_noise_rms_N", "controller.kd" })

@@ -26,9 +26,9 @@ void ServoAxis::require_possible() const {
         require_not_below_zero(plant.dry.static_level() + level, "a static friction level", "N");
     }
     require_not_below_zero(input_delay, "an input delay", "s");
-    if (!plant.backlash) return;
-    if (!plant.modes.empty()) throw InputError("backlash needs a machine without modes");
-    if (plant.rigid_gain == 0) throw InputError("backlash needs a machine with a rigid_gain_per_kg above zero");
+    if (plant.backlash && plant.rigid_gain == 0) {
+        throw InputError("backlash needs a machine with a rigid_gain_per_kg above zero");
+    }
 }
 
 } // namespace tribode

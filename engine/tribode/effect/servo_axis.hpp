@@ -16,7 +16,7 @@ struct ServoAxis {
     std::vector<PeriodicEncoderError> encoder_errors;
 
     // Throws InputError where the machine and its effects together leave something that cannot be: gains that are next to
-    // nothing or all too large, friction or a delay below zero, backlash in a machine with modes.
+    // nothing or all too large, friction or a delay below zero, backlash in a machine without a rigid body.
     void require_possible() const;
 };
 

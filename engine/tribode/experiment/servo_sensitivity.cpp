@@ -16,6 +16,18 @@ double clipped(double x, double by, double limit, double limit_by) {
     return std::abs(x) > limit ? std::copysign(1.0, x) * limit_by : by;
 }
 
+// dt*/dp of the contact of a backlash that has closed at this instant; none where it has not. dx/dp is dx.
+std::optional<double> closing_shift(const ServoPlant::Parameters& p, const ServoPlant::State& s,
+                                    std::span<const double> x, std::span<const double> dx,
+                                    const std::optional<Backlash>& by) {
+    if (!p.backlash || std::abs(static_cast<int>(s.contact)) != 1) return std::nullopt;
+    const std::size_t other = 2 + 2 * p.modes.size();
+    const double ahead = p.backlash->load_side ? -1 : 1, side = static_cast<double>(s.contact);
+    const double half = p.backlash->gap / 2;
+    if (std::abs(side * ahead * (x[0] - x[other]) - half) > ServoPlant::contact_margin * half) return std::nullopt;
+    return (side * by->gap / 2 - ahead * (dx[0] - dx[other])) / (ahead * (x[1] - x[other + 1]));
+}
+
 } // namespace
 
 SensitiveServoSystem::SensitiveServoSystem(const MachineModel& model, Drive drive, std::uint64_t seed, Start start,
@@ -148,15 +160,21 @@ EventEffect SensitiveServoSystem::on_crossing(GuardId guard, SystemState& state,
     const bool stopped = std::any_of(changes.begin(), changes.end(), [](const Event& event) {
         return static_cast<SlipState>(event.kind) == SlipState::stick;
     });
-    // Dry friction jumps where the velocity comes to zero, and where a jump of the thrust lets the axis go.
-    const bool by_jump = state.t == run.jump;
-    const bool is_jump = s.dry != dry && (stopped || by_jump);
+    // Dry friction jumps where the velocity comes to zero, and where a jump of the thrust, or of the force of a contact that
+    // closes, lets the axis go.
+    const bool by_jump = state.t == run.jump, released = s.dry != dry && !stopped;
+    const bool by_contact =
+        released && !by_jump &&
+        closing_shift(plant().parameters(), s, state.x, state.x, plant().parameters().backlash).has_value();
+    const bool is_jump = s.dry != dry && (stopped || by_jump || by_contact);
     if (is_jump) plant().derivative(state.t, state.x, s, std::span(run.f).first(n));
     for (std::size_t p = 0; p < run.directions.size(); ++p) {
         Direction& direction = run.directions[p];
         const auto dx = column_of(p);
         if (is_jump) {
-            const double shift = !by_jump         ? -dx[1] / run.f_before[1]
+            const double shift = by_contact       ? *closing_shift(plant().parameters(), s, state.x, dx,
+                                                                   direction.by.numbers.plant.plant.backlash)
+                                 : !by_jump       ? -dx[1] / run.f_before[1]
                                  : run.jump_moves ? direction.by.numbers.input_delay
                                                   : 0;
             add_jump(shift, p);

@@ -3,7 +3,7 @@
 namespace tribode {
 
 // The rigid body in two halves with play between them. The motor acts on the motor's body; encoder, friction and all
-// other forces on the driven point, which is one of the two. With d = y_motor - y_load and half a gap g/2 on each side
+// other forces on the driven point, which is one of the two, and the vibration modes are of that body. With d = y_motor - y_load and half a gap g/2 on each side
 //
 //     force on the load = max(0, c d' + k (d - g/2))     while d > g/2, likewise the other way, else 0
 //

@@ -6,6 +6,7 @@
 #include <cassert>
 #include <cmath>
 #include <fmt/format.h>
+#include <numeric>
 
 namespace tribode {
 
@@ -32,11 +33,12 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
         total_gain_ += mode.gain;
     }
     if (p_.backlash) {
-        assert(p_.modes.empty() && p_.rigid_gain > 0);
+        assert(p_.rigid_gain > 0);
+        other_ = states_.size();
         add_states("other body");
         const Backlash& b = *p_.backlash;
         const double load = p_.rigid_gain / b.load_fraction, motor = p_.rigid_gain / (1 - b.load_fraction);
-        total_gain_ = b.load_side ? load : motor;
+        total_gain_ = std::accumulate(gain_.begin(), gain_.end(), b.load_side ? load : motor);
         other_gain_ = b.load_side ? motor : load;
         const double reduced = 1 / (load + motor), omega = two_pi * b.contact_hz;
         contact_stiffness_ = reduced * omega * omega;
@@ -73,7 +75,8 @@ ServoPlant::State ServoPlant::start(double y, double v, std::span<double> x) con
     x[0] = y;
     x[1] = v;
     // Without a rigid body the first mode is all that can be there; a second body comes along.
-    if (p_.rigid_gain == 0 || p_.backlash) std::copy_n(x.begin(), 2, x.begin() + 2);
+    if (p_.rigid_gain == 0) std::copy_n(x.begin(), 2, x.begin() + 2);
+    if (p_.backlash) std::copy_n(x.begin(), 2, x.begin() + static_cast<std::ptrdiff_t>(other_));
     refresh_sines(0, x);
     State s;
     s.rolling = p_.rolling.at_rest(y);
@@ -138,7 +141,7 @@ double ServoPlant::driving(double t, std::span<const double> x, const State& s) 
 
 // y_motor - y_load (of = 0), or its rate (of = 1).
 double ServoPlant::separation(std::span<const double> x, std::size_t of) const {
-    const double ahead = x[of] - x[2 + of];
+    const double ahead = x[of] - x[other_ + of];
     return p_.backlash->load_side ? -ahead : ahead;
 }
 
@@ -258,8 +261,8 @@ ServoPlant::Outputs ServoPlant::outputs(double t, std::span<const double> x, con
     dxdt[1] = is_stuck(s) ? 0 : acceleration; // exactly
     if (added_ && p_.backlash) {
         const double contact = contact_force(x, s, one);
-        dxdt[2] = x[3];
-        dxdt[3] = other_gain_ * (p_.backlash->load_side ? thrust - contact : contact);
+        dxdt[other_] = x[other_ + 1];
+        dxdt[other_ + 1] = other_gain_ * (p_.backlash->load_side ? thrust - contact : contact);
     }
     for (std::size_t i = 0; added_ && i < p_.sine_forces.size(); ++i) {
         const std::size_t state = first_sine_ + 2 * i;

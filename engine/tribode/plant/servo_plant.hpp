@@ -58,7 +58,7 @@ class ServoPlant {
         std::vector<SineForce> sine_forces = {};
         std::vector<std::shared_ptr<const PointForce>> forces = {};
         std::vector<std::shared_ptr<const FrictionScale>> friction_scales = {};
-        std::optional<Backlash> backlash = {}; // only without modes
+        std::optional<Backlash> backlash = {}; // needs a rigid body, which it splits; the modes are the driven point's
     };
 
     // Discrete values of the plant.
@@ -194,6 +194,7 @@ class ServoPlant {
     bool scaled_ = false;                            // whether friction is scaled
     bool added_ = false;              // whether there are forces besides motor and friction, or a second body
     std::array<double, 3> viscous_{}; // D_v backward, in stick, forward [N s/m]
+    std::size_t other_ = 0;           // first state of the other body
     std::size_t first_sine_ = 0, first_own_ = 0;         // states
     std::vector<std::size_t> own_count_;                 // states of each force
     std::size_t own_guards_ = 0;                         // of all forces

@@ -15,6 +15,7 @@ ServoPlantTangent::ServoPlantTangent(const ServoPlant& plant, const ServoPlantNu
       of_(derivatives),
       total_gain_(derivatives.plant.rigid_gain) {
     const auto& p = plant.p_;
+    double modes_by = 0; // of the gains of all modes
     for (std::size_t j = 0; j < p.modes.size(); ++j) {
         const auto& [gain, freq_hz, zeta] = p.modes[j];
         const auto& by = of_.plant.modes[j];
@@ -22,6 +23,7 @@ ServoPlantTangent::ServoPlantTangent(const ServoPlant& plant, const ServoPlantNu
         damping_of_.push_back(2 * (by.zeta * omega + zeta * omega_by));
         stiffness_of_.push_back(2 * omega * omega_by);
         total_gain_ += by.gain;
+        modes_by += by.gain;
         moves_modes_ = moves_modes_ || by.gain != 0 || damping_of_.back() != 0 || stiffness_of_.back() != 0;
     }
     const auto& elements = p.rolling.elements();
@@ -38,7 +40,7 @@ ServoPlantTangent::ServoPlantTangent(const ServoPlant& plant, const ServoPlantNu
     const double load = p.rigid_gain / part, motor = p.rigid_gain / rest;
     const double load_by = (of_.plant.rigid_gain - load * by.load_fraction) / part;
     const double motor_by = (of_.plant.rigid_gain + motor * by.load_fraction) / rest;
-    total_gain_ = b.load_side ? load_by : motor_by;
+    total_gain_ = (b.load_side ? load_by : motor_by) + modes_by;
     other_gain_ = b.load_side ? motor_by : load_by;
     const double reduced = 1 / (load + motor), reduced_by = -reduced * reduced * (load_by + motor_by);
     const double omega = two_pi * b.contact_hz, omega_by = two_pi * by.contact_hz;
@@ -51,7 +53,8 @@ void ServoPlantTangent::start(double position, double velocity, const ServoPlant
     std::fill(dx.begin(), dx.end(), 0.0);
     dx[0] = position;
     dx[1] = velocity;
-    if (plant_.p_.rigid_gain == 0 || plant_.p_.backlash) std::copy_n(dx.begin(), 2, dx.begin() + 2);
+    if (plant_.p_.rigid_gain == 0) std::copy_n(dx.begin(), 2, dx.begin() + 2);
+    if (plant_.p_.backlash) std::copy_n(dx.begin(), 2, dx.begin() + static_cast<std::ptrdiff_t>(plant_.other_));
     refresh_sines(0, dx);
     reference_ = position;
     sum_up(s);
@@ -108,9 +111,11 @@ void ServoPlantTangent::rates(const Here& here, std::span<const double> x, const
     if (plant_.p_.backlash) {
         const double contact_by = contact_force(x, s, one), contact = plant_.contact_force(x, s, one);
         const bool load_side = plant_.p_.backlash->load_side;
-        effective_by += load_side ? contact_by - thrust_by : -contact_by; // the thrust acts on the motor's body
-        dxdt[3] = load_side ? other_gain_ * (here.thrust - contact) + plant_.other_gain_ * (thrust_by - contact_by)
-                            : other_gain_ * contact + plant_.other_gain_ * contact_by;
+        // The thrust acts on the motor's body. While the driven point sticks, neither moves it or its modes.
+        if (!here.stuck) effective_by += load_side ? contact_by - thrust_by : -contact_by;
+        dxdt[plant_.other_ + 1] =
+            load_side ? other_gain_ * (here.thrust - contact) + plant_.other_gain_ * (thrust_by - contact_by)
+                      : other_gain_ * contact + plant_.other_gain_ * contact_by;
     }
     dxdt[1] = here.stuck ? 0 : plant_.total_gain_ * effective_by + total_gain_ * here.effective - restoring_by;
     for (std::size_t j = 0; j < stiffness_of_.size(); ++j) {
@@ -204,8 +209,8 @@ void ServoPlantTangent::after_contact(ContactState before, std::span<const doubl
         const double falls = stiffness * rate + damping * side * plant_.separation(f, 1);
         jump = -plant_.contact_force(x, s, 1) * by / falls;
     }
-    plant_.push(b.load_side ? jump : -jump, dx);
-    dx[3] += plant_.other_gain_ * (b.load_side ? -jump : jump);
+    if (!plant_.is_stuck(s)) plant_.push(b.load_side ? jump : -jump, dx);
+    dx[plant_.other_ + 1] += plant_.other_gain_ * (b.load_side ? -jump : jump);
 }
 
 } // namespace tribode

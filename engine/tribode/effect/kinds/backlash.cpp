@@ -3,7 +3,8 @@
 
 namespace tribode::effects {
 
-// The rigid body in two, with play between; see Backlash for the equations of the contact.
+// The rigid body in two, with play between; see Backlash for the equations of the contact. Vibration modes are of the body
+// whose position is measured: its response to a force is load or motor part of k0, and all modes, as without backlash.
 extern const EffectKind backlash = {
     .name = "backlash",
     .summary = "The mass is split into two bodies with play between them.",
