@@ -6,8 +6,8 @@
 --   tribode run scripts/describing_function_map.lua -D amplitudes=60
 --
 -- Three roads to the same number at each point of a grid: the closed form, the elements followed along 2000 points of a
--- period, and the model at the sample time along one second. Results: map.csv, map.json and the plots map, frequency,
--- sampled.
+-- period, and the model at the sample time along one second. Last, the friction laws side by side. Results: map.csv,
+-- map.json and the plots map, frequency, sampled, laws.
 
 local tb = require "tribode"
 local plots = require "lib.batch_plots"
@@ -178,6 +178,45 @@ local function draw(merged)
   }
 end
 
+-- All laws with the same level and the same stiffness at rest, at a speed where no Stribeck curve matters.
+local function draw_laws()
+  local F, K, f = 3, 1e5, 10
+  local function law(name, parameters) return { { name = name, parameters = parameters } } end
+  local cases = {
+    { "Dahl, LuGre", law("lugre_friction", { F = F, Fs = F, velocity = 1, K = K }) },
+    { "Bouc-Wen, exponent 3", law("bouc_wen_friction", { F = F, reach = F / K, exponent = 3 }) },
+    { "GMS, two elements", law("gms_friction", { F = F, Fs = F, velocity = 1, attraction = 1e3,
+      elements = { { K = 0.7 * K, share = 0.5 }, { K = 0.3 * K, share = 0.5 } } }) },
+    { "Leuven, two elements", law("leuven_friction", { F = F, Fs = F, velocity = 1, transition = 2,
+      elements = { { K = 0.7 * K, F = 0.5 * F }, { K = 0.3 * K, F = 0.6 * F } } }) },
+    { "one Maxwell-slip element", nil, { elements = { { K = K, F = F } } } },
+    { "Coulomb", nil, { coulomb = F } },
+  }
+  local amplitudes, frequencies = tb.logspace(1e-6, 1e-3, 41), {}
+  for i = 1, #amplitudes do frequencies[i] = f end
+  local stiffness, damping = {}, {}
+  for i, case in ipairs(cases) do
+    local n = tb.describing_function {
+      machine = { Ts = machine.Ts, mass_kg = 10, effects = case[2], friction = case[3] },
+      amplitude_m = amplitudes, frequency_hz = frequencies,
+    }
+    local x = {}
+    for k, a in ipairs(amplitudes) do x[k] = a * 1e6 end
+    local style = i > 4 and "dashed" or "line"
+    stiffness[i] = { name = case[1], x = x, y = n.real, style = style }
+    damping[i] = { name = case[1], x = x, y = n.imag, style = style }
+  end
+  tb.plot {
+    file = "laws",
+    title = string.format("Describing functions of friction laws of %g N and %g N/m", F, K),
+    panels = {
+      { y_label = "Real part [N/m]", x_log = true, series = stiffness, y_range = { -0.1 * K, 1.1 * K } },
+      { x_label = amplitude_label, y_label = "Imaginary part [N/m]", x_log = true, legend = "none", series = damping,
+        y_range = { 0, 0.7 * K } },
+    },
+  }
+end
+
 tb.batch {
   name = "describing_function_map",
   points = tb.grid {
@@ -208,5 +247,6 @@ tb.batch {
         greatest_sampled_error = error_row.value },
     }
     draw(merged)
+    draw_laws()
   end,
 }

@@ -23,8 +23,8 @@ for _, kind in ipairs(tb.effects {}) do described[kind.name] = kind end
 local groups = {
   { name = "friction", thrust = true, effects = { "coulomb_friction", "viscous_friction", "stribeck_friction",
     "presliding_hysteresis", "asymmetric_friction", "position_dependent_friction", "time_varying_friction" } },
-  { name = "laws", thrust = true, effects = { "dahl_friction", "lugre_friction", "bouc_wen_friction", "gms_friction",
-    "load_dependent_friction" } },
+  { name = "laws", thrust = true, effects = { "dahl_friction", "lugre_friction", "bouc_wen_friction",
+    "gms_friction", "leuven_friction", "load_dependent_friction" } },
   { name = "forces", thrust = true, effects = { "force_ripple", "constant_force", "spring_force", "cubic_stiffness",
     "quadratic_drag", "periodic_disturbance" } },
   { name = "amplifier", effects = { "dead_zone", "thrust_saturation", "thrust_gain" } },

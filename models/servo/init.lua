@@ -35,7 +35,8 @@ local servo = {}
 local kinds = {}
 for _, kind in ipairs(tb.effects {}) do
   local change, message = load("local m, p, tb = ...\n" .. kind.lua, "=" .. kind.name)
-  kinds[kind.name] = { change = assert(change, message), parameters = kind.parameters, has_text = kind.lua ~= "" }
+  kinds[kind.name] = { change = assert(change, message), parameters = kind.parameters, has_text = kind.lua ~= "",
+    is_friction_law = kind.is_friction_law }
 end
 
 -- Parameters with the default numbers of those that are left out.
@@ -140,6 +141,11 @@ function servo.parts(machine, options)
   end
   if share > 0 then
     if not machine.controller then error("servo.parts: friction_feedback needs a controller, which adds it", 0) end
+    for _, effect in ipairs(machine.effects or {}) do
+      if kinds[effect.name].is_friction_law then
+        error("servo.parts: friction_feedback of a machine with " .. effect.name .. " has no equations in Lua", 0)
+      end
+    end
     local modeled = machine.friction or {}
     parts.friction_feedback = friction_feedback {
       share = share, period = m.period, viscous = modeled.viscous or 0, elements = modeled.elements or {},

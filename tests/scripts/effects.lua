@@ -42,3 +42,12 @@ refused({ { name = "forse_ripple", parameters = {} } }, "did you mean \"force_ri
 local play = { name = "backlash", parameters = { gap_m = 1e-5, load_fraction = 0.5, contact_hz = 100,
   contact_zeta = 0.1, sensor = "motor" } }
 refused({ play, play }, "backlash can be there only once")
+local with_shares = { F = 3, Fs = 4, velocity = 5e-3, attraction = 300,
+  elements = { { K = 1e5, share = 0.5 }, { K = 1e4, share = 0.4 } } }
+refused({ { name = "gms_friction", parameters = with_shares } },
+  "the shares of the elements sum up to 0.9, must sum up to 1")
+local leuven = { F = 3, Fs = 4, velocity = 5e-3, elements = { { K = 1e5, F = 2 }, { K = 1e4, F = 1.5 } } }
+refused({ { name = "leuven_friction", parameters = leuven } },
+  "the levels of the elements sum up to 3.5 N, must reach Fs = 4 N")
+leuven.elements[2].F, leuven.transition = 2, 0.5
+refused({ { name = "leuven_friction", parameters = leuven } }, "transition = 0.5, must be 1 or more")

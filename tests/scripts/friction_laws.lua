@@ -61,13 +61,15 @@ for k = 21, 60 do
 end
 assert(springs > 2)
 
--- LuGre and GMS at a steady speed: the Stribeck curve and the viscous part.
+-- LuGre, GMS and Leuven at a steady speed: the Stribeck curve and the viscous part.
 local steady = {}
 for k = 1, 4000 do steady[k] = 6 end
 for name, parameters in pairs {
   lugre_friction = { F = 3, Fs = 4, velocity = 5e-3, K = 1e4, D = 30, viscous = 400 },
   gms_friction = { F = 3, Fs = 4, velocity = 5e-3, viscous = 400, attraction = 300,
     elements = { { K = 1e4, share = 0.7 }, { K = 2e3, share = 0.3 } } },
+  leuven_friction = { F = 3, Fs = 4, velocity = 5e-3, viscous = 400, transition = 3, D = 30,
+    elements = { { K = 1e4, F = 2 }, { K = 2e3, F = 2.5 } } },
 } do
   local moved = simulated(machine_with(name, parameters), steady)
   local v = moved.v[4000]
@@ -127,6 +129,16 @@ local function sign(x) return x > 0 and 1 or x < 0 and -1 or 0 end
 local function level(v) return 3 + math.exp(-(v / 5e-3) ^ 2) end
 local slips = { 0, 0 }
 local stiffness, share = { 1e5, 1e4 }, { 0.6, 0.4 }
+
+-- The hysteresis of the Leuven model as stop operators over the deflection z, clipped, with what they remember of the
+-- last step; the elements of the engine change between stick and slip instead.
+local stops = { z = 0, 0, 0, stiffness = { 1e5, 3e4 }, limit = { 2e-5, 1e-4 } }
+local function stopped(i, z) return math.max(-stops.limit[i], math.min(stops.limit[i], stops[i] + z - stops.z)) end
+local function hysteresis(z) return stops.stiffness[1] * stopped(1, z) + stops.stiffness[2] * stopped(2, z) end
+local function leuven_rate(v, z)
+  local part = hysteresis(z) * sign(v) / level(v)
+  return v * (1 - sign(part) * part * part)
+end
 local laws = {
   dahl_friction = {
     parameters = { F = 3, K = 1e5, exponent = 1.5 }, count = 1, within = 1e-9,
@@ -174,6 +186,17 @@ local laws = {
       end
     end,
   },
+}
+laws.leuven_friction = {
+  parameters = { F = 3, Fs = 4, velocity = 5e-3, transition = 2, D = 30, viscous = 10,
+    elements = { { K = 1e5, F = 2 }, { K = 3e4, F = 3 } } },
+  count = 1, within = 2e-7, steps = 1000,
+  rates = function(v, s) return { leuven_rate(v, s[1]) } end,
+  friction = function(v, s) return hysteresis(s[1]) + 30 * leuven_rate(v, s[1]) + 10 * v end,
+  after = function(_, state)
+    stops[1], stops[2] = stopped(1, state[3]), stopped(2, state[3])
+    stops.z = state[3]
+  end,
 }
 for name, law in pairs(laws) do
   local machine = machine_with(name, law.parameters)

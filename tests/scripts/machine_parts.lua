@@ -172,6 +172,8 @@ end
 for name, parameters in pairs(cases) do
   local options = affine[name] and { solver = "exact", within = 1e-13 } or
     { solver = "erk", tolerance = 1e-12, within = 1e-12 }
+  -- It has many events, which both ways locate by themselves: with smaller tolerances 2e-12 remain.
+  if name == "leuven_friction" then options.within = 5e-12 end
   options.samples = 250
   agrees(name, axis { { name = name, parameters = parameters } }, options)
 end
@@ -231,6 +233,9 @@ end
 local damped = random_machine()
 damped.controller = { type = "cascade", kp = 10, kv = 100, delay_samples = 1 }
 agrees("friction feedback", damped, { samples = 300, solver = "exact", within = 1e-13, friction_feedback = 0.8 })
+refused("friction_feedback of a machine with dahl_friction has no equations in Lua", function()
+  servo.parts(axis { { name = "dahl_friction", parameters = { F = 3, K = 1e5 } } }, { friction_feedback = 1 })
+end)
 refused("friction_feedback needs a controller", function()
   servo.parts(band_limited(), { friction_feedback = 1 })
 end)

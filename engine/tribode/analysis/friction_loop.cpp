@@ -9,24 +9,32 @@ namespace tribode {
 using std::numbers::pi;
 using Complex = std::complex<double>;
 
-Complex FrictionLoop::plant_response(const DescribingFunction& n, double frequency_hz) const {
+FrictionLoop::AtAmplitude FrictionLoop::at(double amplitude) const {
+    return {describing_function(elements, amplitude), laws ? laws(amplitude) : nullptr};
+}
+
+Complex FrictionLoop::plant_response(const AtAmplitude& n, double frequency_hz) const {
+    // Friction that sticks without any damping is a spring, whose resonance has its poles on the limit of stability, where the
+    // angle of 1 + L jumps by half a turn one way or the other. A little loss, as all friction has, puts them on the stable side.
+    constexpr Complex lossy(1, 1e-6);
+    const Complex loss = viscous == 0 ? lossy : 1;
     // At the images of the hold the motion is not the sine that N belongs to; inertia is far greater than N there.
     const auto with_friction = [&](double f) {
         const Complex s(0, 2 * pi * std::abs(f)), p = plant.response(std::abs(f));
-        const Complex response = p / (1.0 + p * (n(s) + viscous * s));
+        const Complex response = p / (1.0 + p * (loss * n(s, std::abs(f)) + viscous * s));
         return f < 0 ? std::conj(response) : response;
     };
     return sampled_response(with_friction, delays, frequency_hz);
 }
 
-Complex FrictionLoop::model_response(const DescribingFunction& n, double frequency_hz) const {
+Complex FrictionLoop::model_response(const AtAmplitude& n, double frequency_hz) const {
     const double ts = delays.sample_time;
     const Complex velocity = (1.0 - std::polar(1.0, -2 * pi * frequency_hz * ts)) / ts;
-    return n(velocity) + viscous * velocity;
+    return n(velocity, frequency_hz) + viscous * velocity;
 }
 
 std::function<Complex(double)> FrictionLoop::loop_gain(double friction_feedback, double amplitude) const {
-    return [this, friction_feedback, n = describing_function(elements, amplitude)](double f) {
+    return [this, friction_feedback, n = at(amplitude)](double f) {
         return plant_response(n, f) * (controller(f) - friction_feedback * model_response(n, f));
     };
 }
@@ -34,7 +42,7 @@ std::function<Complex(double)> FrictionLoop::loop_gain(double friction_feedback,
 FrictionLoop::Stability FrictionLoop::stability(double friction_feedback, double amplitude, double f_min_hz,
                                                 double f_max_hz) const {
     constexpr int count = 20000; // a lightly damped mode turns the phase within a few parts in a thousand
-    const DescribingFunction n = describing_function(elements, amplitude);
+    const AtAmplitude n = at(amplitude);
     std::vector<double> frequency;
     std::vector<Complex> plain, fed_back; // L = plain - p fed_back
     for (int i = 0; i < count; ++i) {

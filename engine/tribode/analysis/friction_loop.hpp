@@ -15,9 +15,10 @@ namespace tribode {
 // a = 0. With the thrust u opened, C the controller, G(a) the sampled response of plant and friction together, p the share
 // that is fed back, and N_h(a) the friction model with the velocity (1 - z^-1)/Ts,
 //
-//     L(a) = G(a) (C - p N_h(a)),   N_h = N(a, (1 - z^-1)/Ts) + D_v (1 - z^-1)/Ts
-//     G(a) from P/(1 + P (N(a, s) + D_v s)) by sampled_response
+//     L(a) = G(a) (C - p N_h(a)),   N_h = N(a, (1 - z^-1)/Ts) + D_v (1 - z^-1)/Ts + N_l(a, f)
+//     G(a) from P/(1 + P (N(a, s) + D_v s + N_l(a, f))) by sampled_response
 //
+// with N_l that of friction laws with states, whose velocity in the model is taken to be as good as the plant's.
 // Rounding of the encoder, harmonics, and that friction reverses only at samples are left out.
 struct FrictionLoop {
     ModalModel plant;
@@ -25,6 +26,8 @@ struct FrictionLoop {
     std::function<std::complex<double>(double frequency_hz)> controller; // C [N/m]
     std::vector<MaxwellSlipElement> elements;                            // relaxed before the first motion
     double viscous = 0;                                                  // D_v [N s/m]
+    // N_l over the frequency at an amplitude [N/m], 0 too; empty: there are no laws.
+    std::function<std::function<std::complex<double>(double frequency_hz)>(double amplitude)> laws = {};
 
     // L at amplitude a [m] as a function of the frequency, 0 < frequency_hz < 1/(2 Ts). The loop must outlive it.
     std::function<std::complex<double>(double frequency_hz)> loop_gain(double friction_feedback,
@@ -52,8 +55,17 @@ struct FrictionLoop {
     Stability stability(double friction_feedback, double amplitude, double f_min_hz, double f_max_hz) const;
 
   private:
-    std::complex<double> plant_response(const DescribingFunction& n, double frequency_hz) const; // G
-    std::complex<double> model_response(const DescribingFunction& n, double frequency_hz) const; // N_h
+    struct AtAmplitude {
+        DescribingFunction elements;
+        std::function<std::complex<double>(double frequency_hz)> laws;
+
+        std::complex<double> operator()(std::complex<double> s, double frequency_hz) const {
+            return laws ? elements(s) + laws(frequency_hz) : elements(s);
+        }
+    };
+    AtAmplitude at(double amplitude) const;
+    std::complex<double> plant_response(const AtAmplitude& n, double frequency_hz) const; // G
+    std::complex<double> model_response(const AtAmplitude& n, double frequency_hz) const; // N_h
 };
 
 } // namespace tribode

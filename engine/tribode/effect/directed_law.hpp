@@ -13,9 +13,25 @@ namespace tribode {
 // -1, 0 or 1 from a state that holds one of them, to which implicit integrators add the rounding of their equations.
 inline double direction(double state) { return state > 0.5 ? 1 : state < -0.5 ? -1 : 0; }
 
-// A friction law with one deflection z, whose equations have a kink at v = 0: the direction of motion is a discrete value, so
-// that a step never goes over the kink. It is 0 while the axis moves less than a hair, until the first motion and right after a
-// reversal.
+// The direction of motion as a state, for laws whose equations have a kink at v = 0: it is a discrete value, so that a step
+// never goes over the kink. It is 0 while the axis moves less than a hair, until the first motion and right after a reversal.
+namespace motion {
+
+inline constexpr double hair = 1e-12; // [m/s]
+
+// 1 or -1; way v is the speed, or just below zero.
+inline double way(double v, double state) {
+    const double known = direction(state);
+    return known != 0 ? known : std::copysign(1.0, v);
+}
+inline double guard(double v, double state) {
+    return direction(state) == 0 ? hair - std::abs(v) : direction(state) * v;
+}
+inline double after_crossing(double v, double state) { return direction(state) != 0 ? 0 : std::copysign(1.0, v); }
+
+} // namespace motion
+
+// A friction law with one deflection z and the direction of motion.
 class DirectedLaw : public FrictionLaw {
   public:
     explicit DirectedLaw(std::string name) : name_(std::move(name)) {}
@@ -24,30 +40,20 @@ class DirectedLaw : public FrictionLaw {
     virtual double friction(double v, double way, double z) const = 0;
     virtual double rate(double v, double way, double z) const = 0;
 
-    double friction(double v, std::span<const double> s) const final { return friction(v, way(v, s), s[0]); }
+    double friction(double v, std::span<const double> s) const final { return friction(v, motion::way(v, s[1]), s[0]); }
     void rates(double v, std::span<const double> s, std::span<double> dsdt) const final {
-        dsdt[0] = rate(v, way(v, s), s[0]);
+        dsdt[0] = rate(v, motion::way(v, s[1]), s[0]);
         dsdt[1] = 0;
     }
     std::size_t guard_count() const final { return 1; }
-    void guards(double v, std::span<const double> s, std::span<double> g) const final {
-        g[0] = direction(s[1]) == 0 ? hair - std::abs(v) : direction(s[1]) * v;
-    }
-    void on_crossing(std::size_t, double v, std::span<double> s) const final {
-        s[1] = direction(s[1]) != 0 ? 0 : std::copysign(1.0, v);
-    }
+    void guards(double v, std::span<const double> s, std::span<double> g) const final { g[0] = motion::guard(v, s[1]); }
+    void on_crossing(std::size_t, double v, std::span<double> s) const final { s[1] = motion::after_crossing(v, s[1]); }
     std::vector<StateVariable> states() const final {
         return {{"deflection of " + name_, "m"}, {"direction of " + name_, ""}};
     }
     std::string reason() const override { return "the friction law (" + name_ + ") is not linear in its state"; }
 
   private:
-    static constexpr double hair = 1e-12; // [m/s]
-    static double way(double v, std::span<const double> s) {
-        const double known = direction(s[1]);
-        return known != 0 ? known : std::copysign(1.0, v);
-    }
-
     std::string name_;
 };
 

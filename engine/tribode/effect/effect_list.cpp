@@ -81,6 +81,7 @@ Json effect_list() {
                         {"parameters", parameters},
                         {"example", Json::parse(kind->example)},
                         {"affine", kind->affine},
+                        {"is_friction_law", kind->is_friction_law},
                         {"drawn_against", name_of(kind->drawn_against)},
                         {"lua", kind->lua}});
     }

@@ -50,7 +50,7 @@ ClosedLoop sine_drive(const SweepOptions& options, Phase phase) {
     const auto input = [amplitude = options.amplitude, phase](long k) {
         return LoopInput{0.0, amplitude * std::sin(phase(static_cast<double>(k)))};
     };
-    return {input, options.friction_feedback};
+    return {input, options.friction_feedback, options.friction_model};
 }
 
 // One frequency: the run and its windows.

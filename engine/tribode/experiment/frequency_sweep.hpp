@@ -2,8 +2,8 @@
 #include "tribode/analysis/frequency_response.hpp"
 #include "tribode/analysis/modal_model.hpp"
 #include "tribode/base/run_control.hpp"
-#include "tribode/experiment/friction_model.hpp"
 #include "tribode/experiment/servo_run.hpp"
+#include "tribode/machine/friction_model.hpp"
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/record/table.hpp"
 
@@ -87,7 +87,7 @@ struct SweepOptions {
                       "positive, adds the analysis `\"Add-on\"`, FRA-2 in the form of Fig. 6");
         fields.table("friction_model", o.friction_model,
                      "`{ elements = {…}, viscous = 0 }` as in a machine description [N, N/m, N s/m]: the friction that "
-                     "the analyses assume; default the machine's own");
+                     "the analyses assume and `friction_feedback` adds; default the machine's own");
         fields.integer("seed", o.seed, 0, 1L << 53, "of the noise; each frequency has noise of its own");
         SolverOptions::describe(o.solver, fields);
     }

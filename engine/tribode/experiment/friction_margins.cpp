@@ -2,9 +2,13 @@
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/experiment/frequency_sweep.hpp"
+#include "tribode/experiment/friction_describing_function.hpp"
+#include "tribode/machine/friction_model.hpp"
 
 #include <cmath>
 #include <fmt/format.h>
+#include <map>
+#include <memory>
 #include <numbers>
 
 namespace tribode {
@@ -51,6 +55,22 @@ FrictionLoop friction_loop_of(const MachineModel& machine) {
     loop.controller = [pid = *pid, ts = machine.sample_time](double f) { return pid_response(pid, ts, f); };
     loop.elements = machine.elements;
     loop.viscous = machine.viscous;
+    const std::vector<Effect> laws = FrictionModel::of(machine).laws;
+    if (laws.empty()) return loop;
+    if (const auto names = load_dependent(laws); !names.empty()) {
+        throw InputError(fmt::format("the friction of {} grows with the load, which a loop gain does not know; "
+                                     "tb.describing_function takes a load",
+                                     names.front()));
+    }
+    using OverFrequency = std::function<std::complex<double>(double)>;
+    auto tables = std::make_shared<std::map<double, OverFrequency>>(); // those made so far, by amplitude
+    loop.laws = [laws, tables, ts = machine.sample_time](double amplitude) {
+        constexpr double stuck = 1e-10; // [m], far below where a law begins to yield
+        // As high as sampled_response() sums the images of the hold, as low as margins go.
+        OverFrequency& table = (*tables)[amplitude];
+        if (!table) table = law_describing_table(laws, amplitude > 0 ? amplitude : stuck, 0.05, 10.5 / ts);
+        return table;
+    };
     return loop;
 }
 
@@ -58,8 +78,10 @@ FrictionMargins friction_margins(const MachineModel& machine, double friction_fe
     constexpr double lowest = 0.05; // [Hz], below the crossover of the integrator and a stuck spring
     const double nyquist = 0.5 / machine.sample_time;
     const FrictionLoop loop = friction_loop_of(machine);
-    if (loop.elements.empty() && loop.viscous == 0) {
-        throw InputError("the machine has neither friction.elements nor friction.viscous, must have one to feed back");
+    if (loop.elements.empty() && loop.viscous == 0 && !loop.laws) {
+        throw InputError(
+            "the machine has no friction.elements, friction.viscous or friction law, must have one to feed "
+            "back");
     }
     const auto stability = loop.stability(friction_feedback, amplitude, lowest, nyquist);
     return {stability_margins(loop.loop_gain(friction_feedback, amplitude), lowest, nyquist), stability.stable,
@@ -75,6 +97,7 @@ FrequencyResponse friction_loop_gain(const MachineModel& machine, double frictio
                                      amplitude.size(), frequency_hz.size()));
     }
     FrequencyResponse response;
+    std::function<std::complex<double>(double)> gain; // of the amplitude that it was made for
     for (std::size_t i = 0; i < frequency_hz.size(); ++i) {
         const double f = frequency_hz[i];
         if (!(f < nyquist)) {
@@ -82,7 +105,10 @@ FrequencyResponse friction_loop_gain(const MachineModel& machine, double frictio
                                          to_text(nyquist)));
         }
         response.frequency_hz.push_back(f);
-        response.value.push_back(loop.loop_gain(friction_feedback, amplitude[amplitude.size() == 1 ? 0 : i])(f));
+        if (i == 0 || amplitude.size() > 1) {
+            gain = loop.loop_gain(friction_feedback, amplitude[amplitude.size() == 1 ? 0 : i]);
+        }
+        response.value.push_back(gain(f));
     }
     return response;
 }

@@ -1,5 +1,5 @@
 #pragma once
-#include "tribode/experiment/friction_model.hpp"
+#include "tribode/machine/friction_model.hpp"
 #include "tribode/machine/machine_model.hpp"
 
 #include <complex>

@@ -4,8 +4,8 @@
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/control/discrete_transfer_function.hpp"
-#include "tribode/experiment/friction_model.hpp"
 #include "tribode/experiment/improved_analysis.hpp"
+#include "tribode/machine/friction_model.hpp"
 #include "tribode/machine/machine_controller.hpp"
 #include "tribode/record/time_grid.hpp"
 

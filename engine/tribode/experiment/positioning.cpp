@@ -45,11 +45,51 @@ double dry_friction(const DryFriction& dry, double velocity) {
     return dry.level(velocity) * std::clamp(velocity / rest, -1.0, 1.0);
 }
 
+// The friction model along the reference.
+class ReferenceFriction {
+  public:
+    ReferenceFriction(const FrictionModel& model, double sample_time)
+        : elements_(model.elements, model.viscous, sample_time),
+          dry_(model.dry),
+          laws_(model.laws, sample_time),
+          sample_time_(sample_time) {}
+
+    // thrust: of the feedforward, friction apart [N].
+    double step(double reference, double thrust) {
+        double force = elements_.step(reference);
+        const double velocity = (reference - previous_) / sample_time_;
+        if (dry_.present()) force += dry_friction(dry_, velocity);
+        previous_ = reference;
+        if (laws_.empty()) return force;
+        constexpr double no_load = 0;
+        laws_.step(reference, no_load);
+        force += laws_.force(velocity);
+        return force + under_load(thrust + force, laws_.force_per_load(velocity));
+    }
+
+  private:
+    // Friction that grows with the motor force Fm, which it is itself a part of: Fm = without + per_load abs(Fm).
+    static double under_load(double without, double per_load) {
+        if (per_load == 0) return 0;
+        if (!(std::abs(per_load) < 1)) {
+            throw InputError(
+                fmt::format("positioning: friction takes {} of the motor force, must be less than all of it",
+                            to_text(std::abs(per_load))));
+        }
+        return per_load * std::abs(without) / (1 - std::copysign(per_load, per_load * without));
+    }
+
+    SampledFriction elements_;
+    DryFriction dry_;
+    SampledLaws laws_;
+    double sample_time_;  // [s]
+    double previous_ = 0; // the reference begins at zero [m]
+};
+
 Inputs inputs_of(const MachineModel& machine, const Feedforward& feedforward, const PositioningOptions& options) {
     const auto count = static_cast<std::size_t>(std::round(options.duration / machine.sample_time)) + 1;
     auto delay = DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time);
-    const FrictionModel friction = options.friction_model.value_or(FrictionModel::of(machine));
-    SampledFriction model(friction.elements, friction.viscous, machine.sample_time);
+    ReferenceFriction friction(options.friction_model.value_or(FrictionModel::of(machine)), machine.sample_time);
     // What the velocity loop of a cascade brakes the reference by, to be added again. It comes from the same controller, so
     // that it has the same filter and delay.
     std::optional<CascadeController> velocity_loop;
@@ -60,7 +100,6 @@ Inputs inputs_of(const MachineModel& machine, const Feedforward& feedforward, co
         velocity_loop->limit = CascadeController::no_limit;
     }
     CascadeController::State velocity_state;
-    double previous = 0; // the reference begins at zero
     Inputs inputs;
     for (std::size_t k = 0; k < count; ++k) {
         const double reference = feedforward.reference[std::min(k, feedforward.reference.size() - 1)];
@@ -68,12 +107,8 @@ Inputs inputs_of(const MachineModel& machine, const Feedforward& feedforward, co
         inputs.feedforward.push_back(feedforward.thrust[std::min(k, feedforward.thrust.size() - 1)]);
         inputs.friction.push_back(0.0);
         if (options.friction_compensation && options.friction_feedback == 0) {
-            inputs.friction.back() = model.step(reference);
-            if (friction.dry.present()) {
-                inputs.friction.back() += dry_friction(friction.dry, (reference - previous) / machine.sample_time);
-            }
+            inputs.friction.back() = friction.step(reference, inputs.feedforward.back());
         }
-        previous = reference;
         inputs.velocity.push_back(
             velocity_loop
                 ? -velocity_loop->step(velocity_state, 0, inputs.delayed_reference.back(), machine.sample_time)
@@ -88,7 +123,7 @@ ServoTrace run(const MachineModel& machine, const Inputs& inputs, const Position
         const auto i = static_cast<std::size_t>(k);
         return LoopInput{inputs.delayed_reference[i], inputs.feedforward[i] + inputs.friction[i] + inputs.velocity[i]};
     };
-    ServoRun run(machine, ClosedLoop{input, options.friction_feedback},
+    ServoRun run(machine, ClosedLoop{input, options.friction_feedback, options.friction_model},
                  {.solver = options.solver, .seed = options.seed, .channels = {.fed_back = true}}, control);
     result.outcome = run.advance_to(static_cast<long>(inputs.feedforward.size()) - 1);
     result.statistics = run.statistics();

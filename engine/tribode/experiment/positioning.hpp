@@ -2,8 +2,8 @@
 #include "tribode/analysis/loop_gain.hpp"
 #include "tribode/base/run_control.hpp"
 #include "tribode/design/feedforward.hpp"
-#include "tribode/experiment/friction_model.hpp"
 #include "tribode/experiment/servo_run.hpp"
+#include "tribode/machine/friction_model.hpp"
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/record/table.hpp"
 
@@ -36,10 +36,9 @@ struct PositioningOptions {
         fields.flag("friction_compensation", o.friction_compensation,
                     "compensation by the friction model, driven by r*");
         fields.table("friction_model", o.friction_model, "as for `tb.sweep`; default the machine's own");
-        fields.number(
-            "friction_feedback", o.friction_feedback, "", Allowed::non_negative,
-            "share of the machine's elements and viscous friction that is fed back from the detected position; "
-            "not zero: in place of the compensation by r*");
+        fields.number("friction_feedback", o.friction_feedback, "", Allowed::non_negative,
+                      "share of the friction model, dry friction apart, that is fed back from the detected position; "
+                      "not zero: in place of the compensation by r*");
         fields.number("velocity_feedforward", o.velocity_feedforward, "", Allowed::non_negative,
                       "with a cascade: share of the reference's velocity that its velocity loop does not brake");
         fields.number("band_m", o.band, "m", Allowed::positive, "settled within ± this");
@@ -78,9 +77,10 @@ struct PositioningResult {
 //
 // with the machine's own PID as C(z), and the friction model FM with the machine's friction, or that of the options, driven
 // by r* at the sample time. With a cascade, kv d(C_dly r*)/dt is added (velocity_feedforward), filtered and delayed as in the
-// controller. With friction_feedback p, p FM(y_dly) takes the place of FM(r*). The run starts at rest at zero; the step of the reference is at t = 0. y is the detected position y_dly. Throws
-// InputError where the machine has no controller, the sample times differ or the run is shorter than the task, EndedEarly when
-// interrupted, Error where the run fails.
+// controller. With friction_feedback p, p FM(y_dly) without dry friction takes the place of FM(r*). The run starts at rest at
+// zero; the step of the reference is at t = 0. y is the detected position y_dly. Throws InputError where the machine has no
+// controller, the sample times differ or the run is shorter than the task, EndedEarly when interrupted, Error where the run
+// fails.
 PositioningResult run_positioning(const MachineModel& machine, const Feedforward& feedforward,
                                   const PositioningOptions& options, const RunControl& control = {});
 

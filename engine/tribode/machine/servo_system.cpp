@@ -55,7 +55,11 @@ ServoSystem::ServoSystem(const MachineModel& model, ServoAxis axis, Drive drive,
         if (!(share >= 0) || !std::isfinite(share)) {
             throw InputError("friction_feedback = " + to_text(share) + ", must be finite and not negative");
         }
-        if (share > 0) friction_model_.emplace(model.elements, model.viscous, sample_time_);
+        if (share > 0) {
+            FrictionModel fed_back = loop->friction_model.value_or(FrictionModel::of(model));
+            fed_back.dry = {};
+            friction_model_.emplace(fed_back, model);
+        }
     }
     // Encoder instant k Ts - d = (k - lead) Ts + offset with 0 <= offset < Ts.
     const auto [encoder_whole, encoder_rest] = split(output_delay_, sample_time_);
@@ -154,7 +158,9 @@ EventEffect ServoSystem::control(long k, State& s) const {
         const ClosedLoop& loop = std::get<ClosedLoop>(drive_);
         const LoopInput input = loop.input(k);
         s.reference = input.reference;
-        if (s.friction_model) s.friction_fed_back = loop.friction_feedback * s.friction_model->step(s.detected);
+        if (s.friction_model) {
+            s.friction_fed_back = loop.friction_feedback * s.friction_model->step(s.detected, s.thrust);
+        }
         s.thrust = controller_.step(s.controller, s.reference, s.detected) + input.excitation + s.friction_fed_back;
         held = {s.thrust, 0, 0, 0};
     }

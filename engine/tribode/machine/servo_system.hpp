@@ -1,6 +1,6 @@
 #pragma once
-#include "tribode/control/sampled_friction.hpp"
 #include "tribode/hybrid/piecewise_affine.hpp"
+#include "tribode/machine/friction_model.hpp"
 #include "tribode/machine/machine_controller.hpp"
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/plant/servo_plant.hpp"
@@ -26,11 +26,13 @@ struct LoopInput {
 //
 //     u[k] = C(z) (r[k] - y[k]) + excitation + friction_feedback fh[k]
 //
-// with fh from SampledFriction, the machine's elements and viscous friction driven by the detected position y[k]. Its
-// elements are relaxed at the first sample. Dry friction is not in it. Finite and not negative; 0: none.
+// with fh from friction_model, the machine's own if there is none, driven by the detected position y[k]: elements, viscous
+// friction and friction laws, relaxed at the first sample. Dry friction is not in it. Laws that grow with the load see the
+// thrust of the sample before. friction_feedback is finite and not negative; 0: none.
 struct ClosedLoop {
     std::function<LoopInput(long k)> input;
     double friction_feedback = 0;
+    std::optional<FrictionModel> friction_model = {};
 };
 
 // Open loop: u between sample k and the next as a cubic in (t - t_k)/Ts; {u[k], 0, 0, 0} is a zero-order hold [N].
@@ -58,13 +60,13 @@ class ServoSystem : public HybridSystem, public PiecewiseAffine {
     struct State final : DiscreteValues<State> {
         ServoPlant::State plant;
         MachineController::State controller;
-        double reference = 0;                          // r[k] [m]
-        double thrust = 0;                             // u[k] [N]
-        double detected = 0;                           // y[k] [m]
-        std::optional<SampledFriction> friction_model; // where friction is fed back
-        double friction_fed_back = 0;                  // its part of u[k] [N]
-        std::vector<double> encoder_ring;              // y[k] at k mod size
-        std::vector<std::array<double, 4>> hold_ring;  // u[k] as coefficients, at k mod size
+        double reference = 0;                           // r[k] [m]
+        double thrust = 0;                              // u[k] [N]
+        double detected = 0;                            // y[k] [m]
+        std::optional<MeasuredFriction> friction_model; // where friction is fed back
+        double friction_fed_back = 0;                   // its part of u[k] [N]
+        std::vector<double> encoder_ring;               // y[k] at k mod size
+        std::vector<std::array<double, 4>> hold_ring;   // u[k] as coefficients, at k mod size
     };
 
     // The model is copied. seed: of sensor and process noise.
@@ -125,7 +127,7 @@ class ServoSystem : public HybridSystem, public PiecewiseAffine {
     Amplifier amplifier_;
     std::vector<PeriodicEncoderError> encoder_errors_;
     MachineController controller_;
-    std::optional<SampledFriction> friction_model_; // as it starts
+    std::optional<MeasuredFriction> friction_model_; // as it starts
     Drive drive_;
     std::uint64_t seed_;
     Start start_;

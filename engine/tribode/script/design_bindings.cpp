@@ -1,5 +1,6 @@
 #include "tribode/analysis/modal_fit.hpp"
 #include "tribode/design/feedforward.hpp"
+#include "tribode/design/trajectory.hpp"
 #include "tribode/script/conversions.hpp"
 #include "tribode/script/lua_function.hpp"
 
@@ -21,6 +22,18 @@ Json feedforward(const Json& arguments) {
     return json;
 }
 
+Json trajectory(const Json& arguments) {
+    FieldReader fields(arguments, "tb.trajectory");
+    TrajectoryOptions options;
+    read_options(options, fields);
+    fields.finish();
+    const Trajectory made = make_trajectory(options);
+    return {{"values", made.position},
+            {"velocity", made.velocity},
+            {"acceleration", made.acceleration},
+            {"arrival_s", made.arrival}};
+}
+
 } // namespace
 
 const std::vector<LuaFunction>& design_functions() {
@@ -34,6 +47,10 @@ const std::vector<LuaFunction>& design_functions() {
              rows.push_back({"frequency_hz", "Hz", "list of numbers, each > 0", "none", "of `response`"});
              return rows;
          }},
+        {"trajectory", trajectory, "`tb.trajectory{ points_m = {…}, max_velocity =, … }`",
+         "moves from limits, trapezoids or S-curves of third order, as a reference: `values` [m], `velocity`, "
+         "`acceleration` at the samples, and `arrival_s` of each move ([options](#tbtrajectory))",
+         [] { return option_rows<TrajectoryOptions>({}); }},
     };
     return functions;
 }

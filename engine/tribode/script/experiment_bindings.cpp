@@ -1,6 +1,7 @@
 #include "tribode/base/error.hpp"
 #include "tribode/experiment/comparison.hpp"
 #include "tribode/experiment/frequency_sweep.hpp"
+#include "tribode/experiment/friction_describing_function.hpp"
 #include "tribode/experiment/friction_margins.hpp"
 #include "tribode/experiment/positioning.hpp"
 #include "tribode/experiment/simulation.hpp"
@@ -194,6 +195,20 @@ Json loop_margins(const Json& arguments) {
     return amplitude ? to_json(friction_margins(machine, feedback, *amplitude)) : to_json(positioning_margins(machine));
 }
 
+Json describing_function_of(const Json& arguments) {
+    FieldReader fields(arguments, "tb.describing_function");
+    const MachineModel machine = machine_of(fields);
+    const auto amplitude = fields.numbers("amplitude_m", "m", Allowed::positive, {});
+    const auto frequency_hz = fields.numbers("frequency_hz", "Hz", Allowed::positive, {});
+    const auto load = fields.optional_number("load_N", "N", Allowed::non_negative);
+    const FrictionModel model = FrictionModel::of(machine);
+    if (const auto names = load_dependent(model.laws); !load && !names.empty()) {
+        fields.fail("load_N", "is missing; the friction of " + names.front() + " grows with the load");
+    }
+    fields.finish();
+    return to_json(friction_describing_function(model, amplitude, frequency_hz, load.value_or(0)));
+}
+
 Json loop_gain(const Json& arguments) {
     FieldReader fields(arguments, "tb.loop_gain");
     const MachineModel machine = machine_of(fields);
@@ -239,6 +254,11 @@ const std::vector<LuaFunction>& experiment_functions() {
          "`tb.loop_gain{ machine =, frequency_hz = {…}, amplitude_m = {…}, friction_feedback = 0 }`",
          "the loop gain itself, a response without unit; `amplitude_m` has one entry (default 0) or one for each "
          "frequency"},
+        {"describing_function", describing_function_of,
+         "`tb.describing_function{ machine =, amplitude_m = {…}, frequency_hz = {…}, load_N = nil }`",
+         "the fundamental of the friction force over that of a sinusoidal motion, a response [N/m]: elements, viscous, "
+         "dry friction and friction laws; `amplitude_m` has one entry or one for each frequency; `load_N` is the "
+         "constant motor force for friction that grows with it"},
     };
     return functions;
 }

@@ -80,7 +80,8 @@ const std::vector<LuaFunction>& machine_functions() {
          "response of the linear dynamics, thrust to position [m/N]"},
         {"effects", list_effects, "`tb.effects{}`",
          "the kinds of [effects](effects.md) a machine may have: a list of `{ name, summary, equation, parameters, "
-         "example, affine, drawn_against, lua }`; `lua` is the text by which `models/servo` adds it; a parameter has "
+         "example, affine, is_friction_law, drawn_against, lua }`; `lua` is the text by which `models/servo` adds it; "
+         "a parameter has "
          "`name`, `meaning`, `type` and, if it is a number, `unit`, `allowed`, `plausible`, `default`"},
         {"with_fields", change_machine,
          "`tb.with_fields(machine, fields)`, `tb.with_fields{ machine =, fields = {…}, scale = {…} }`",

@@ -1,8 +1,11 @@
+#include "tribode/base/error.hpp"
+#include "tribode/base/text.hpp"
 #include "tribode/effect/candidate.hpp"
 #include "tribode/effect/directed_law.hpp"
 #include "tribode/effect/friction_law_parameters.hpp"
 
 #include <cmath>
+#include <fmt/format.h>
 #include <memory>
 #include <string>
 #include <utility>
@@ -89,7 +92,7 @@ extern const EffectKind gms_friction = {
                          .plausible_min = 1e2,
                          .plausible_max = 1e7},
                         {.name = "share",
-                         .meaning = "share of the level; the sum of all should be 1",
+                         .meaning = "share of the level; the sum of all is 1",
                          .allowed = Allowed::positive,
                          .plausible_min = 0.01,
                          .plausible_max = 1}}},
@@ -112,7 +115,16 @@ extern const EffectKind gms_friction = {
     .apply =
         [](const Effect& e, ServoAxis& axis) {
             std::vector<Element> elements;
-            for (const auto& record : e.records("elements")) elements.push_back({record[0], record[1]});
+            double sum = 0;
+            for (const auto& record : e.records("elements")) {
+                elements.push_back({record[0], record[1]});
+                sum += record[1];
+            }
+            constexpr double rounding = 1e-6; // of shares that are written with a few digits
+            if (std::abs(sum - 1) > rounding) {
+                throw InputError(fmt::format("gms_friction: the shares of the elements sum up to {}, must sum up to 1",
+                                             to_text(sum)));
+            }
             axis.plant.forces.push_back(std::make_shared<const GeneralizedMaxwellSlip>(
                 std::move(elements), stribeck_level(e), e.number("attraction"), e.number("viscous")));
         },

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 namespace tribode {
@@ -31,6 +32,9 @@ struct FrictionModel {
     }
 };
 
+// The names of the laws whose friction grows with the load.
+std::vector<std::string> load_dependent(const std::vector<Effect>& laws);
+
 // Friction laws with states over positions at equal times, between which the velocity is constant. The first position sets the
 // reference, where all are relaxed.
 class SampledLaws {
@@ -40,6 +44,8 @@ class SampledLaws {
     bool empty() const { return laws_.empty(); }
     // load: magnitude of the motor force there [N].
     void step(double position, double load);
+    // Of the laws that grow with the load, under one of 1 N.
+    double force_per_load(double velocity) const;
     // The force at the last position, if the velocity is this one there [N].
     double force(double velocity) const;
     // The mean velocity of the last step [m/s].

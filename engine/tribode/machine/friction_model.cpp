@@ -1,4 +1,4 @@
-#include "tribode/experiment/friction_model.hpp"
+#include "tribode/machine/friction_model.hpp"
 
 #include <cstddef>
 
@@ -33,6 +33,19 @@ std::optional<std::size_t> crossed(const FrictionLaw& law, double v, const std::
 
 } // namespace
 
+std::vector<std::string> load_dependent(const std::vector<Effect>& laws) {
+    std::vector<std::string> names;
+    for (const auto& effect : laws) {
+        ServoAxis axis;
+        effect.apply(axis);
+        for (const auto& force : axis.plant.forces) {
+            const auto* law = dynamic_cast<const FrictionLaw*>(force.get());
+            if (law && law->per_load()) names.push_back(effect.kind().name);
+        }
+    }
+    return names;
+}
+
 SampledLaws::SampledLaws(const std::vector<Effect>& laws, double sample_time) : sample_time_(sample_time) {
     ServoAxis axis;
     for (const auto& effect : laws) effect.apply(axis);
@@ -54,6 +67,14 @@ void SampledLaws::step(double position, double load) {
 double SampledLaws::force(double velocity) const {
     double sum = 0;
     for (const auto& one : laws_) sum += (one.law->per_load() ? load_ : 1) * one.law->friction(velocity, one.state);
+    return sum;
+}
+
+double SampledLaws::force_per_load(double velocity) const {
+    double sum = 0;
+    for (const auto& one : laws_) {
+        if (one.law->per_load()) sum += one.law->friction(velocity, one.state);
+    }
     return sum;
 }
 
