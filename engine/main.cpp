@@ -115,6 +115,7 @@ int run_program(int argc, char** argv) {
         {"compare", "one machine and one input through every method", compare_command()},
         {"diagnose", "the effect that a machine lacks, from measured records", diagnose_command()},
         {"fra", "frequency responses with their uncertainty, from measured records", fra_command()},
+        {"identify", "all parameters of a machine at once, from measured records", identify_command()},
         {"run", "an experiment script in Lua", run_command()},
         {"batch", "many independent points, that survive what may happen", batch_command()},
         {"export-fmu", "a model as a functional mock-up unit, for other programs", export_fmu_command()},

@@ -24,7 +24,12 @@ local option = tb.options {
   period_s = { default = tb.quick and 2 or 4, unit = "s", help = "of the multisine" },
   periods = { default = tb.quick and 3 or 5, help = "of the multisine; the first one only settles" },
   max_modes = { default = 3, help = "of the fitted model" },
-  elements = { default = 12, help = "of the friction model" },
+  elements = { default = 12, help = "of a friction model of elements" },
+  friction = {
+    default = "any", choices = { "any", "elements" },
+    help = "models: Maxwell-slip elements and dry friction alone, or every friction law",
+  },
+  structures = { default = 2, help = "friction models that are estimated with all parameters, the likeliest ones" },
   iterations = { default = 30, help = "at most, of the joint estimation" },
   hidden = { default = 1, help = "the machine that is measured" },
   plots = { default = true, help = "and the report of the response" },
@@ -37,8 +42,15 @@ local option = tb.options {
 -- ---- what is known of the machine before --------------------------------------------------------------------------
 
 local Ts = 250e-6
-local loop_hz = 6
-local w_loop = 2 * math.pi * loop_hz
+local w_loop = 2 * math.pi * 6 -- [rad/s]
+local controllers = {
+  pid = {
+    type = "pid", kp = option.mass_kg * w_loop ^ 2, ki = option.mass_kg * w_loop ^ 3 / 5,
+    kd = 1.4 * option.mass_kg * w_loop,
+  },
+  ["P-P"] = { type = "cascade", kp = w_loop / 1.4, kv = 1.4 * option.mass_kg * w_loop },
+  ["P-PI"] = { type = "cascade", kp = w_loop / 1.4, kv = 1.4 * option.mass_kg * w_loop, ki = w_loop / 5 },
+}
 local known = {
   Ts = Ts,
   rigid_gain_per_kg = 1 / option.mass_kg,
@@ -46,12 +58,7 @@ local known = {
   output_delay_s = 125e-6,
   current_loop_hz = 2000,
   encoder_resolution_m = 0.1e-6,
-  controller = {
-    type = "pid",
-    kp = option.mass_kg * w_loop ^ 2,
-    ki = option.mass_kg * w_loop ^ 3 / 5,
-    kd = 1.4 * option.mass_kg * w_loop,
-  },
+  controller = controllers.pid,
   closed_loop = true,
 }
 if option.machine ~= "" then
@@ -70,8 +77,59 @@ local function draw(seed)
   end
 end
 
-local kinds = { "rolling", "rolling and viscous", "rolling and dry", "Stribeck" }
+-- Of the hidden machines in turn. The laws are those of docs/friction.md.
+local kinds = {
+  "rolling", "rolling and viscous", "rolling and dry", "Stribeck", "Dahl", "LuGre", "Bouc-Wen", "GMS", "load-dependent",
+}
 
+local function hidden_friction(kind, random)
+  local level = random(3, 9)
+  local friction, law = { viscous = kind == "rolling" and 0 or random(2, 20), elements = {} }, nil
+  local reach = 5e-6 * random(1, 2) ^ 2.5 -- 5 to 28 um
+  local static, speed = level * random(1.2, 1.6), random(5e-3, 15e-3)
+  if kind:find "rolling" then
+    -- A curve from a reversal that bends from 1 um to 1 mm.
+    local x = 1e-6
+    for i = 1, 10 do
+      local share = level / 10 * random(0.6, 1.4)
+      friction.elements[i] = { K = share / (x / 2), F = share }
+      x = x * 2.1
+    end
+    if kind == "rolling and dry" then friction.coulomb = random(0.5, 2) end
+  elseif kind == "Stribeck" then
+    friction.coulomb, friction.stribeck = level, { static = static, velocity = speed }
+  elseif kind == "Dahl" then
+    law = { name = "dahl_friction", parameters = { F = level, K = level / reach } }
+  elseif kind == "LuGre" then
+    law = {
+      name = "lugre_friction",
+      parameters = { F = level, Fs = static, velocity = speed, K = level / reach, D = random(20, 80) },
+    }
+  elseif kind == "Bouc-Wen" then
+    law = {
+      name = "bouc_wen_friction",
+      parameters = { F = level, reach = reach, beta = random(0.5, 0.9), exponent = random(1, 2) },
+    }
+  elseif kind == "GMS" then
+    local share = random(0.3, 0.5)
+    law = {
+      name = "gms_friction",
+      parameters = {
+        F = level, Fs = static, velocity = speed, attraction = random(200, 1000),
+        elements = {
+          { K = level * share / reach, share = share },
+          { K = level * (0.8 - share) / (4 * reach), share = 0.8 - share },
+          { K = level * 0.2 / (16 * reach), share = 0.2 },
+        },
+      },
+    }
+  else
+    law = { name = "load_dependent_friction", parameters = { share = random(0.05, 0.2), reach = reach } }
+  end
+  return friction, law
+end
+
+-- The machine, the kind of its friction, and its controller.
 local function hidden_machine(seed)
   local random = draw(seed)
   for _ = 1, 5 do random(0, 1) end
@@ -88,25 +146,22 @@ local function hidden_machine(seed)
     f = f * random(1.6, 1.9)
   end
   local kind = kinds[1 + seed % #kinds]
-  local level = random(3, 9)
-  machine.friction = { viscous = kind == "rolling" and 0 or random(2, 20), elements = {} }
-  if kind ~= "Stribeck" then
-    -- A curve from a reversal that bends from 1 um to 1 mm.
-    local x = 1e-6
-    for i = 1, 10 do
-      local share = level / 10 * random(0.6, 1.4)
-      machine.friction.elements[i] = { K = share / (x / 2), F = share }
-      x = x * 2.1
-    end
-  end
-  if kind == "rolling and dry" then machine.friction.coulomb = random(0.5, 2) end
-  if kind == "Stribeck" then
-    machine.friction.coulomb = level
-    machine.friction.stribeck = { static = 1.5 * level, velocity = 0.01 }
-  end
-  machine.encoder_resolution_m = known.encoder_resolution_m
-  machine.noise_rms_m = random(0, 0.1e-6)
-  return machine, kind
+  local law
+  machine.friction, law = hidden_friction(kind, random)
+  machine.effects = law and { law } or nil
+  machine.encoder_resolution_m = 10 ^ random(-8, -6)
+  machine.noise_rms_m = random(0, 1) * math.min(machine.encoder_resolution_m, 0.1e-6)
+  machine.input_delay_s = known.input_delay_s + random(-0.5, 0.5) * Ts
+  local names = { "pid", "P-P", "P-PI" }
+  local loop = names[1 + math.floor(random(0, 3))]
+  machine.controller = controllers[loop]
+  return machine, kind, loop
+end
+
+-- The encoder and the controller are known, the delay to half a sample.
+if option.machine == "" then
+  local hidden, _, loop = hidden_machine(option.hidden)
+  known.encoder_resolution_m, known.controller = hidden.encoder_resolution_m, controllers[loop]
 end
 
 -- ---- the plan -----------------------------------------------------------------------------------------------------
@@ -135,7 +190,7 @@ local stroke = option.stroke_mm * 1e-3
 local wide, slow_hz = 0.35 * stroke, 0.1 * option.velocity / (2 * math.pi * 0.35 * stroke)
 local fast_hz = math.max(0.6 * option.velocity / (2 * math.pi * 0.35 * stroke), 4 * slow_hz)
 local fast = math.min(wide, 0.6 * option.velocity / (2 * math.pi * fast_hz))
-local slow_seconds, fast_seconds = (tb.quick and 1.5 or 2.5) / slow_hz, 6 / fast_hz
+local slow_seconds, fast_seconds = 1.5 / slow_hz, 4 / fast_hz
 local function ease(t, total) return math.min(1, t / 0.5, (total - t) / 0.5) end
 local slow_plan = list(slow_seconds + fast_seconds, function(t)
   if t < slow_seconds then
@@ -263,8 +318,10 @@ local function delayed_thrust(u, k)
   return a + (ago - whole) * (b - a)
 end
 
--- Accelerations and velocities from differences over 10 ms each way.
-local reach = math.floor(0.01 / Ts + 0.5)
+-- Accelerations and velocities from differences over up to 10 ms each way, so far that rounding counts as 0.1 N at
+-- most: what an axis does within less, as in stick-slip, does not show.
+local rounding_m = known.encoder_resolution_m or 0
+local reach = math.ceil(math.max(1e-3, math.min(0.01, (rounding_m / known.rigid_gain_per_kg / 0.1) ^ 0.5)) / Ts)
 local position, thrust, velocity, acceleration = {}, {}, {}, {}
 for k = reach + 1, #slow.y - reach do
   local before, here, after = slow.y[k - reach], slow.y[k], slow.y[k + reach]
@@ -285,32 +342,179 @@ local few = {
   acceleration = thinned(acceleration),
 }
 
--- Elements, then mass and viscous friction with them, in turn: each is linear least squares.
-local mass, viscous, elements = 1 / known.rigid_gain_per_kg, 0, nil
-local fit
-for _ = 1, 6 do
-  local force = {}
-  for i = 1, #few.thrust do force[i] = few.thrust[i] - mass * few.acceleration[i] - viscous * few.velocity[i] end
-  fit = tb.fit_friction {
-    position = few.position, force = force, elements = option.elements,
-    shortest_m = math.max(2 * (known.encoder_resolution_m or 0), 2e-7), longest_m = 0.2 * wide,
-    first_fitted = math.floor(#force / 8),
-  }
-  elements = fit.elements
-  local modeled = tb.friction_force { elements = elements, position = few.position }
-  local straight = tb.least_squares { columns = { few.acceleration, few.velocity, modeled }, values = few.thrust }
-  mass, viscous = straight.coefficients[1], math.max(straight.coefficients[2], 0)
+-- Friction models: `machine` makes the fields of a machine from the shape and a level; `fitted` are paths of it.
+local law_fields = "effects[1].parameters."
+local function of_law(name, parameters) return { effects = { { name = name, parameters = parameters } } } end
+local function paths(...)
+  local all = {}
+  for _, name in ipairs { ... } do all[#all + 1] = law_fields .. name end
+  return all
 end
-local level = 0
-for _, element in ipairs(elements) do level = level + element.F end
-print(string.format("Friction: level %.3g N in %d elements, viscous %.3g N s/m, mass %.4g kg; residual %.3g N rms",
-  level, #elements, viscous, mass, fit.residual_rms))
+
+local function rms(values)
+  local sum = 0
+  for _, value in ipairs(values) do sum = sum + value ^ 2 end
+  return math.sqrt(sum / #values)
+end
+
+-- Where the axis sticks, dry friction is what holds it, which no position shows: fits and residuals are of what moves.
+local function moving(values)
+  local own = {}
+  for i, v in ipairs(few.velocity) do
+    if math.abs(v) > 1e-3 then own[#own + 1] = values[i] end
+  end
+  return own
+end
+local moved = { thrust = moving(few.thrust), velocity = moving(few.velocity), acceleration = moving(few.acceleration) }
+local function explained(modeled)
+  return tb.least_squares {
+    columns = { moved.acceleration, moved.velocity, moving(modeled) }, values = moved.thrust,
+  }
+end
+
+-- Elements, then mass and viscous friction with them, in turn: each is linear least squares.
+local function fitted_elements()
+  local mass, viscous = 1 / known.rigid_gain_per_kg, 0
+  local found, straight
+  for _ = 1, 6 do
+    local force = {}
+    for i = 1, #few.thrust do force[i] = few.thrust[i] - mass * few.acceleration[i] - viscous * few.velocity[i] end
+    found = tb.fit_friction {
+      position = few.position, force = force, elements = option.elements,
+      shortest_m = math.max(2 * (known.encoder_resolution_m or 0), 2e-7), longest_m = 0.2 * wide,
+      first_fitted = math.floor(#force / 8),
+    }.elements
+    straight = explained(tb.friction_force { elements = found, position = few.position })
+    mass, viscous = straight.coefficients[1], math.max(straight.coefficients[2], 0)
+  end
+  return {
+    name = "elements", mass = mass, viscous = viscous, residual = rms(straight.residual),
+    fields = { friction = { elements = found } },
+    fitted = { "friction.elements[*].K", "friction.elements[*].F" },
+  }
+end
+local by_elements = fitted_elements()
+local elements = by_elements.fields.friction.elements
+local level, half_reach = 0, 0
+for _, element in ipairs(elements) do
+  level = level + element.F
+  half_reach = half_reach + 2 * element.F ^ 2 / element.K
+end
+half_reach = half_reach / math.max(level, 1e-9) -- where elements slip, on the mean
+
+-- Laws with a shape: Gauss-Newton on the logarithms of its numbers; level, mass and viscous friction are linear.
+local function fitted_law(name, shape, fields_of, fitted)
+  local keys, numbers = {}, {}
+  for key in pairs(shape) do keys[#keys + 1] = key end
+  table.sort(keys)
+  for i, key in ipairs(keys) do numbers[i] = math.log(shape[key]) end
+  local function shape_of(at)
+    local own = {}
+    for i, key in ipairs(keys) do own[key] = math.exp(at[i]) end
+    return own
+  end
+  local level_now = math.max(level, 0.1)
+  local function tried(at)
+    local fields = fields_of(level_now, shape_of(at))
+    fields.Ts, fields.rigid_gain_per_kg = step * Ts, known.rigid_gain_per_kg
+    fields.encoder_resolution_m = known.encoder_resolution_m
+    local ok, modeled = pcall(tb.friction_force, { machine = fields, position = few.position, thrust = few.thrust })
+    if not ok then return nil end
+    local done, straight = pcall(explained, modeled)
+    return done and straight.coefficients[3] > 0 and straight or nil
+  end
+  local here = tried(numbers)
+  for _ = 1, 15 do
+    if not here then return nil end
+    level_now = math.min(math.max(level_now * here.coefficients[3], 0.05), 1e3)
+    local base, columns, left = tried(numbers), {}, {}
+    if not base then return nil end
+    local change = 0.02
+    for i = 1, #keys do
+      local there = table.move(numbers, 1, #numbers, 1, {})
+      there[i] = there[i] + change
+      local other = tried(there)
+      if not other then return nil end
+      columns[i] = {}
+      for k = 1, #moved.thrust do columns[i][k] = (other.residual[k] - base.residual[k]) / change end
+    end
+    for k = 1, #moved.thrust do left[k] = -base.residual[k] end
+    local solved, towards = pcall(tb.least_squares, { columns = columns, values = left })
+    if not solved then break end
+    local share, better = 1, nil
+    while not better and share > 0.05 do
+      local there = {}
+      for i = 1, #keys do
+        -- What bends within less than a micrometer is dry friction.
+        local least = math.log(keys[i] == "reach" and 1e-6 or shape[keys[i]] / 20)
+        there[i] = math.max(least, numbers[i] + share * math.max(-0.7, math.min(0.7, towards.coefficients[i])))
+      end
+      local other = tried(there)
+      if other and rms(other.residual) < rms(base.residual) then numbers, better = there, other end
+      share = share / 3
+    end
+    here = better or base
+    if not better or rms(better.residual) > 0.999 * rms(base.residual) then break end
+  end
+  level_now = level_now * here.coefficients[3]
+  return {
+    name = name, mass = here.coefficients[1], viscous = math.max(here.coefficients[2], 0),
+    residual = rms(here.residual), fields = fields_of(level_now, shape_of(numbers)), fitted = fitted,
+  }
+end
+
+local structures = { by_elements }
+if option.friction == "any" then
+  local bend = math.max(half_reach / 2, 2 * (known.encoder_resolution_m or 0), 1e-6)
+  local function add(...) structures[#structures + 1] = fitted_law(...) end
+  add("Stribeck", { ratio = 1.3, velocity = 0.01 }, function(F, shape)
+    local static = F * math.max(1.02, shape.ratio)
+    return { friction = { coulomb = F, stribeck = { static = static, velocity = shape.velocity } } }
+  end, { "friction.coulomb", "friction.stribeck.static", "friction.stribeck.velocity" })
+  add("Dahl", { reach = bend }, function(F, shape)
+    return of_law("dahl_friction", { F = F, K = F / shape.reach })
+  end, paths("F", "K"))
+  add("Bouc-Wen", { reach = bend, beta = 0.7, exponent = 1.4 }, function(F, shape)
+    return of_law("bouc_wen_friction", { F = F, reach = shape.reach, beta = math.min(shape.beta, 0.99),
+      exponent = math.max(1, shape.exponent) })
+  end, paths("F", "reach", "beta", "exponent"))
+  add("LuGre", { reach = bend, ratio = 1.3, velocity = 0.01, D = 40 }, function(F, shape)
+    return of_law("lugre_friction", { F = F, Fs = F * shape.ratio, velocity = shape.velocity, K = F / shape.reach,
+      D = shape.D })
+  end, paths("F", "Fs", "velocity", "K", "D"))
+  add("GMS", { reach = bend / 2, ratio = 1.3, velocity = 0.01, share1 = 0.4, share2 = 0.4, attraction = 400 },
+    function(F, shape)
+      local sum = shape.share1 + shape.share2 + 0.2
+      local own = {}
+      for i, share in ipairs { shape.share1 / sum, shape.share2 / sum, 0.2 / sum } do
+        own[i] = { K = F * share / (shape.reach * 4 ^ (i - 1)), share = share }
+      end
+      return of_law("gms_friction", { F = F, Fs = F * shape.ratio, velocity = shape.velocity,
+        attraction = shape.attraction, elements = own })
+    end, paths("F", "Fs", "velocity", "attraction", "elements[*].K", "elements[1].share", "elements[2].share"))
+  add("load-dependent", { reach = bend }, function(F, shape)
+    -- The level is that of the laws; what it is of the load, least squares say.
+    return of_law("load_dependent_friction", { share = F / math.max(1, level) * 0.1, reach = shape.reach })
+  end, paths("share", "reach"))
+end
+table.sort(structures, function(a, b) return a.residual < b.residual end)
+print(string.format("Friction: level %.3g N; residual force of the slow log by friction model [N rms]:", level))
+for _, one in ipairs(structures) do
+  print(string.format("  %-15s %8.3g   mass %.4g kg, viscous %.3g N s/m", one.name, one.residual, one.mass,
+    one.viscous))
+end
 
 -- ---- response and modes -------------------------------------------------------------------------------------------
 
-local identified = tb.with_fields(known, {})
-identified.rigid_gain_per_kg = 1 / mass
-identified.friction = { viscous = viscous, elements = elements }
+local function described(structure, viscous)
+  local machine = tb.with_fields(known, {})
+  machine.rigid_gain_per_kg = 1 / structure.mass
+  machine.friction = { viscous = viscous }
+  for key, value in pairs(structure.fields.friction or {}) do machine.friction[key] = value end
+  machine.effects = structure.fields.effects
+  return machine
+end
+local identified = described(structures[1], structures[1].viscous)
 
 local function analyze(modes, report)
   return tb.fra {
@@ -342,39 +546,57 @@ end
 
 -- From both logs, by the simulated position: what the steps above leave of one part in another goes, and the standard
 -- errors contain how well all others are known. Of the elements the displacements at which they slip are fitted too.
-local function estimate(machine)
-  local parameters = { "rigid_gain_per_kg" }
-  for path, present in pairs {
-    input_delay_s = (machine.input_delay_s or 0) > 0, modes = #machine.modes > 0,
-    ["friction.viscous"] = machine.friction.viscous > 0, ["friction.coulomb"] = machine.friction.coulomb,
-    ["friction.elements[*].K"] = #machine.friction.elements > 0,
-    ["friction.elements[*].F"] = #machine.friction.elements > 0,
-  } do
-    if present then parameters[#parameters + 1] = path end
-  end
-  table.sort(parameters)
-  return tb.identify {
-    machine = machine, parameters = parameters, iterations = option.iterations,
+local function estimate(structure, machine, iterations)
+  local parameters = { "rigid_gain_per_kg", "friction.viscous" }
+  if (machine.input_delay_s or 0) > 0 then parameters[#parameters + 1] = "input_delay_s" end
+  if #machine.modes > 0 then parameters[#parameters + 1] = "modes" end
+  for _, path in ipairs(structure.fitted) do parameters[#parameters + 1] = path end
+  local found = tb.identify {
+    machine = machine, parameters = parameters, iterations = iterations,
     records = { { u = slow.u, y = slow.y }, { u = multisine.u, y = multisine.y } },
   }
+  -- A further parameter must lower the objective by two.
+  found.score = found.objective + 2 * #found.parameters
+  print(string.format("  %-16s objective %.1f with %d parameters, %d iterations; residual %.3g and %.3g um rms",
+    structure.name, found.objective, #found.parameters, found.iterations, found.residual_rms_m[1] * 1e6,
+    found.residual_rms_m[2] * 1e6))
+  return found
 end
-local joint = estimate(identified)
+local tried = {}
+for i = 1, math.min(option.structures, #structures) do tried[i] = structures[i] end
 -- An element that slips within a few encoder steps may be dry friction, which is set-valued.
 local stiffest = elements[1]
-if stiffest and 2 * stiffest.F / stiffest.K < 1e-6 then
-  local others = {}
-  for i = 2, #elements do others[#others + 1] = elements[i] end
-  local dry = tb.with_fields(identified, {})
-  dry.friction = { viscous = viscous, coulomb = stiffest.F, elements = others }
-  local tried = estimate(dry)
-  if tried.objective < joint.objective then joint = tried end
+for _, one in ipairs(tried) do
+  if one == by_elements and stiffest and 2 * stiffest.F / stiffest.K < 1e-6 + 4 * (known.encoder_resolution_m or 0) then
+    local others = {}
+    for i = 2, #elements do others[#others + 1] = elements[i] end
+    tried[#tried + 1] = {
+      name = "elements and dry", mass = one.mass, viscous = one.viscous,
+      fields = { friction = { coulomb = stiffest.F, elements = others } },
+      fitted = #others == 0 and { "friction.coulomb" }
+        or { "friction.coulomb", "friction.elements[*].K", "friction.elements[*].F" },
+    }
+    break
+  end
+end
+-- A few iterations for each, and then the best one to the end.
+local few_iterations = math.min(8, option.iterations)
+local joint, structure
+print "Joint estimation by friction model:"
+for _, one in ipairs(tried) do
+  local start = described(one, math.max(one.viscous, 0.5))
+  start.rigid_gain_per_kg, start.modes = identified.rigid_gain_per_kg, identified.modes
+  local found = estimate(one, start, few_iterations)
+  if not joint or found.score < joint.score then joint, structure = found, one end
+end
+if not joint.converged and option.iterations > few_iterations then
+  joint = estimate(structure, joint.machine, option.iterations - few_iterations)
 end
 for _, note in ipairs(joint.notes) do print(note) end
 identified = joint.machine
 tb.write_json { file = "identified.json", value = identified }
-print(string.format(
-  "Joint estimation: residual %.3g and %.3g um rms; standard errors are %.2g times those of pure noise",
-  joint.residual_rms_m[1] * 1e6, joint.residual_rms_m[2] * 1e6, joint.excess))
+print(string.format("Friction model: %s; standard errors are %.2g times those of pure noise", structure.name,
+  joint.excess))
 
 -- The response with the friction that was found, and its distortion.
 local fra = analyze(modes, option.plots and "fra" or nil)
@@ -457,15 +679,13 @@ plot {
     },
   },
 }
-local found_friction = identified.friction
 local measured_force = {}
-local modeled_force = tb.friction_force { elements = found_friction.elements, position = few.position }
 for i = 1, #few.thrust do
-  local v = few.velocity[i]
   measured_force[i] = few.thrust[i] - few.acceleration[i] / identified.rigid_gain_per_kg
-  modeled_force[i] = modeled_force[i] + found_friction.viscous * v
-    + (found_friction.coulomb or 0) * (v > 0 and 1 or v < 0 and -1 or 0)
 end
+local modeled_force = tb.friction_force {
+  machine = tb.with_fields(identified, { Ts = step * Ts }), position = few.position, thrust = few.thrust,
+}
 plot {
   file = "friction",
   title = "Friction loops of the slow log",
@@ -507,30 +727,51 @@ local summary = {
   modes = modes,
   parameters = {},
 }
-local truth, kind = hidden_machine(option.hidden)
+local truth, kind, loop = hidden_machine(option.hidden)
 local function compare(name, found, error, wanted)
   summary.parameters[#summary.parameters + 1] =
     { name = name, value = found, standard_error = error, truth = wanted }
-  print(string.format("  %-6s %11.5g +- %-9.2g %s", name, found, error,
+  print(string.format("  %-10s %11.5g +- %-9.2g %s", name, found, error,
     wanted and string.format("truth %.5g: %+.2f %%, %.1f standard errors", wanted, 100 * (found / wanted - 1),
       math.abs(found - wanted) / error) or ""))
 end
-print("Identified machine" .. (simulated and ", beside the truth (" .. kind .. ", " .. #truth.modes .. " modes)" or ""))
-local by_name = {}
-for _, parameter in ipairs(joint.parameters) do by_name[parameter.name] = parameter end
-local function compare_field(name, path, wanted)
-  local found = by_name[path]
-  compare(name, found.value, found.standard_error, wanted)
-end
-compare_field("k0", "rigid_gain_per_kg", simulated and truth.rigid_gain_per_kg or nil)
+print("Identified machine" .. (simulated and string.format(", beside the truth (%s, %d modes, %s, encoder %.3g um)",
+  kind, #truth.modes, loop, truth.encoder_resolution_m * 1e6) or ""))
+local short = { rigid_gain_per_kg = "k0", input_delay_s = "delay", ["friction.viscous"] = "viscous",
+  ["friction.coulomb"] = "dry", ["friction.stribeck.static"] = "static", ["friction.stribeck.velocity"] = "v_s" }
 for j = 1, modes do
-  local own = simulated and truth.modes[j] or {}
-  compare_field("k" .. j, "modes[" .. j .. "].gain", own.gain)
-  compare_field("f" .. j, "modes[" .. j .. "].freq_hz", own.freq_hz)
-  compare_field("zeta" .. j, "modes[" .. j .. "].zeta", own.zeta)
+  local path = "modes[" .. j .. "]."
+  short[path .. "gain"], short[path .. "freq_hz"], short[path .. "zeta"] = "k" .. j, "f" .. j, "zeta" .. j
 end
+-- Of the truth, where it has such a field and this describes the same.
+local function true_value(path)
+  if not simulated or (path:find "^modes" and modes ~= #truth.modes) then return nil end
+  local same_law = structure.name == kind and not path:find "elements"
+  if path:find "^effects" and not same_law then return nil end
+  if path:find "^friction" and path ~= "friction.viscous" and not same_law
+      and not (path == "friction.coulomb" and structure.name == "elements and dry" and kind == "rolling and dry") then
+    return nil
+  end
+  local value = truth
+  for key in path:gmatch "[^%.%[%]]+" do value = value and value[tonumber(key) or key] end
+  return value
+end
+for _, parameter in ipairs(joint.parameters) do
+  local name = short[parameter.name] or parameter.name:match "^effects%[1%]%.parameters%.([%w]+)$"
+  if name then compare(name, parameter.value, parameter.standard_error, true_value(parameter.name)) end
+end
+summary.structure = structure.name
 if simulated then
-  summary.kind, summary.true_modes = kind, #truth.modes
-  summary.viscous, summary.true_viscous = identified.friction.viscous, truth.friction.viscous
+  summary.kind, summary.true_modes, summary.controller = kind, #truth.modes, loop
+  summary.encoder_um = truth.encoder_resolution_m * 1e6
+  -- The friction models over the true motion of the multisine.
+  local still = { noise_rms_m = 0, encoder_resolution_m = 0 }
+  local run = tb.simulate { machine = tb.with_fields(truth, still), r = multisine.r, exc = multisine.exc }
+  local function friction_of(machine)
+    return tb.friction_force { machine = tb.with_fields(machine, still), position = run.x, thrust = run.u }
+  end
+  local wanted = friction_of(truth)
+  summary.friction_error = rms_difference(friction_of(identified), wanted) / rms(wanted)
+  print(string.format("Friction force over the motion: %.2g %% of its rms value wrong", 100 * summary.friction_error))
 end
 tb.write_json { file = "summary.json", value = summary }

@@ -51,6 +51,7 @@ std::unique_ptr<Command> simulate_command();
 std::unique_ptr<Command> compare_command();
 std::unique_ptr<Command> diagnose_command();
 std::unique_ptr<Command> fra_command();
+std::unique_ptr<Command> identify_command();
 std::unique_ptr<Command> run_command();
 std::unique_ptr<Command> batch_command();
 std::unique_ptr<Command> export_fmu_command();

@@ -66,6 +66,9 @@ class OptionFlags {
             flags.read(key, list_in<text_in>,
                        [&](auto& reader, auto& flag) { reader.choices(flag, values, names, about); });
         }
+        void texts(std::string_view key, auto& values, auto&&... more) {
+            flags.read(key, list_in<text_in>, [&](auto& reader, auto& flag) { reader.texts(flag, values, more...); });
+        }
         void integers(std::string_view key, auto& values, auto&&... more) {
             flags.read(key, list_in<number_in>,
                        [&](auto& reader, auto& flag) { reader.integers(flag, values, more...); });

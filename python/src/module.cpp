@@ -11,6 +11,7 @@
 #include "tribode/base/text.hpp"
 #include "tribode/diagnosis/diagnosis_files.hpp"
 #include "tribode/experiment/frequency_sweep.hpp"
+#include "tribode/experiment/identification.hpp"
 #include "tribode/experiment/measured_fra.hpp"
 #include "tribode/experiment/simulation.hpp"
 #include "tribode/experiment/system_run.hpp"
@@ -665,6 +666,109 @@ nb::dict analysis_of(const MeasuredAnalysis& analysis) {
     return columns;
 }
 
+nb::dict run_identify(const MachineModel& machine, const nb::list& data, nb::handle columns, nb::handle scale,
+                      nb::handle options_given, const std::string& folder, unsigned workers, nb::handle progress) {
+    constexpr const char* function = "tribode.identify";
+    const RecordOptions names = record_options(columns, scale, function);
+    const Json json = options_of(options_given, function);
+    FieldReader fields(json, function);
+    IdentifyOptions options;
+    read_options(options, fields);
+    fields.finish();
+    std::vector<GivenRecord> records;
+    for (const nb::handle record : data) {
+        records.push_back(given_record(record, fmt::format("data[{}]", records.size())));
+    }
+    if (records.empty()) throw InputError(fmt::format("{}: data is empty, must have a measured record", function));
+    EngineCall call(progress, workers);
+    Identification found = call.run([&](const RunControl& control) {
+        Identification result = identify(machine, records, names, options, control);
+        if (!folder.empty()) {
+            RunFolder files(folder);
+            write_identification(result, files, control);
+        }
+        return result;
+    });
+    nb::dict result = to_dict(found.json());
+    result["machine"] = nb::cast(found.machine);
+    nb::list residuals;
+    for (auto& residual : found.residuals) residuals.append(to_array(std::move(residual)));
+    result["residuals"] = residuals;
+    return result;
+}
+
+// ---- any signals -------------------------------------------------------------------------------------------------
+
+nb::dict run_frf(const Signal& input, const Signal& output, const std::optional<Signal>& excitation, double sample_time,
+                 long window) {
+    constexpr const char* function = "tribode.frf";
+    if (!(sample_time > 0) || !std::isfinite(sample_time) || window < 0) {
+        throw InputError(fmt::format("{}: sample_time_s = {}, window_samples = {}, must be > 0 and ≥ 0", function,
+                                     to_text(sample_time), window));
+    }
+    const auto x = finite_numbers(input, function, "input"), y = finite_numbers(output, function, "output");
+    const auto reference = excitation ? finite_numbers(*excitation, function, "excitation") : x;
+    if (x.size() != y.size() || x.size() != reference.size()) {
+        throw InputError(fmt::format("{}: {} samples of input, {} of output, {} of excitation, must be as many of each",
+                                     function, x.size(), y.size(), reference.size()));
+    }
+    EngineCall call(nb::none(), 1);
+    MeasuredAnalysis analysis;
+    analysis.points = call.run([&](const RunControl&) {
+        return cross_spectra({{sample_time, reference, y, {x}, 0}}, static_cast<std::size_t>(window)).front();
+    });
+    return analysis_of(analysis);
+}
+
+nb::dict run_spectrum(const Signal& output, const nb::list& inputs, nb::handle options_given) {
+    constexpr const char* function = "tribode.spectrum";
+    const Json json = options_of(options_given, function);
+    FieldReader fields(json, function);
+    SpectrumOptions options;
+    read_options(options, fields);
+    fields.finish();
+    const auto y = finite_numbers(output, function, "output");
+    std::vector<std::vector<double>> x;
+    for (const nb::handle input : inputs) {
+        x.push_back(finite_numbers(nb::cast<Signal>(input), function, fmt::format("inputs[{}]", x.size()).c_str()));
+    }
+    EngineCall call(nb::none(), 1);
+    SpectralEstimate found = call.run([&](const RunControl&) { return spectral_estimate(x, y, options); });
+    nb::dict result;
+    const std::vector<double> frequency_hz = found.frequency_hz;
+    result["frequency_hz"] = to_array(std::move(found.frequency_hz));
+    result["power"] = to_array(std::move(found.power));
+    result["windows"] = found.windows;
+    result["averages"] = found.averages;
+    result["bandwidth_hz"] = found.bandwidth;
+    result["power_low"] = found.power_low;
+    result["power_high"] = found.power_high;
+    nb::list by_input;
+    for (auto& input : found.inputs) {
+        nb::dict one;
+        one["power"] = to_array(std::move(input.power));
+        one["cross_power"] = to_array(std::move(input.cross));
+        one["coherence"] = to_array(std::move(input.coherence));
+        one["h1"] = FrequencyResponse{frequency_hz, std::move(input.h1)};
+        if (!input.h2.empty()) {
+            one["h2"] = FrequencyResponse{frequency_hz, std::move(input.h2)};
+            one["hv"] = FrequencyResponse{frequency_hz, std::move(input.hv)};
+        }
+        std::vector<double> gain = input.standard_deviation, phase = input.standard_deviation;
+        for (double& error : gain) error *= 20 / std::numbers::ln10;
+        for (double& error : phase) error *= 180 / std::numbers::pi;
+        one["std_gain_db"] = to_array(std::move(gain));
+        one["std_phase_deg"] = to_array(std::move(phase));
+        by_input.append(one);
+    }
+    result["inputs"] = by_input;
+    if (x.empty()) return result;
+    result["coherence"] = to_array(std::move(found.coherence));
+    result["coherence_threshold"] = found.coherence_threshold;
+    result["noise_power"] = to_array(std::move(found.noise));
+    return result;
+}
+
 nb::dict run_fra(const MachineModel& machine, const nb::list& data, nb::handle columns, nb::handle scale,
                  nb::handle options_given, const std::string& folder, nb::handle progress) {
     constexpr const char* function = "tribode.fra";
@@ -704,6 +808,10 @@ nb::dict run_fra(const MachineModel& machine, const nb::list& data, nb::handle c
 void add_files(nb::module_& m) {
     m.def("fra", run_fra, "machine"_a, "data"_a, "columns"_a.none(), "scale"_a.none(), "options"_a, "folder"_a,
           "progress"_a.none());
+    m.def("identify", run_identify, "machine"_a, "data"_a, "columns"_a.none(), "scale"_a.none(), "options"_a,
+          "folder"_a, "workers"_a, "progress"_a.none());
+    m.def("frf", run_frf, "input"_a, "output"_a, "excitation"_a.none(), "sample_time_s"_a, "window_samples"_a);
+    m.def("spectrum", run_spectrum, "output"_a, "inputs"_a, "options"_a);
     m.def("read_record", read_record_file, "path"_a, "columns"_a.none(), "scale"_a.none());
     m.def("diagnose", run_diagnosis, "machine"_a, "data"_a, "validate"_a.none(), "columns"_a.none(), "scale"_a.none(),
           "options"_a, "folder"_a, "workers"_a, "progress"_a.none());
@@ -793,6 +901,8 @@ void add_options(nb::module_& m) {
         options["sweep"] = rows_of<SweepOptions>();
         options["fit_modal"] = rows_of<ModalFitOptions>();
         options["fra"] = rows_of<MeasuredFraOptions>();
+        options["identify"] = rows_of<IdentifyOptions>();
+        options["spectrum"] = rows_of<SpectrumOptions>();
         options["diagnose"] = rows_of<DiagnosisOptions>();
         options["run"] = rows_of<SystemRunOptions>();
         return options;

@@ -92,6 +92,41 @@ RESULTS = {
         ("notes", "list[str]"),
         ("delay_s", "float"),
     ],
+    "Identified": [
+        ("machine", "Machine"),
+        ("parameters", "list[dict[str, Any]]"),
+        ("covariance", "list[list[float]]"),
+        ("residuals", "list[NDArray[np.float64]]"),
+        ("residual_rms_m", "list[float]"),
+        ("excess", "float"),
+        ("objective", "float"),
+        ("iterations", "int"),
+        ("converged", "bool"),
+        ("notes", "list[str]"),
+    ],
+    "InputSpectra": [
+        ("power", NUMBERS),
+        ("cross_power", VALUES),
+        ("coherence", NUMBERS),
+        ("h1", "FrequencyResponse"),
+        ("h2?", "FrequencyResponse"),
+        ("hv?", "FrequencyResponse"),
+        ("std_gain_db", NUMBERS),
+        ("std_phase_deg", NUMBERS),
+    ],
+    "Spectrum": [
+        ("frequency_hz", NUMBERS),
+        ("power", NUMBERS),
+        ("windows", "int"),
+        ("averages", "float"),
+        ("bandwidth_hz", "float"),
+        ("power_low", "float"),
+        ("power_high", "float"),
+        ("inputs", "list[InputSpectra]"),
+        ("coherence?", NUMBERS),
+        ("coherence_threshold?", "float"),
+        ("noise_power?", NUMBERS),
+    ],
     "Diagnosis": [
         *((name, "str") for name in ("verdict", "where", "gap_unit", "version")),
         *((name, "float") for name in ("explained", "seconds")),
@@ -121,7 +156,7 @@ lines = [
     "",
 ]
 tables = _tribode.options()
-for function in ("simulate", "sweep", "fit_modal", "fra", "diagnose", "run"):
+for function in ("simulate", "sweep", "fit_modal", "fra", "identify", "spectrum", "diagnose", "run"):
     title = "".join(part.title() for part in function.split("_"))
     lines.append(f"class {title}Options(TypedDict, total=False):")
     fields = list(FURTHER.get(function, []))

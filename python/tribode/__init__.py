@@ -25,8 +25,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
     from typing_extensions import Unpack
 
-    from ._options import DiagnoseOptions, FitModalOptions, FraOptions, RunOptions, SimulateOptions, SweepOptions
-    from ._options import Diagnosis, LinearSystem, MeasuredResponses, MergedBatch, SteadyState
+    from ._options import DiagnoseOptions, FitModalOptions, FraOptions, IdentifyOptions, RunOptions, SimulateOptions
+    from ._options import SpectrumOptions, SweepOptions
+    from ._options import Diagnosis, FraAnalysis, Identified, LinearSystem, MeasuredResponses, MergedBatch, Spectrum
+    from ._options import SteadyState
 
     FilePath = Union[str, os.PathLike[str]]
     MachineLike = Union[Machine, FilePath, Mapping[str, Any]]
@@ -48,6 +50,8 @@ __all__ = [
     "diagnose",
     "fit_modal",
     "fra",
+    "frf",
+    "identify",
     "model_response",
     "models",
     "plant_parameters",
@@ -55,6 +59,7 @@ __all__ = [
     "read_batch",
     "read_record",
     "simulate",
+    "spectrum",
     "sweep",
 ]
 
@@ -306,6 +311,86 @@ def fra(
         return _tribode.fra(
             machine, records, columns, scale, options, "" if folder is None else os.fspath(folder), call
         )
+
+
+def identify(
+    machine: MachineLike,
+    data: RecordLike | Sequence[RecordLike],
+    *,
+    columns: Mapping[str, str] | None = None,
+    scale: Mapping[str, float] | None = None,
+    folder: FilePath | None = None,
+    workers: int | None = None,
+    progress: Progress = False,
+    **options: Unpack[IdentifyOptions],
+) -> Identified:
+    """Estimates friction, modes, mass and delay of a machine at once from its records, by the simulated position
+    (docs/measured-frequency-response.md). The machine has the start values.
+
+    data: the path of a record, a mapping from names to arrays (t, y and u, or in closed loop r or exc), or a list of
+    them. folder: where the machine, its parameters and a plot go; by default nothing is written.
+
+    Returns a dict: machine, the Machine found; parameters, a list of dicts name, unit, start, value, standard_error
+    (infinite where the records do not determine it); covariance; residuals, an array for each record;
+    residual_rms_m, excess, objective, iterations, converged, notes.
+    """
+    name = "tribode.identify"
+    machine = _machine(machine)
+    records = _records(data, machine, name)
+    with _Progress(progress, name) as call:
+        return _tribode.identify(
+            machine,
+            records,
+            columns,
+            scale,
+            options,
+            "" if folder is None else os.fspath(folder),
+            _workers(workers, name),
+            call,
+        )
+
+
+def frf(
+    input: ArrayLike,
+    output: ArrayLike,
+    *,
+    sample_time_s: float,
+    excitation: ArrayLike | None = None,
+    window_samples: int = 0,
+) -> FraAnalysis:
+    """Estimates the response between any two signals by averaged cross spectra; in a closed loop with the excitation
+    as reference. window_samples = 0: an eighth of the signals, at most 8192.
+
+    Returns a dict of arrays as those of tribode.fra: frequency_hz, value, std_gain_db, std_phase_deg, coherence, ...
+    """
+    name = "tribode.frf"
+    return _tribode.frf(
+        _signal(input, name, "input"),
+        _signal(output, name, "output"),
+        _signal(excitation, name, "excitation"),
+        float(sample_time_s),
+        int(window_samples),
+    )
+
+
+def spectrum(
+    output: ArrayLike, inputs: ArrayLike | Sequence[ArrayLike] = (), **options: Unpack[SpectrumOptions]
+) -> Spectrum:
+    """Estimates the power spectrum of a signal and its relation to others by Welch's method
+    (docs/measured-frequency-response.md).
+
+    inputs: the signal that the output answers, or a list of several.
+
+    Returns a dict of arrays: frequency_hz, power (one-sided density), and windows, averages, bandwidth_hz, power_low,
+    power_high; with inputs coherence, coherence_threshold, noise_power, and inputs, of each power, cross_power,
+    coherence, h1, std_gain_db, std_phase_deg, and of one input h2 and hv.
+    """
+    name = "tribode.spectrum"
+    one = len(inputs) > 0 and np.ndim(inputs[0]) == 0
+    signals = [inputs] if one else list(inputs)
+    return _tribode.spectrum(
+        _signal(output, name, "output"), [_signal(x, name, f"inputs[{i}]") for i, x in enumerate(signals)], options
+    )
 
 
 def diagnose(

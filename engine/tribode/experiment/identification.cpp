@@ -188,8 +188,11 @@ class Fit {
             .kp = mass * omega * omega, .kd = 1.4 * mass * omega, .derivative_filter_hz = 10 * options.observer};
         const auto numbers = machine_.numbers();
         for (const auto& one : moved) start_.push_back(numbers_at(numbers, one.places));
-        // Runs that can be differentiated: see SensitiveServoSystem.
-        exact_ = resolved(Method::automatic, machine_) == Method::exact && machine_.input == InputKind::hold &&
+        // Runs that can be differentiated, see SensitiveServoSystem, also where parameters that are equal at the start, such as
+        // the levels of a Stribeck curve, are not.
+        const auto n = static_cast<Eigen::Index>(moved.size());
+        const MachineModel elsewhere = at(Eigen::VectorXd::LinSpaced(n, 0.01, 0.02));
+        exact_ = resolved(Method::automatic, elsewhere) == Method::exact && machine_.input == InputKind::hold &&
                  machine_.initial == InitialKind::rest;
     }
 
@@ -249,7 +252,12 @@ class Fit {
 
     // Measured less simulated position; none where the run ends early.
     std::optional<std::vector<double>> residual(const MachineModel& machine, const FittedRecord& record) const {
-        ServoRun run = this->run(machine, record, {});
+        ServoRunOptions options;
+        // Exact machines ignore it. A step ends with the sample at the latest, so errors are far below these bounds: they must
+        // not count beside what a long record averages.
+        options.solver.relative_tolerance = 1e-6;
+        options.solver.absolute_tolerance = 0.1 * std::sqrt(record.floor);
+        ServoRun run = this->run(machine, record, options);
         const RunOutcome outcome = run.advance_to(static_cast<long>(record.drive.t.size()) - 1);
         if (!outcome.ok()) {
             message = record.source + ": " + outcome.message;
@@ -328,7 +336,7 @@ class Fit {
             }
             return columns;
         }
-        constexpr double step = 1e-4;
+        constexpr double step = 1e-3;
         const Spectrum here = record.spectrum(residual_here);
         for_each_index(moved.size(), control_, "", [&](std::size_t j) {
             Eigen::VectorXd there = logarithm;
@@ -344,6 +352,17 @@ class Fit {
         stop_if_asked();
         return columns;
     }
+
+    // Of all records.
+    std::vector<Eigen::MatrixXcd> derivatives(const Eigen::VectorXd& logarithm,
+                                              const std::vector<std::vector<double>>& residuals) const {
+        std::vector<Eigen::MatrixXcd> all;
+        for (std::size_t r = 0; r < records.size(); ++r) all.push_back(derivatives(logarithm, r, residuals[r]));
+        return all;
+    }
+
+    // From differences of runs, one for each parameter.
+    bool derivatives_are_costly() const { return !exact_; }
 
     void stop_if_asked() const {
         if (control_.stop_requested()) throw EndedEarly("an identification was interrupted");
@@ -371,14 +390,14 @@ struct Normal {
     Eigen::VectorXd gradient;
     Eigen::MatrixXd by_line, by_band; // sums of the squares of the gradient's parts
 
-    Normal(const Fit& fit, const Eigen::VectorXd& at, const std::vector<std::vector<double>>& residuals,
-           const std::vector<Spectrum>& spectra, const std::vector<double>& powers) {
+    Normal(const Fit& fit, const std::vector<Eigen::MatrixXcd>& derivatives, const std::vector<Spectrum>& spectra,
+           const std::vector<double>& powers) {
         const auto n = static_cast<Eigen::Index>(fit.moved.size());
         hessian = by_line = by_band = Eigen::MatrixXd::Zero(n, n);
         gradient = Eigen::VectorXd::Zero(n);
         std::size_t next = 0;
         for (std::size_t r = 0; r < fit.records.size(); ++r) {
-            const Eigen::MatrixXcd columns = fit.derivatives(at, r, residuals[r]);
+            const Eigen::MatrixXcd& columns = derivatives[r];
             for (const auto& band : fit.records[r].bands) {
                 const double power = powers[next++];
                 const auto part = columns.middleRows(band.first, band.count);
@@ -394,6 +413,19 @@ struct Normal {
         }
     }
 };
+
+// Broyden's method: the derivatives after a step, from what it changed in the spectra; in other directions, at right angles in
+// the metric of the Hessian's diagonal, they stay.
+void correct(std::vector<Eigen::MatrixXcd>& derivatives, const Eigen::VectorXd& step, const Eigen::MatrixXd& hessian,
+             const std::vector<Spectrum>& before, const std::vector<Spectrum>& after) {
+    const Eigen::VectorXd along = hessian.diagonal().cwiseProduct(step);
+    const double length = along.dot(step);
+    if (!(length > 0)) return;
+    for (std::size_t r = 0; r < derivatives.size(); ++r) {
+        const Spectrum missed = after[r] - before[r] - derivatives[r] * step;
+        derivatives[r] += missed * (along / length).transpose();
+    }
+}
 
 // Which parameters the records determine: the others are left out, one after another, worst first.
 std::vector<Eigen::Index> determined(const Eigen::MatrixXd& hessian, const std::vector<bool>& free) {
@@ -505,11 +537,19 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
 
     Identification found;
     double damping = 1e-3;
+    // Costly ones are corrected after a step, and calculated again where they predict less than what comes, and before the end.
+    auto derivatives = fit.derivatives(at, *residuals);
+    bool corrected = false;
+    const auto calculate_again = [&] {
+        derivatives = fit.derivatives(at, *residuals);
+        corrected = false;
+    };
     while (found.iterations < options.iterations && !found.converged) {
         ++found.iterations;
-        const Normal normal(fit, at, *residuals, spectra, powers);
+        const Normal normal(fit, derivatives, spectra, powers);
+        const double most_damping = corrected ? std::max(1.0, 40 * damping) : 1e8;
         bool better = false;
-        while (!better && damping < 1e8) {
+        while (!better && damping < most_damping) {
             Eigen::MatrixXd damped = normal.hessian;
             const double small = 1e-9 * damped.diagonal().maxCoeff();
             for (Eigen::Index j = 0; j < n; ++j) damped(j, j) += damping * damped(j, j) + small * 1e-6;
@@ -526,15 +566,25 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
                 auto power = fit.powers(lines);
                 const double value = fit.objective(power);
                 if (value < now) {
+                    const double gain = now - value;
+                    const double predicted =
+                        -(2 * normal.gradient.dot(step) + step.dot(normal.hessian * step)); // of lowering V
                     // A step that lowers V by 0.05 is one of a fifth of a standard error.
-                    found.converged = now - value < 0.05 && damping < 1;
+                    const bool small_step = gain < 0.05 && damping < 1;
+                    found.converged = small_step && !corrected;
                     better = true;
+                    if (fit.derivatives_are_costly()) correct(derivatives, tried - at, normal.hessian, spectra, lines);
                     at = tried;
                     residuals = std::move(there);
                     spectra = std::move(lines);
                     powers = std::move(power);
                     now = value;
                     damping = std::max(damping / 10, 1e-9);
+                    if (!fit.derivatives_are_costly() || (!found.converged && (small_step || gain < predicted / 4))) {
+                        calculate_again();
+                    } else {
+                        corrected = !found.converged;
+                    }
                 }
             }
             if (!better) damping *= 6;
@@ -543,7 +593,12 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
             control.progress("identify", static_cast<std::size_t>(found.iterations),
                              static_cast<std::size_t>(options.iterations));
         }
-        if (!better) found.converged = true; // no way down
+        if (!better && corrected) {
+            calculate_again();
+            damping = 1e-3;
+        } else if (!better) {
+            found.converged = true; // no way down
+        }
     }
 
     MachineModel fitted = fit.at(at), first = machine;
@@ -556,7 +611,8 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
         found.parameters.push_back({one.name, one.unit, *starts[one.shown], *values[one.shown], 0});
         free.push_back(std::abs(at[j]) < 0.999 * farthest);
     }
-    const Normal normal(fit, at, *residuals, spectra, powers);
+    if (corrected) calculate_again();
+    const Normal normal(fit, derivatives, spectra, powers);
     put_covariance(found, normal, free);
     found.residuals = std::move(*residuals);
     found.objective = now;

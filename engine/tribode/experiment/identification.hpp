@@ -1,8 +1,10 @@
 #pragma once
+#include "tribode/base/json.hpp"
 #include "tribode/base/options.hpp"
 #include "tribode/base/run_control.hpp"
 #include "tribode/machine/machine_model.hpp"
 #include "tribode/record/given_record.hpp"
+#include "tribode/record/run_folder.hpp"
 
 #include <string>
 #include <vector>
@@ -71,6 +73,11 @@ struct Identification {
     int iterations = 0;
     bool converged = false;
     std::vector<std::string> notes; // sentences
+
+    std::vector<double> residual_rms() const; // of each record [m]
+    // All but the residuals themselves; an error that is infinite is null there.
+    Json json() const;
+    std::string text() const; // a summary for people
 };
 
 // The machine's numbers are the start. Its noise and encoder resolution are kept, and not used.
@@ -83,5 +90,8 @@ struct Identification {
 // Throws InputError where a record lacks y or an input, or the machine has no number of a path, or runs away at the start.
 Identification identify(const MachineModel& machine, const std::vector<GivenRecord>& records,
                         const RecordOptions& columns, const IdentifyOptions& options, const RunControl& control = {});
+
+// machine.json, which all commands read, identify.json, parameters.csv, and residual.png with the spectra of the residuals.
+void write_identification(const Identification& found, RunFolder& folder, const RunControl& control = {});
 
 } // namespace tribode

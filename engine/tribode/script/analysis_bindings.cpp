@@ -2,10 +2,14 @@
 #include "tribode/analysis/friction_identification.hpp"
 #include "tribode/analysis/modal_fit.hpp"
 #include "tribode/analysis/signal.hpp"
+#include "tribode/base/error.hpp"
 #include "tribode/control/discrete_transfer_function.hpp"
 #include "tribode/experiment/frequency_sweep.hpp"
+#include "tribode/experiment/friction_model.hpp"
 #include "tribode/script/conversions.hpp"
 #include "tribode/script/lua_function.hpp"
+
+#include <fmt/format.h>
 
 namespace tribode {
 
@@ -110,6 +114,20 @@ Json identify_friction(const Json& arguments) {
 
 Json friction_force(const Json& arguments) {
     FieldReader fields(arguments, "tb.friction_force");
+    if (fields.has("machine")) {
+        const MachineModel machine = machine_of(fields);
+        const auto position = fields.numbers("position", "m", Allowed::finite, {});
+        const auto thrust = fields.numbers("thrust", "N", Allowed::finite, std::vector<double>(position.size(), 0.0));
+        fields.finish();
+        if (thrust.size() != position.size()) {
+            throw InputError(fmt::format("tb.friction_force: {} values of thrust, must be as many as positions, {}",
+                                         thrust.size(), position.size()));
+        }
+        MeasuredFriction friction(FrictionModel::of(machine), machine);
+        std::vector<double> force;
+        for (std::size_t k = 0; k < position.size(); ++k) force.push_back(friction.step(position[k], thrust[k]));
+        return force;
+    }
     const auto elements = elements_of(fields);
     const auto position = fields.numbers("position", "m", Allowed::finite, {});
     fields.finish();
@@ -198,7 +216,9 @@ const std::vector<LuaFunction>& analysis_functions() {
                   {"force", "N", "list of numbers", "required", "friction forces at the same instants"}});
          }},
         {"friction_force", friction_force, "`tb.friction_force{ elements = {…}, position = {…} }`",
-         "list of the forces of the elements along the positions, relaxed at the first; without damping [N]"},
+         "list of the forces of the elements along the positions, relaxed at the first; without damping [N]. With "
+         "`machine` in place of `elements` those of its friction model, as `tb.fra` subtracts it, along positions at "
+         "its sample time; `thrust` is that of the motor, for `load_dependent_friction`"},
         {"low_pass", low_pass, "`tb.low_pass{ values = {…}, sample_time_s =, corner_hz =, order = 4 }`",
          "list filtered by a Butterworth low-pass filter run forward and backward: no phase, a gain of 1/2 at the "
          "corner. `order` is even"},

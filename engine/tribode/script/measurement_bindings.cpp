@@ -123,23 +123,8 @@ Json identify_machine(const ScriptContext& script, const Json& arguments) {
     Json names = Json::array();
     for (const auto& record : records) names.push_back(record.name());
     run.note_work({{"function", "identify"}, {"machine", machine.hash()}, {"records", names}});
-    Json json{{"machine", found.machine.description()}, {"parameters", Json::array()},
-              {"covariance", found.covariance},         {"residuals", found.residuals},
-              {"residual_rms_m", Json::array()},        {"excess", found.excess},
-              {"objective", found.objective},           {"iterations", found.iterations},
-              {"converged", found.converged},           {"notes", found.notes}};
-    for (const auto& one : found.parameters) {
-        json["parameters"].push_back({{"name", one.name},
-                                      {"unit", one.unit},
-                                      {"start", one.start},
-                                      {"value", one.value},
-                                      {"standard_error", one.standard_error}});
-    }
-    for (const auto& residual : found.residuals) {
-        double sum = 0;
-        for (const double value : residual) sum += value * value;
-        json["residual_rms_m"].push_back(std::sqrt(sum / static_cast<double>(residual.size())));
-    }
+    Json json = found.json();
+    json["residuals"] = found.residuals;
     return json;
 }
 
