@@ -168,6 +168,11 @@ class SineWindow {
         step_squared_ = signals.resolution * signals.resolution;
         if (signals.resolution > 0) {
             rounding_ = rounding(signals.resolution);
+            if (!signals.thrust.empty()) {
+                // An error dY goes round the loop: with U = E - C Y it is dY/Y - dU/U = (dY/Y) E/U.
+                const Complex thrust = fit(signals.thrust).fundamental();
+                if (std::norm(thrust) > 0) rounding_ *= std::norm(fit(signals.excitation).fundamental() / thrust);
+            }
             pattern_changes_ = pattern_changes(signals.output, rest, signals.resolution);
         }
     }
@@ -221,7 +226,16 @@ class SineWindow {
             ++phases;
         }
         pattern_power_ = (1 + std::max(0.25, 3 / std::sqrt(static_cast<double>(phases)))) / 12;
-        const double folded = 4 * step * step / 12 * (1 / static_cast<double>(phases) - 1 / n);
+        double folded = 4 * step * step / 12 * (1 / static_cast<double>(phases) - 1 / n);
+        // With an even number of them each has its opposite. About a whole or half step the errors of both are opposite as well,
+        // so that only half as many differ and the fundamental has twice the variance; about a quarter of a step it has half of
+        // it: in between, a parabola of the offset. The offset is known to the mean error of the phases.
+        if (phases % 2 == 0) {
+            const double twice = 2 * output_fit_.offset / step;
+            const double unknown = 2 / std::sqrt(12.0 * static_cast<double>(phases));
+            const double x = std::max(std::abs(twice - std::round(twice)) - unknown, 0.0);
+            folded *= 2 - 6 * x + 6 * x * x;
+        }
         // What would be left with any number of phases: the describing function of the rounding of a sine of amplitude A about
         // the offset o, 1 + sum_m 2 (-1)^m/(pi m) J1(2 pi m A) cos(2 pi m o)/A, both in steps; the mean square of
         // J1(x) is 1/(pi x). All of it is in the gain, which has half of the variance.
@@ -273,7 +287,7 @@ class SineWindow {
     Spectrum output_lines_;
     // Variance of what the harmonics leave of the output, from sample to sample, in each eighth of the window.
     std::vector<double> sample_noise_;
-    double rounding_ = 0; // variance of the output's phasor, without noise
+    double rounding_ = 0; // variance of the output's phasor, without noise, as much as it is in the ratio to the input
     double step_squared_ = 0;
     double pattern_power_ = 0, pattern_changes_ = 0; // largest ones of the rounding alone, in steps squared
 };

@@ -25,6 +25,9 @@ struct MeasuredSignals {
     std::span<const double> excitation, output;
     std::vector<std::span<const double>> inputs;
     double resolution = 0; // of the output, 0: not known
+    // What the loop acts by, where the excitation is added to it in a closed loop: what an error of the output does to it is then
+    // known. Empty: no such loop.
+    std::span<const double> thrust = {};
 };
 
 // One frequency of a measured response.

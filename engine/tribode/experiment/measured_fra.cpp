@@ -80,11 +80,13 @@ struct FraRecord {
     std::vector<Observation> observations;
 
     MeasuredSignals signals(const MachineModel& machine) const {
+        const bool added = loop_closed && !excitation_is_thrust && excited_by != "r";
         return {machine.sample_time,
                 excitation,
                 position,
                 {inputs[0], inputs[1], inputs[2], inputs[3]},
-                machine.encoder_resolution};
+                machine.encoder_resolution,
+                added ? std::span<const double>(thrust) : std::span<const double>()};
     }
 };
 
