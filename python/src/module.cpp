@@ -5,6 +5,7 @@
 #include "plain_data.hpp"
 #include "tribode/analysis/frequency_response.hpp"
 #include "tribode/analysis/modal_fit.hpp"
+#include "tribode/analysis/spectral_estimate.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/field_reader.hpp"
 #include "tribode/base/field_rows.hpp"
@@ -32,6 +33,7 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
+#include <numbers>
 #include <span>
 
 namespace tribode::python {
@@ -699,13 +701,14 @@ nb::dict run_identify(const MachineModel& machine, const nb::list& data, nb::han
 
 // ---- any signals -------------------------------------------------------------------------------------------------
 
-nb::dict run_frf(const Signal& input, const Signal& output, const std::optional<Signal>& excitation, double sample_time,
-                 long window) {
+nb::dict run_frf(const Signal& input, const Signal& output, const std::optional<Signal>& excitation,
+                 nb::handle options_given) {
     constexpr const char* function = "tribode.frf";
-    if (!(sample_time > 0) || !std::isfinite(sample_time) || window < 0) {
-        throw InputError(fmt::format("{}: sample_time_s = {}, window_samples = {}, must be > 0 and ≥ 0", function,
-                                     to_text(sample_time), window));
-    }
+    const Json json = options_of(options_given, function);
+    FieldReader fields(json, function);
+    const double sample_time = fields.number("sample_time_s", "s", Allowed::positive);
+    const long window = fields.integer("window_samples", 0, 1L << 24, 0);
+    fields.finish();
     const auto x = finite_numbers(input, function, "input"), y = finite_numbers(output, function, "output");
     const auto reference = excitation ? finite_numbers(*excitation, function, "excitation") : x;
     if (x.size() != y.size() || x.size() != reference.size()) {
@@ -810,7 +813,7 @@ void add_files(nb::module_& m) {
           "progress"_a.none());
     m.def("identify", run_identify, "machine"_a, "data"_a, "columns"_a.none(), "scale"_a.none(), "options"_a,
           "folder"_a, "workers"_a, "progress"_a.none());
-    m.def("frf", run_frf, "input"_a, "output"_a, "excitation"_a.none(), "sample_time_s"_a, "window_samples"_a);
+    m.def("frf", run_frf, "input"_a, "output"_a, "excitation"_a.none(), "options"_a);
     m.def("spectrum", run_spectrum, "output"_a, "inputs"_a, "options"_a);
     m.def("read_record", read_record_file, "path"_a, "columns"_a.none(), "scale"_a.none());
     m.def("diagnose", run_diagnosis, "machine"_a, "data"_a, "validate"_a.none(), "columns"_a.none(), "scale"_a.none(),

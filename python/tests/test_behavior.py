@@ -268,6 +268,49 @@ def test_fra_of_arrays(table):
     assert error["Proposed"] < 0.1 < error["FRA-1"]
 
 
+def test_identify_of_arrays(tmp_path):
+    """Mass and viscous friction from a log, within four standard errors of the truth, and the files."""
+    truth = tribode.Machine(
+        {"rigid_gain_per_kg": 0.1, "friction": {"viscous": 20}, "encoder_resolution_m": 1e-7, "noise_rms_m": 5e-8}
+    )
+    t = np.arange(4000) * truth.Ts
+    u = np.where(t < 0.02, 0.0, 30 * np.sin(2 * np.pi * 9 * t) + 20 * np.sin(2 * np.pi * 23 * t))
+    y = tribode.simulate(truth, u, seed=1).y
+    start = truth.with_(rigid_gain_per_kg=0.11, friction__viscous=10)
+    found = tribode.identify(start, {"u": u, "y": y}, folder=tmp_path / "found")
+    assert found["converged"] and [one["name"] for one in found["parameters"]] == [
+        "rigid_gain_per_kg",
+        "friction.viscous",
+    ]
+    for one, value in zip(found["parameters"], [0.1, 20]):
+        assert abs(one["value"] - value) < 4 * one["standard_error"] < 0.02 * value
+    assert found["machine"].rigid_gain_per_kg == found["parameters"][0]["value"]
+    assert found["residuals"][0].shape == y.shape and found["residual_rms_m"][0] < 2e-7
+    assert tribode.Machine(tmp_path / "found/machine.json") == found["machine"]
+    assert {path.name for path in (tmp_path / "found").iterdir()} >= {"parameters.csv", "identify.json", "residual.png"}
+
+
+def test_spectrum_and_frf():
+    """A first-order lag under white noise: its response within the bounds, with the coherence that the noise leaves."""
+    random = np.random.default_rng(1)
+    x, y, pole = random.standard_normal(40000), np.zeros(40000), 0.8
+    for k in range(1, x.size):
+        y[k] = pole * y[k - 1] + (1 - pole) * x[k - 1]
+    noisy = y + 0.05 * random.standard_normal(y.size)
+    found = tribode.spectrum(noisy, x, sample_time_s=1e-3, window_samples=512)
+    h1 = found["inputs"][0]["h1"]
+    z = np.exp(2j * np.pi * found["frequency_hz"] * 1e-3)
+    truth = (1 - pole) / (z - pole)
+    error = np.abs(h1.value / truth - 1) / (found["inputs"][0]["std_phase_deg"] * np.pi / 180)
+    assert np.mean(error[5:] < 2.5) > 0.9 and found["coherence"].min() > 0.1
+    assert found["power"].sum() / 512e-3 == pytest.approx(np.var(noisy), rel=0.1)
+    both = tribode.spectrum(noisy, [x, random.standard_normal(x.size)], sample_time_s=1e-3, window_samples=512)
+    assert len(both["inputs"]) == 2 and both["inputs"][1]["coherence"].mean() < 0.05 and "h2" not in both["inputs"][0]
+    response = tribode.frf(x, noisy, sample_time_s=1e-3, window_samples=512)
+    k = np.argmin(np.abs(response["frequency_hz"] - 20))
+    assert abs(response["value"][k] / ((1 - pole) / (np.exp(2j * np.pi * 20e-3) - pole)) - 1) < 0.1
+
+
 def test_options_are_documented():
     """The docstrings have the engine's own tables."""
     assert "relative_tolerance (> 0; default" in tribode.simulate.__doc__

@@ -93,6 +93,11 @@ def test_results_have_the_fields_of_their_types(program, table, reference, tmp_p
     found = tribode.fra(table, {"u": record.u, "y": record.y, "exc": excitation}, methods=["fra1"], delay_s=1.38e-3)
     check(found, "MeasuredResponses")
     check(found["analyses"]["FRA-1"], "FraAnalysis")
+    spectrum = tribode.spectrum(record.y, record.u)
+    check(spectrum, "Spectrum")
+    check(spectrum["inputs"][0], "InputSpectra")
+    start, log = table.with_(friction__viscous=3), {"u": record.u, "y": record.y}
+    check(tribode.identify(start, log, parameters=["friction.viscous"]), "Identified")
     run = tribode.simulate(table.with_(noise_rms_m=1e-8), r=np.tile(reference, 2))
     model = table.with_(noise_rms_m=1e-8)
     check(tribode.diagnose(model, {name: getattr(run, name) for name in "truy"}, max_effects=1), "Diagnosis")

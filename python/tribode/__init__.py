@@ -83,6 +83,13 @@ def _signal(value, function, name):
     return np.ascontiguousarray(array, dtype=np.float64)
 
 
+def _needed_signal(value, function, name):
+    signal = _signal(value, function, name)
+    if signal is None:
+        raise InputError(f"{function}: {name} is missing, must be an array of numbers")
+    return signal
+
+
 def _described(value, array):
     if isinstance(value, np.ndarray):
         return f"an array of {array.dtype}"
@@ -365,11 +372,10 @@ def frf(
     """
     name = "tribode.frf"
     return _tribode.frf(
-        _signal(input, name, "input"),
-        _signal(output, name, "output"),
+        _needed_signal(input, name, "input"),
+        _needed_signal(output, name, "output"),
         _signal(excitation, name, "excitation"),
-        float(sample_time_s),
-        int(window_samples),
+        {"sample_time_s": sample_time_s, "window_samples": window_samples},
     )
 
 
@@ -386,10 +392,13 @@ def spectrum(
     coherence, h1, std_gain_db, std_phase_deg, and of one input h2 and hv.
     """
     name = "tribode.spectrum"
-    one = len(inputs) > 0 and np.ndim(inputs[0]) == 0
-    signals = [inputs] if one else list(inputs)
+    if isinstance(inputs, str) or not hasattr(inputs, "__len__"):
+        raise InputError(f"{name}: inputs is {_described(inputs, None)}, must be an array of numbers or a list of arrays")
+    signals = [inputs] if len(inputs) > 0 and isinstance(inputs[0], (int, float, np.number)) else inputs
     return _tribode.spectrum(
-        _signal(output, name, "output"), [_signal(x, name, f"inputs[{i}]") for i, x in enumerate(signals)], options
+        _needed_signal(output, name, "output"),
+        [_needed_signal(x, name, f"inputs[{i}]") for i, x in enumerate(signals)],
+        options,
     )
 
 
