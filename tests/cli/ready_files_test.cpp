@@ -85,6 +85,7 @@ const std::map<std::string, std::vector<std::string>> results = {
     {"open_question",
      {"amplitudes.csv", "amplitudes.png", "amplitudes.svg", "causes.csv", "causes.png", "causes.svg", "manifest.json",
       "open_question.json", "parameters.png", "parameters.svg", "steps.png", "steps.svg"}},
+    {"open_question_ranges", {"manifest.json", "ranges.csv", "ranges.json", "ranges.png", "ranges.svg", "ranges.txt"}},
     {"friction_compensation",
      {"bode.png",
       "bode.svg",
