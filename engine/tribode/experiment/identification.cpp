@@ -96,7 +96,7 @@ std::vector<Moved> moved_numbers(const MachineModel& machine, std::vector<std::s
             if (how == Match::none) continue;
             found = true;
             if (value == 0) {
-                if (path != pattern) continue;
+                if (usual || path != pattern) continue;
                 throw InputError(fmt::format("{} = 0 is no start of a fit, which moves parameters by factors: give it "
                                              "another value",
                                              path));

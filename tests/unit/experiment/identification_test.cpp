@@ -111,6 +111,21 @@ TEST(Identification, FindsThemInClosedLoopWithoutThrust) {
     expect_truth(found, truth);
 }
 
+// The usual ones are those that are not zero; a delay that the machine has not is none of them.
+TEST(Identification, FitsWhatTheMachineHas) {
+    Json d = description();
+    d.erase("input_delay_s");
+    d["friction"] = {{"viscous", 8.0}};
+    const MachineModel truth = machine_of(d);
+    IdentifyOptions options;
+    options.f_max = 300;
+    const MachineModel start = truth.with_fields(Json::object(), {{"friction.viscous", 0.5}}, "rough");
+    const Identification found = identify(start, {log_of(truth, 5, {"u", "y"})}, {}, options);
+    ASSERT_EQ(found.parameters.size(), 2 + 3 * truth.modes.size());
+    EXPECT_EQ(found.parameters.back().name, "friction.viscous");
+    expect_truth(found, truth);
+}
+
 // Without exact derivatives: a Stribeck curve.
 TEST(Identification, FindsAStribeckCurve) {
     Json d = description();
@@ -121,11 +136,15 @@ TEST(Identification, FindsAStribeckCurve) {
     IdentifyOptions options;
     options.parameters = {"friction.coulomb", "friction.stribeck.static", "friction.stribeck.velocity"};
     options.f_max = 300;
-    const Identification found = identify(start, {log_of(truth, 4, {"u", "y"})}, {}, options, {.workers = 2});
-    for (const auto& parameter : found.parameters) {
-        const double wanted = truth.field(parameter.name).get<double>();
-        EXPECT_LT(std::abs(parameter.value - wanted), 4 * parameter.standard_error) << parameter.name;
-        EXPECT_LT(parameter.standard_error, 0.05 * wanted) << parameter.name;
+    // Also from where both levels are equal: that machine has exact derivatives, those near it have not.
+    const MachineModel level = start.with_fields({{"friction.stribeck.static", start.dry.coulomb}}, Json::object(), "");
+    for (const MachineModel& from : {start, level}) {
+        const Identification found = identify(from, {log_of(truth, 4, {"u", "y"})}, {}, options, {.workers = 2});
+        for (const auto& parameter : found.parameters) {
+            const double wanted = truth.field(parameter.name).get<double>();
+            EXPECT_LT(std::abs(parameter.value - wanted), 4 * parameter.standard_error) << parameter.name;
+            EXPECT_LT(parameter.standard_error, 0.05 * wanted) << parameter.name;
+        }
     }
 }
 
