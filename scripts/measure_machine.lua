@@ -639,7 +639,7 @@ end
 -- What the identified machine, simulated in its loop, leaves of the measured motion at odd lines that are not excited,
 -- relative to the motion at the line below; noise, which differs between the periods, is taken off. A right friction
 -- model leaves -55 dB and less, also where the axis sticks, when a model that is driven by the position cannot know the
--- friction and the response keeps some distortion. One whose force is 4 to 6 % wrong leaves -42 to -48 dB.
+-- friction and the response keeps some distortion. One whose force is 3 to 6 % wrong leaves -42 to -51 dB.
 local function rms_difference(a, b)
   local sum = 0
   for k = 1, #a do sum = sum + (a[k] - b[k]) ^ 2 end
@@ -688,7 +688,7 @@ local function distortion_left()
   return 10 * math.log(median(shares), 10)
 end
 distortion.left = distortion_left()
-local right = distortion.left < -50
+local right = distortion.left < -53
 print(string.format("Odd distortion, median: FRA-1 %.1f dB, response with the friction model %.1f dB, left by the "
   .. "identified machine %.1f dB: the friction model is %s", distortion.fra1, distortion.improved, distortion.left,
   right and "good" or "NOT good, its parameters and damping ratios are doubtful"))
