@@ -98,13 +98,18 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
                    [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.add(u, p[0]); });
     add_input_path(library, input, "gain", {{"gain", 1.01, -infinity, infinity, 1}}, {1},
                    [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.multiply(u, p[0]); });
-    add_input_path(library, input, "dead_zone", {{"width", 0.03 * size, 0, size, size, unit}}, {0},
-                   [](const TermArithmetic& m, Equations&, Term u, const auto& p) {
-                       return m.subtract(u, m.clip(u, m.negate(p[0]), p[0]));
-                   });
-    add_input_path(
-        library, input, "saturation", {{"limit", 0.9 * size, 0.02 * size, 1.2 * size, size, unit}}, {size},
-        [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.clip(u, m.negate(p[0]), p[0]); });
+    // What a narrow dead zone or a high limit changes says little about a wide or a low one: each is looked for from several.
+    for (const double share : {0.03, 0.15, 0.4}) {
+        add_input_path(library, input, "dead_zone", {{"width", share * size, 0, size, size, unit}}, {0},
+                       [](const TermArithmetic& m, Equations&, Term u, const auto& p) {
+                           return m.subtract(u, m.clip(u, m.negate(p[0]), p[0]));
+                       });
+    }
+    for (const double share : {0.9, 0.6, 0.3}) {
+        add_input_path(
+            library, input, "saturation", {{"limit", share * size, 0.02 * size, 1.2 * size, size, unit}}, {size},
+            [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.clip(u, m.negate(p[0]), p[0]); });
+    }
     // size sign(u) (|u|/size)^exponent: a characteristic that bends.
     add_input_path(library, input, "power_law", {{"exponent", 1.05, 0.2, 5, 1}}, {1},
                    [](const TermArithmetic& m, Equations&, Term u, const auto& p) {

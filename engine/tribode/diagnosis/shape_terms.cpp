@@ -11,18 +11,18 @@ namespace {
 
 using Parameter = SystemTerm::Parameter;
 
-// The friction of a tanh ends over this part of the largest velocity.
-constexpr double dry_width = 0.01;
+// The friction of a tanh turns over this part of the largest velocity, and over these at least and at most.
+constexpr double dry_width = 0.03, min_width = 0.003, max_width = 0.3;
 
 // A function of variables times an amplitude: its name, its values over the record, and itself in the graph, of the
-// parameters and constants behind the amplitude.
+// parameters behind the amplitude.
 struct Shape {
     std::string name;
     std::vector<const SystemVariable*> of;
     std::string unit; // of the function; empty: not known
     std::function<double(std::size_t sample)> value;
     std::function<Term(const TermArithmetic&, const std::vector<Term>& w, const std::vector<Term>& p)> term;
-    std::vector<Parameter> parameters = {}, constants = {};
+    std::vector<Parameter> parameters = {};
 };
 
 class Shapes {
@@ -95,7 +95,6 @@ class Shapes {
         }
         made.parameters = {library_.amplitude(*target_, "a", rms, shape.unit)};
         made.parameters.insert(made.parameters.end(), shape.parameters.begin(), shape.parameters.end());
-        made.constants = shape.constants;
         made.apply = [target = *target_, symbols, term = shape.term](Equations& equations, const std::vector<Term>& p) {
             const TermArithmetic m{*equations.graph};
             const Term added = m.multiply(p[0], term(m, symbols, {p.begin() + 1, p.end()}));
@@ -149,7 +148,8 @@ class Shapes {
     }
 
     static Parameter width_of(const SystemVariable& velocity) {
-        return {.name = "width", .start = dry_width * size_of(velocity), .unit = velocity.unit};
+        const double size = size_of(velocity);
+        return {"width", dry_width * size, min_width * size, max_width * size, dry_width * size, velocity.unit};
     }
 
     // Dry friction without its sticking.
@@ -162,7 +162,6 @@ class Shapes {
              [](const TermArithmetic& m, const auto& x, const auto& p) {
                  return m.g.make(Op::tanh, m.divide(x[0], p[0]));
              },
-             {},
              {width_of(velocity)}});
     }
 
@@ -210,7 +209,6 @@ class Shapes {
                      [](const TermArithmetic& m, const auto& x, const auto& p) {
                          return m.multiply(m.g.make(Op::tanh, m.divide(x[0], p[0])), m.abs(x[1]));
                      },
-                     {},
                      {width_of(velocity)}});
                 for (const auto& position : library_.variables) {
                     if (position.name == target_->position) hysteresis(position, &load);

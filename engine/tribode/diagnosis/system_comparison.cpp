@@ -65,6 +65,16 @@ SystemComparison compared(const ModelWithValues& before, const ModelWithValues& 
     return c;
 }
 
+namespace {
+
+// To how many samples of a validation record its start values are fitted.
+std::size_t samples_of_start(const SystemRecord& record) {
+    const auto share = static_cast<std::size_t>(start_share * static_cast<double>(record.size()));
+    return std::min(record.size(), std::max(share, start_samples));
+}
+
+} // namespace
+
 std::vector<double> with_starts(const SystemModel& model, const std::vector<double>& values, const SystemRecord& record,
                                 const std::vector<double>& scale, Interpolation between,
                                 const std::function<bool()>& ended) {
@@ -75,12 +85,52 @@ std::vector<double> with_starts(const SystemModel& model, const std::vector<doub
         starts.equations.parameters[model.parameters[i].place].value = values[i];
     }
     starts.parameters.clear();
-    const auto share = static_cast<std::size_t>(start_share * static_cast<double>(record.size()));
     const std::vector<SystemRecord> records = {record};
-    const SystemFit fit(records, scale, between, {std::min(record.size(), std::max(share, start_samples))});
+    const SystemFit fit(records, scale, between, {samples_of_start(record)});
     const auto result = fit.fit_growing(starts, starts.values(1), 40, ended);
     all.insert(all.end(), result.values.begin(), result.values.end());
     return all;
+}
+
+double prediction_uncertainty(const SystemModel& model, const std::vector<double>& values, const SystemRecord& record,
+                              std::size_t first, const std::vector<double>& scale, Interpolation between,
+                              const Eigen::MatrixXd& covariance, double noise) {
+    const std::vector<SystemRecord> records = {record};
+    const SystemFit fit(records, scale, between, {record.size()});
+    const auto errors = fit.errors(model, values);
+    if (errors.empty()) return 0;
+    const Eigen::MatrixXd all = fit.jacobian(model, values, errors);
+    const auto parameters = static_cast<Eigen::Index>(model.parameters.size()), starts = all.cols() - parameters;
+    Eigen::MatrixXd of_parameters = all.leftCols(parameters);
+    Eigen::MatrixXd by_noise = Eigen::MatrixXd::Zero(all.rows(), starts);
+    // Start values of a record that was fitted from its beginning have their part of the covariance.
+    const bool is_fitted = covariance.cols() == all.cols();
+    if (is_fitted) {
+        of_parameters = all;
+    } else if (starts > 0) {
+        // Start values follow the parameters, to fit the beginning of the record.
+        const auto rows = static_cast<Eigen::Index>(record.size());
+        const auto fitted = static_cast<Eigen::Index>(samples_of_start(record));
+        Eigen::MatrixXd beginning(fitted * static_cast<Eigen::Index>(record.outputs.size()), all.cols());
+        for (Eigen::Index o = 0; o < static_cast<Eigen::Index>(record.outputs.size()); ++o) {
+            beginning.middleRows(o * fitted, fitted) = all.middleRows(o * rows, fitted);
+        }
+        const Eigen::MatrixXd own = beginning.rightCols(starts);
+        const Eigen::MatrixXd inverse = inverse_of_normal(own);
+        by_noise = all.rightCols(starts) * inverse * own.transpose();
+        of_parameters -= by_noise * beginning.leftCols(parameters);
+    }
+    const Eigen::VectorXd variance =
+        (of_parameters * covariance).cwiseProduct(of_parameters).rowwise().sum() +
+        noise * noise * by_noise.rowwise().squaredNorm();
+    double sum = 0, count = 0;
+    for (std::size_t o = 0; o < record.outputs.size(); ++o) {
+        const double unit = record.outputs.size() > 1 ? 1 : scale[o];
+        for (std::size_t k = first; k < record.size(); ++k, ++count) {
+            sum += unit * unit * variance[static_cast<Eigen::Index>(o * record.size() + k)];
+        }
+    }
+    return std::sqrt(std::max(sum, 0.0) / std::max(count, 1.0));
 }
 
 std::string where_the_gap_is(const SystemComparison& comparison, const SystemModel& model) {

@@ -38,4 +38,10 @@ std::vector<double> with_starts(const SystemModel& model, const std::vector<doub
 // One paragraph: how large the gap is without anything added, and where it is largest.
 std::string where_the_gap_is(const SystemComparison& comparison, const SystemModel& model);
 
+// By how much noise of this deviation, relative to the scale, lets a prediction of the record be off, rms, through the values that
+// were fitted: parameters with this covariance, and start values fitted to the beginning of the record. In the unit of the gap.
+double prediction_uncertainty(const SystemModel& model, const std::vector<double>& values, const SystemRecord& record,
+                              std::size_t first, const std::vector<double>& scale, Interpolation between,
+                              const Eigen::MatrixXd& covariance, double noise);
+
 } // namespace tribode

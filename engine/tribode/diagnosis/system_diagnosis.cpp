@@ -33,12 +33,15 @@ constexpr double min_rival = 0.05; // probability worth showing
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
 constexpr double half = 0.5; // of the squared gap, for a partial explanation
+// Of a name: the library may lack the right one. More so where much is left that it does not explain.
+constexpr double most_certain = 0.98, most_certain_of_a_part = 0.75;
 
 // A model on the way from the first one to the last, each with more terms.
 struct Step {
     SystemCandidate candidate;
     std::size_t before = 0; // how many of its terms were there before
     std::vector<std::pair<std::string, double>> rivals;
+    std::vector<std::string> same_as = {};
     std::optional<std::pair<SystemCandidate, SystemCandidate>> nearest =
         {}; // the one taken and the first of its rivals
     double probability = 1;
@@ -144,7 +147,7 @@ class Diagnoser {
                !search.late()) {
             Step& last = steps_.back();
             const SystemCandidate& current = last.candidate;
-            if (is_white(current.fitted) && is_white(current.predicted)) break; // nothing is left to find
+            if (current.is_noise) break; // nothing is left to find
             if (!last.tried) {
                 last.tried = search.next(current);
                 last.first_told = result_.hypotheses.size();
@@ -187,11 +190,12 @@ class Diagnoser {
         }
     }
 
-    // Of those that do about as well as the best, the one with the fewest parameters.
+    // Of those that do about as well as the best, the one with the fewest parameters; where noise decides, the best.
     static std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found,
                                                const std::vector<std::size_t>& passed) {
         if (passed.empty()) return std::nullopt;
         std::size_t best = passed.front();
+        if (found[best].is_noise) return best; // its score has the price of its parameters
         for (const std::size_t i : passed) {
             if (found[i].score() > as_good * found[passed.front()].score()) break;
             if (found[i].model.parameters.size() < found[best].model.parameters.size()) best = i;
@@ -222,7 +226,10 @@ class Diagnoser {
         double own = 0, sum = 0;
         for (const std::size_t i : passed) {
             const double w = std::exp(-independent * std::log(found[i].score() / found[passed.front()].score()));
-            if (speaks_for(found[i])) {
+            if (found[i].equals(best)) {
+                if (i != chosen) step.same_as.push_back(found[i].names_from(begin));
+                own = std::max(own, w);
+            } else if (speaks_for(found[i])) {
                 own = std::max(own, w);
             } else {
                 auto& rival = weight[found[i].names_from(begin)];
@@ -305,16 +312,21 @@ class Diagnoser {
         struct Judged {
             std::vector<double> values, errors;
             std::vector<SystemComparison> validation;
+            std::vector<std::vector<double>> validation_values; // of each comparison
         };
         const auto judged = [&](const SystemCandidate& candidate) {
             const auto result = whole.fit(candidate.model, candidate.values, final_iterations, ended);
-            Judged one{result.errors.empty() ? candidate.values : result.values, result.errors, {}};
+            Judged one{result.errors.empty() ? candidate.values : result.values, result.errors, {}, {}};
             const bool is_first = &candidate == &steps_.front().candidate;
             if (is_first) baseline_values_ = one.values;
-            if (divided_) one.validation.push_back(against_first(*divided_, divided_at_, one.values, 0, candidate));
+            if (divided_) {
+                one.validation.push_back(against_first(*divided_, divided_at_, one.values, 0, candidate));
+                one.validation_values.push_back(candidate.model.values_of(one.values, 0));
+            }
             for (std::size_t v = 0; v < validation_.size(); ++v) {
                 auto values = with_starts(candidate.model, one.values, validation_[v], scale_, between_, ended);
                 if (is_first) baseline_starts_.push_back(values);
+                one.validation_values.push_back(values);
                 one.validation.push_back(compared({steps_.front().candidate.model, baseline_starts_[v]},
                                                   {candidate.model, std::move(values)}, validation_[v], 0, scale_,
                                                   between_));
@@ -360,6 +372,8 @@ class Diagnoser {
         final_values_ = current.values;
         final_errors_ = current.errors;
         result_.validation = std::move(current.validation);
+        result_.prediction_uncertainty =
+            uncertainty_of(steps_.back().candidate.model, whole, current.validation_values);
         const auto& first = steps_.front().candidate;
         const auto& last = steps_.back().candidate;
         result_.before = first.model.with(baseline_values_);
@@ -372,6 +386,36 @@ class Diagnoser {
         result_.validation_gap = total_gap(result_.validation);
         result_.explained = 1 - std::pow(result_.validation_gap.after / result_.validation_gap.before, 2);
         return kept + 1 == all;
+    }
+
+    double uncertainty_of(const SystemModel& model, const SystemFit& whole,
+                          const std::vector<std::vector<double>>& validation_values) const {
+        if (final_errors_.empty() || final_values_.empty()) return 0;
+        double noise = 0, sum = 0, samples = 0;
+        // Of the fitted records, output after output, the white noise in the errors.
+        auto e = final_errors_.begin();
+        for (const auto& record : records_) {
+            for (std::size_t o = 0; o < record.outputs.size(); ++o, e += static_cast<std::ptrdiff_t>(record.size())) {
+                const double own = white_noise({e, e + static_cast<std::ptrdiff_t>(record.size())});
+                noise += own * own * static_cast<double>(record.size());
+                samples += static_cast<double>(record.size());
+            }
+        }
+        noise = std::sqrt(noise / samples);
+        const Eigen::MatrixXd all = whole.covariance(model, final_values_, final_errors_, noise);
+        const auto parameters = static_cast<Eigen::Index>(model.parameters.size()),
+                   first = parameters + static_cast<Eigen::Index>(model.starts.size());
+        samples = 0;
+        for (std::size_t v = 0; v < validation_values.size(); ++v) {
+            const auto& comparison = result_.validation[v];
+            const auto size = divided_ ? first : parameters; // a divided record has start values among the fitted
+            const double own =
+                prediction_uncertainty(model, validation_values[v], comparison.record, comparison.first, scale_,
+                                       between_, all.topLeftCorner(size, size), noise);
+            sum += own * own * static_cast<double>(comparison.samples());
+            samples += static_cast<double>(comparison.samples());
+        }
+        return std::sqrt(sum / std::max(samples, 1.0));
     }
 
     SystemComparison against_first(const SystemRecord& record, std::size_t from, const std::vector<double>& values,
@@ -398,7 +442,8 @@ class Diagnoser {
                                 .equation = last.terms[t].equation,
                                 .expression = last.texts[t],
                                 .probability = step.probability * step.confirmed,
-                                .rivals = step.rivals};
+                                .rivals = step.rivals,
+                                .same_as = step.same_as};
             for (std::size_t p = 0; p < last.terms[t].parameters.size(); ++p, ++place) {
                 const auto value = fitted_value(place);
                 effect.parameters.push_back(value.name);
@@ -427,13 +472,16 @@ class Diagnoser {
     void decide() {
         auto& d = result_;
         const Gap& gap = d.validation_gap;
+        // What noise leaves, also through the values that were fitted.
+        const double floor = std::hypot(gap.floor, d.prediction_uncertainty);
+        const bool is_left = gap.after > little_left * floor;
         if (d.effects.empty()) {
-            d.verdict = gap.before < nothing_left * gap.floor ? "nothing_missing" : "unknown_effect";
+            d.verdict = gap.before < nothing_left * floor ? "nothing_missing" : "unknown_effect";
         } else if (std::any_of(d.effects.begin(), d.effects.end(), [](const SystemEffect& effect) {
                        return !effect.rivals.empty() && effect.probability < 0.5;
                    })) {
             d.verdict = "undecided";
-        } else if (gap.after <= little_left * gap.floor) {
+        } else if (!is_left) {
             d.verdict = "effect_found";
         } else if (d.explained >= half) {
             d.verdict = d.out_of_time ? "undecided" : "partial"; // what was not tried may explain more
@@ -446,8 +494,7 @@ class Diagnoser {
         if (d.verdict != "unknown_effect") d.nearest.reset();
         // The probabilities compare the terms of the library. Where much is left, the right one may not be among them, and a name
         // is no surer than the share that it explains.
-        if (gap.after <= little_left * gap.floor) return;
-        const double share = std::clamp(d.explained, 0.0, 1.0);
+        const double share = is_left ? most_certain_of_a_part * std::clamp(d.explained, 0.0, 1.0) : most_certain;
         for (auto& effect : d.effects) {
             effect.probability *= share;
             for (auto& [name, probability] : effect.rivals) probability *= share;

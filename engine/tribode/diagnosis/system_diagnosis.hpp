@@ -37,6 +37,7 @@ struct SystemEffect {
     std::vector<double> values, standard_errors;
     double probability = 0;
     std::vector<std::pair<std::string, double>> rivals; // kind of term, probability
+    std::vector<std::string> same_as;                   // kinds of terms that are the same in other words
     std::string evidence;
 };
 
@@ -53,6 +54,9 @@ struct SystemDiagnosis {
     std::vector<FittedValue> free; // parameters of the model as it was given, fitted along with the effects
     std::vector<SystemComparison> fitted, validation;
     Gap fitted_gap, validation_gap;
+    // What noise lets the prediction of the validation records be off through the values that were fitted, rms, in the unit
+    // of the gap.
+    double prediction_uncertainty = 0;
     double explained = 0;                                  // share of the squared gap on the validation records
     std::optional<std::pair<std::string, double>> nearest; // what came nearest without being found, share of the gap
     std::optional<SystemExperiment> next_experiment;       // where rivals were not told apart

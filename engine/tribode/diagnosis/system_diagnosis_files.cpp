@@ -33,6 +33,7 @@ Json effect_json(const SystemEffect& effect) {
             {"units", units},
             {"probability", effect.probability},
             {"rivals", rivals},
+            {"same_as", effect.same_as},
             {"evidence", effect.evidence}};
 }
 
@@ -57,6 +58,7 @@ Json system_diagnosis_json(const SystemDiagnosis& d, const std::vector<std::stri
             {"where", d.where},
             {"gap", {{"ident", d.fitted_gap.json()}, {"validate", d.validation_gap.json()}}},
             {"gap_unit", gap_unit(d)},
+            {"prediction_uncertainty", or_null(d.prediction_uncertainty)},
             {"explained", or_null(d.explained)},
             {"nearest", nearest},
             {"next_experiment", d.next_experiment ? Json(d.next_experiment->text) : Json(nullptr)},
@@ -116,6 +118,7 @@ std::string system_diagnosis_text(const SystemDiagnosis& d) {
         for (const auto& [name, probability] : effect.rivals) {
             text += fmt::format("    or {}: {:.2f}\n", name, probability);
         }
+        for (const auto& name : effect.same_as) text += fmt::format("    the same as {}\n", name);
     }
     if (d.next_experiment) text += fmt::format("  next: {}\n", d.next_experiment->text);
     if (d.out_of_time) text += "  the budget of time ended the search\n";

@@ -18,11 +18,11 @@ namespace {
 // Samples of a clock at an even period, from values at instants that may be uneven.
 std::vector<double> resampled(const std::vector<double>& t, const std::vector<double>& values, double period,
                               Interpolation between) {
-    const auto count = static_cast<std::size_t>(std::ceil(t.back() / period * (1 - 1e-12))) + 1;
+    const auto count = static_cast<std::size_t>(std::ceil((t.back() - t.front()) / period * (1 - 1e-12))) + 1;
     std::vector<double> even(count);
     std::size_t i = 0;
     for (std::size_t k = 0; k < count; ++k) {
-        const double now = static_cast<double>(k) * period;
+        const double now = t.front() + static_cast<double>(k) * period;
         while (i + 1 < t.size() && t[i + 1] <= now * (1 + 1e-12)) ++i;
         if (between == Interpolation::hold || i + 1 == t.size()) {
             even[k] = values[i];
@@ -49,22 +49,23 @@ double median_step(const std::vector<double>& t) {
 
 bool is_even(const std::vector<double>& t, double period) {
     for (std::size_t k = 0; k < t.size(); ++k) {
-        if (std::abs(t[k] - static_cast<double>(k) * period) > 1e-3 * period) return false;
+        if (std::abs(t[k] - t.front() - static_cast<double>(k) * period) > 1e-3 * period) return false;
     }
     return true;
 }
 
 } // namespace
 
-SystemRecord SystemRecord::head(std::size_t samples) const {
-    SystemRecord part = *this;
-    samples = std::min(samples, size());
-    part.t.resize(samples);
-    for (auto* lists : {&part.inputs, &part.outputs}) {
-        for (auto& values : *lists) {
-            if (!values.empty()) values.resize(samples);
-        }
-    }
+SystemRecord SystemRecord::part(std::size_t from, std::size_t samples) const {
+    from = std::min(from, size());
+    samples = std::min(samples, size() - from);
+    const auto cut = [&](const std::vector<double>& values) {
+        const auto begin = values.begin() + static_cast<std::ptrdiff_t>(from);
+        return values.empty() ? values : std::vector<double>(begin, begin + static_cast<std::ptrdiff_t>(samples));
+    };
+    SystemRecord part{.source = source, .t = cut(t)};
+    for (const auto& values : inputs) part.inputs.push_back(cut(values));
+    for (const auto& values : outputs) part.outputs.push_back(cut(values));
     return part;
 }
 
@@ -106,6 +107,22 @@ Eigen::MatrixXd basis_of(Eigen::MatrixXd columns) {
     Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(columns);
     qr.setThreshold(1e-6);
     return qr.householderQ() * Eigen::MatrixXd::Identity(columns.rows(), qr.rank());
+}
+
+Eigen::MatrixXd inverse_of_normal(const Eigen::MatrixXd& columns) {
+    Eigen::VectorXd norm = columns.colwise().norm();
+    Eigen::MatrixXd normal = columns.transpose() * columns;
+    for (Eigen::Index i = 0; i < normal.rows(); ++i) {
+        for (Eigen::Index k = 0; k < normal.cols(); ++k) {
+            const double scale = norm[i] * norm[k];
+            normal(i, k) = scale > 0 ? normal(i, k) / scale : (i == k ? 1 : 0);
+        }
+    }
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(normal);
+    const Eigen::VectorXd inverse = parts.eigenvalues().cwiseMax(1e-14).cwiseInverse();
+    const Eigen::VectorXd back = norm.unaryExpr([](double n) { return n > 0 ? 1 / n : 0; });
+    return back.asDiagonal() * parts.eigenvectors() * inverse.asDiagonal() * parts.eigenvectors().transpose() *
+           back.asDiagonal();
 }
 
 Equations deep_copy(const Equations& equations) {
@@ -187,7 +204,7 @@ std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const s
         for (const auto& state : equations.states) state_names.push_back(state.name);
         for (const std::size_t output : model.measured) output_names.push_back(equations.outputs[output].name);
         const std::vector<double> instants(record.t.begin(), record.t.begin() + static_cast<std::ptrdiff_t>(samples));
-        const double period = median_step(record.t);
+        const double begin = record.t.front(), period = median_step(record.t);
         // What is measured at an instant is measured with the input of that instant, which acts from there on.
         const double after = 1e-7 * period;
         const bool even = is_even(record.t, period);
@@ -205,27 +222,29 @@ std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const s
             const auto place = std::find_if(equations.inputs.begin(), equations.inputs.end(),
                                             [&](const auto& one) { return one.symbol == inputs[i].symbol; });
             equations.inputs.erase(place);
-            const InputSamples pieces = input_samples(held, period, 0, between_);
-            connect_samples(equations, inputs[i], pieces, 0);
+            const InputSamples pieces = input_samples(held, period, begin, between_);
+            connect_samples(equations, inputs[i], pieces, begin);
             for (const auto& delayed : delays) {
                 if (delayed.input != inputs[i].symbol) continue;
                 InputSamples later = pieces;
-                later.offset = delayed.delay;
+                later.offset = begin + delayed.delay;
                 // What came before the record is not known: its first value.
                 connect_samples(equations,
                                 {equations.graph->name(delayed.symbol), inputs[i].unit, held.front(), delayed.symbol},
-                                std::move(later), 0);
+                                std::move(later), begin);
             }
         }
         close_contacts(equations);
         const EquationSystem system(std::move(equations));
         SystemRunOptions options;
+        options.start = begin;
         options.end = instants.back() + 2 * after;
         options.output_times = instants;
         for (double& t : options.output_times) t += after;
         options.solver.relative_tolerance = 1e-7;
         options.solver.absolute_tolerance = 1e-9;
-        options.solver.max_steps = 200'000 + 100 * static_cast<long>(samples);
+        // Values far off make equations that take millions of steps; none that is near a measurement does.
+        options.solver.max_steps = 20'000 + 100 * static_cast<long>(samples);
         const SystemRun run = run_system(system, options);
         if (!run.outcome.ok()) return failed(run.outcome.message);
         SystemTrace trace;
@@ -249,16 +268,22 @@ std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const s
 std::vector<double> SystemFit::errors(const SystemModel& model, const std::vector<double>& values) const {
     std::vector<double> all;
     for (std::size_t r = 0; r < records_.size(); ++r) {
-        if (used_[r] == 0) continue;
-        const auto trace = simulate(model, values, r, used_[r]);
-        if (!trace) return {};
-        for (std::size_t o = 0; o < trace->outputs.size(); ++o) {
-            for (std::size_t k = 0; k < used_[r]; ++k) {
-                all.push_back((records_[r].outputs[o][k] - trace->outputs[o][k]) / scale_[o]);
-            }
-        }
+        if (!append_errors(model, values, r, all)) return {};
     }
     return all;
+}
+
+bool SystemFit::append_errors(const SystemModel& model, const std::vector<double>& values, std::size_t r,
+                              std::vector<double>& all) const {
+    if (used_[r] == 0) return true;
+    const auto trace = simulate(model, values, r, used_[r]);
+    if (!trace) return false;
+    for (std::size_t o = 0; o < trace->outputs.size(); ++o) {
+        for (std::size_t k = 0; k < used_[r]; ++k) {
+            all.push_back((records_[r].outputs[o][k] - trace->outputs[o][k]) / scale_[o]);
+        }
+    }
+    return true;
 }
 
 double SystemFit::sum_of_squares(const std::vector<double>& errors) {
@@ -275,7 +300,17 @@ Eigen::MatrixXd SystemFit::jacobian(const SystemModel& model, const std::vector<
     std::vector<double> moved = values, own_steps;
     if (!steps) steps = &own_steps;
     steps->resize(values.size(), 0);
+    std::vector<std::size_t> rows_before(1, 0); // each record
+    for (std::size_t r = 0; r < records_.size(); ++r) {
+        rows_before.push_back(rows_before.back() + (used_[r] == 0 ? 0 : used_[r] * scale_.size()));
+    }
     for (std::size_t i = 0; i < values.size(); ++i) {
+        // A start value concerns one record only.
+        std::size_t first = 0, end = records_.size();
+        if (i >= model.parameters.size()) {
+            first = (i - model.parameters.size()) / model.starts.size();
+            end = first + 1;
+        }
         double scale = std::abs(values[i]), low = -std::numeric_limits<double>::infinity(), high = -low;
         if (i < model.parameters.size()) {
             scale = std::max(scale, model.parameters[i].scale);
@@ -297,20 +332,23 @@ Eigen::MatrixXd SystemFit::jacobian(const SystemModel& model, const std::vector<
                 move = high - values[i] > values[i] - low ? high - values[i] : low - values[i];
             if (move == 0) break;
             moved[i] = values[i] + move;
-            const auto other = this->errors(model, moved);
+            std::vector<double> other;
+            bool runs = true;
+            for (std::size_t r = first; r < end && runs; ++r) runs = append_errors(model, moved, r, other);
             moved[i] = values[i];
-            if (other.size() != errors.size()) { // no simulation there
+            if (!runs) {
                 if (back) step *= 0.01;
                 back = !back;
                 continue;
             }
             double squares = 0;
-            for (Eigen::Index k = 0; k < rows; ++k) {
-                const double difference = errors[static_cast<std::size_t>(k)] - other[static_cast<std::size_t>(k)];
+            for (std::size_t k = 0; k < other.size(); ++k) {
+                const std::size_t row = rows_before[first] + k;
+                const double difference = errors[row] - other[k];
                 squares += difference * difference;
-                matrix(k, static_cast<Eigen::Index>(i)) = difference / move;
+                matrix(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(i)) = difference / move;
             }
-            const double change = std::sqrt(squares / static_cast<double>(std::max<Eigen::Index>(rows, 1)));
+            const double change = std::sqrt(squares / static_cast<double>(std::max<std::size_t>(other.size(), 1)));
             if (change > 0.1 * visible && change < 10 * visible) break;
             const double next =
                 std::min(step * (change > 0 ? std::clamp(visible / change, 1e-4, 1e3) : 1e3), max_step * scale);
@@ -389,32 +427,21 @@ SystemFit::Result SystemFit::fit_growing(const SystemModel& model, std::vector<d
     return fit(model, std::move(start), iterations, ended);
 }
 
+Eigen::MatrixXd SystemFit::covariance(const SystemModel& model, const std::vector<double>& values,
+                                      const std::vector<double>& errors, double noise) const {
+    return inverse_of_normal(jacobian(model, values, errors)) * (noise * noise);
+}
+
 std::vector<double> SystemFit::standard_errors(const SystemModel& model, const std::vector<double>& values,
                                                const std::vector<double>& errors) const {
     std::vector<double> deviation(values.size(), std::numeric_limits<double>::infinity());
     if (errors.empty() || values.empty()) return deviation;
-    const Eigen::MatrixXd j = jacobian(model, values, errors);
-    Eigen::MatrixXd normal = j.transpose() * j;
     const double independent = static_cast<double>(errors.size()) / correlation_length(errors);
     const double variance = sum_of_squares(errors) / std::max(1.0, independent - static_cast<double>(values.size()));
-    // Scaled, since values may be of any unit.
-    const Eigen::VectorXd diagonal = normal.diagonal();
-    for (Eigen::Index i = 0; i < normal.rows(); ++i) {
-        for (Eigen::Index k = 0; k < normal.cols(); ++k) {
-            const double norm = std::sqrt(diagonal[i] * diagonal[k]);
-            normal(i, k) = norm > 0 ? normal(i, k) / norm : (i == k ? 1 : 0);
-        }
-    }
-    // Directions that the errors do not tell are left, with a deviation that says so.
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(normal);
-    for (Eigen::Index i = 0; i < normal.rows(); ++i) {
-        if (!(diagonal[i] > 0)) continue;
-        double inverse = 0;
-        for (Eigen::Index k = 0; k < normal.rows(); ++k) {
-            const double share = parts.eigenvectors()(i, k);
-            inverse += share * share / std::max(parts.eigenvalues()[k], 1e-14);
-        }
-        deviation[static_cast<std::size_t>(i)] = std::sqrt(variance * inverse / diagonal[i]);
+    const Eigen::MatrixXd matrix = covariance(model, values, errors, std::sqrt(variance));
+    for (std::size_t i = 0; i < deviation.size(); ++i) {
+        const double own = matrix(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i));
+        if (own > 0) deviation[i] = std::sqrt(own);
     }
     return deviation;
 }

@@ -12,7 +12,7 @@
 
 namespace tribode {
 
-// A measured record of a system of equations. Its time begins at zero.
+// A measured record of a system of equations.
 struct SystemRecord {
     std::string source;
     std::vector<double> t;                    // [s], ascending; of a system without states the number of the row
@@ -20,7 +20,8 @@ struct SystemRecord {
     std::vector<std::vector<double>> outputs; // of each measured output
 
     std::size_t size() const { return t.size(); }
-    SystemRecord head(std::size_t samples) const; // its first samples
+    SystemRecord head(std::size_t samples) const { return part(0, samples); } // its first samples
+    SystemRecord part(std::size_t from, std::size_t samples) const;           // at the instants that they have
 };
 
 // Equations of which some values may move: parameters, the same for all records, and start values, which each record has
@@ -48,6 +49,10 @@ struct SystemModel {
 
 // Orthonormal, of all that the columns can do; columns that others nearly make up count for nothing.
 Eigen::MatrixXd basis_of(Eigen::MatrixXd columns);
+
+// (columns^T columns)^-1, whatever the units of the columns. Zero for a column that is zero; directions that they hardly tell apart
+// have large values.
+Eigen::MatrixXd inverse_of_normal(const Eigen::MatrixXd& columns);
 
 // A copy whose graph of expressions is its own, so that several threads may extend copies.
 Equations deep_copy(const Equations& equations);
@@ -100,12 +105,20 @@ class SystemFit {
     Result fit_growing(const SystemModel& model, std::vector<double> start, int iterations,
                        const std::function<bool()>& ended) const;
 
+    // Of the values, relative to one another, where the errors are white noise of this deviation. Directions that the errors do not
+    // tell have large ones.
+    Eigen::MatrixXd covariance(const SystemModel& model, const std::vector<double>& values,
+                               const std::vector<double>& errors, double noise) const;
     // Of the values, all that the errors leave open: they are no white noise, so as many samples count as are independent of
     // one another. Infinite where the record does not tell. `errors`: at the values.
     std::vector<double> standard_errors(const SystemModel& model, const std::vector<double>& values,
                                         const std::vector<double>& errors) const;
 
   private:
+    // Those of one record go behind `all`. False where the run fails.
+    bool append_errors(const SystemModel& model, const std::vector<double>& values, std::size_t r,
+                       std::vector<double>& all) const;
+
     const std::vector<SystemRecord>& records_;
     std::vector<double> scale_;
     Interpolation between_;

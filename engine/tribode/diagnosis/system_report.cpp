@@ -148,6 +148,9 @@ ReportSection what_is_missing(const SystemDiagnosis& d) {
                 value_row(effect.parameters[i], effect.values[i], effect.standard_errors[i], effect.units[i]));
         }
         what.blocks.push_back(table);
+        if (!effect.same_as.empty()) {
+            what.blocks.push_back(Paragraph{fmt::format("The same in other words: {}.", fmt::join(effect.same_as, "; "))});
+        }
         if (effect.rivals.empty()) {
             what.blocks.push_back(
                 Paragraph{fmt::format("Probability {:.2f}; nothing else comes near.", effect.probability)});

@@ -17,6 +17,7 @@ constexpr double min_of_pair = 1.2;    // times what the better one explains alo
 constexpr std::size_t max_pairs = 60;
 constexpr double too_large = 10;   // an effect of a probe, times the errors
 constexpr int max_probe_sizes = 4; // to make it smaller
+constexpr double told_apart = 1e-3; // of the effect of a probe, beside what free values can do; less is rounding
 
 class Screen {
   public:
@@ -64,7 +65,11 @@ class Screen {
                     share *= 0.3 / excess;
                     continue;
                 }
-                effect_[i].col(static_cast<Eigen::Index>(a)) = rest(moved) / share;
+                // What free values do as well is not told apart from them.
+                const Eigen::VectorXd left = rest(moved);
+                if (left.norm() > told_apart * moved.norm()) {
+                    effect_[i].col(static_cast<Eigen::Index>(a)) = left / share;
+                }
                 break;
             }
         }

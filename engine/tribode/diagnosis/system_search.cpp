@@ -1,11 +1,13 @@
 #include "tribode/diagnosis/system_search.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/diagnosis/prediction_statistics.hpp"
+#include "tribode/diagnosis/segments.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
 #include <map>
+#include <numeric>
 #include <set>
 
 namespace tribode {
@@ -17,11 +19,17 @@ constexpr double fitted_share = 0.7;
 // How many hypotheses are fitted: the best of all, the best of each name, and pairs, of which some are of terms with one
 // parameter each: richer ones explain more to first order, whatever is missing.
 constexpr std::size_t fitted_singles = 8, fitted_of_a_kind = 2, fitted_pairs = 5, fitted_plain_pairs = 5;
+// Over segments: how many of the best are then fitted to the records.
+constexpr std::size_t followed_terms = 6;
+constexpr int segment_iterations = 8;
 // A second term is sought beside so many single terms that fit best, and as many of those with one parameter; so many of each
 // are fitted.
 constexpr std::size_t deepened_singles = 2, fitted_seconds = 4;
 constexpr double negligible = 0.02; // of what the best single term explains to first order
-constexpr int iterations = 20;
+// Iterations of a fit at first, of the best and of those that begin anew, and of those that come near the noise; and how many go on.
+constexpr int first_iterations = 6, iterations = 20, last_iterations = 60;
+constexpr std::size_t gone_on = 12, grown = 10, polished = 4;
+constexpr double near_noise = 2; // rms over it
 // Far from where a term was screened its effect may be another: its amplitudes begin with the first of these shares at which
 // the error is no larger than without it.
 constexpr double begun[] = {1, 0.25, 0.05, 0.01};
@@ -48,10 +56,26 @@ std::string SystemCandidate::names_from(std::size_t term) const {
     return names;
 }
 
+bool SystemCandidate::equals(const SystemCandidate& other) const {
+    constexpr double alike = 1e-3; // of the errors, rms
+    const auto differ = [](const std::vector<double>& a, const std::vector<double>& b) {
+        double sum = a.size() == b.size() ? 0 : std::numeric_limits<double>::infinity();
+        for (std::size_t k = 0; k < std::min(a.size(), b.size()); ++k) sum += (a[k] - b[k]) * (a[k] - b[k]);
+        return sum > alike * alike * SystemFit::sum_of_squares(a);
+    };
+    return model.parameters.size() == other.model.parameters.size() && !differ(fitted, other.fitted) &&
+           !differ(predicted, other.predicted);
+}
+
 double SystemCandidate::score() const {
     if (fitted.empty() || predicted.empty()) return std::numeric_limits<double>::infinity();
     std::size_t parameters = 0;
     for (const auto& term : terms) parameters += term.parameters.size();
+    if (is_noise) {
+        const double samples = static_cast<double>(fitted.size() + predicted.size());
+        return std::sqrt((SystemFit::sum_of_squares(fitted) + SystemFit::sum_of_squares(predicted)) / samples *
+                         std::exp(static_cast<double>(parameters) * std::log(samples) / samples));
+    }
     const double independent = static_cast<double>(fitted.size()) / correlation_length(fitted);
     const double taken = 1 + 2 * static_cast<double>(parameters) / std::max(independent, 1.0);
     return std::sqrt((taken * SystemFit::sum_of_squares(fitted) + SystemFit::sum_of_squares(predicted)) /
@@ -81,7 +105,30 @@ bool SystemSearch::fit(SystemCandidate& candidate, int steps, bool growing) cons
     candidate.values = result.values;
     candidate.fitted = result.errors;
     candidate.predicted = predicted(candidate.model, candidate.values);
+    candidate.is_noise = false;
+    if (is_white(candidate.fitted)) fit_whole(candidate, steps);
     return !candidate.predicted.empty();
+}
+
+void SystemSearch::fit_whole(SystemCandidate& candidate, int steps) const {
+    const auto ended = [this] { return late(); };
+    SystemCandidate whole = candidate;
+    // Where a motion is unstable, errors of values grow along it: the part that is fitted grows with care.
+    for (const double share : {0.85, 1.0}) {
+        std::vector<std::size_t> used;
+        for (const auto& record : records_) {
+            used.push_back(static_cast<std::size_t>(std::ceil(share * static_cast<double>(record.size()))));
+        }
+        const auto result = SystemFit(records_, scale_, between_, used).fit(whole.model, whole.values, steps, ended);
+        if (result.errors.empty() || late()) return;
+        whole.values = result.values;
+        if (!is_white(result.errors)) return;
+    }
+    whole.fitted = fit_of_first_part().errors(whole.model, whole.values);
+    whole.predicted = predicted(whole.model, whole.values);
+    if (whole.fitted.empty() || whole.predicted.empty()) return;
+    whole.is_noise = true;
+    candidate = std::move(whole);
 }
 
 // The errors over what was not fitted, simulated on from the beginning of each record; empty where that fails.
@@ -204,14 +251,71 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
     }
     auto found = fitted(list, terms);
     // Where one leaves nothing but noise, a second one has nothing to explain.
-    const bool is_enough = std::any_of(found.begin(), found.end(), [](const SystemCandidate& one) {
-        return is_white(one.fitted) && is_white(one.predicted);
-    });
-    auto seconds = is_enough ? std::vector<SystemCandidate>{} : fitted(deepened(current, found, terms), terms);
-    found.insert(found.end(), std::make_move_iterator(seconds.begin()), std::make_move_iterator(seconds.end()));
+    const auto is_enough = [&] {
+        return std::any_of(found.begin(), found.end(), [](const auto& one) { return one.is_noise; });
+    };
+    const auto add = [&](std::vector<SystemCandidate> more) {
+        found.insert(found.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
+    };
+    if (!is_enough()) add(followed(current));
+    if (!is_enough()) add(fitted(deepened(current, found, terms), terms));
     std::stable_sort(found.begin(), found.end(),
                      [](const SystemCandidate& a, const SystemCandidate& b) { return a.score() < b.score(); });
     return found;
+}
+
+std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& current) const {
+    const SystemFit fit_first = fit_of_first_part();
+    const auto segments = segmented(current.model, current.values, fit_first, late_);
+    if (!segments || late()) return {};
+    const SystemFit fit_segments = segments->fit(scale_, between_);
+    std::vector<SystemTrace> traces;
+    for (std::size_t r = 0; r < segments->records.size(); ++r) {
+        auto trace = fit_segments.simulate(segments->model, segments->values, r, segments->records[r].size());
+        if (!trace) return {};
+        traces.push_back(std::move(*trace));
+    }
+    const std::size_t states = first_.equations.states.size();
+    const SystemModel model = segments->model.with(segments->values);
+    const auto terms = system_terms(model, states, fit_segments, variables_of(model, states, fit_segments, traces),
+                                    segments->errors);
+    const auto some = chosen(screened_terms(segments->model, segments->values, segments->errors, terms, fit_segments,
+                                            control_, late_),
+                             terms);
+    std::vector<Hypothesis> list(some.size());
+    std::vector<double> sums(some.size(), std::numeric_limits<double>::infinity());
+    for_each_index(some.size(), control_, fmt::format("fitting {} hypotheses to segments", some.size()),
+                   [&](std::size_t c) {
+                       if (late()) return;
+                       SystemModel more = segments->model;
+                       std::vector<double> values = segments->values;
+                       for (std::size_t i = 0; i < some[c].terms.size(); ++i) {
+                           values = more_values(more, values, some[c].starts[i]);
+                           more = extended(more, terms[some[c].terms[i]], some[c].starts[i]);
+                       }
+                       const auto result = fit_segments.fit(more, values, segment_iterations, late_);
+                       if (result.errors.empty()) return;
+                       sums[c] = result.sum;
+                       Hypothesis& one = list[c];
+                       one = {current, some[c], true};
+                       const std::size_t own = current.model.parameters.size();
+                       auto place = result.values.begin() + static_cast<std::ptrdiff_t>(own);
+                       for (auto& starts : one.terms.starts) {
+                           std::copy_n(place, starts.size(), starts.begin());
+                           place += static_cast<std::ptrdiff_t>(starts.size());
+                       }
+                       one.from.values = segments->whole(current.model, result.values);
+                       one.from.values.erase(one.from.values.begin() + static_cast<std::ptrdiff_t>(own),
+                                             one.from.values.begin() + (place - result.values.begin()));
+                   });
+    std::vector<std::size_t> order;
+    for (std::size_t c = 0; c < list.size(); ++c) {
+        if (std::isfinite(sums[c])) order.push_back(c);
+    }
+    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return sums[a] < sums[b]; });
+    std::vector<Hypothesis> best;
+    for (std::size_t n = 0; n < std::min(order.size(), followed_terms); ++n) best.push_back(std::move(list[order[n]]));
+    return fitted(best, terms);
 }
 
 std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandidate& current,
@@ -252,49 +356,91 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
     return list;
 }
 
+SystemCandidate SystemSearch::started(const Hypothesis& hypothesis, const std::vector<SystemTerm>& terms) const {
+    const SystemCandidate& from = hypothesis.from;
+    const ScreenedTerms& added = hypothesis.terms;
+    SystemCandidate candidate{.model = from.model, .values = {}, .terms = from.terms, .texts = from.texts};
+    for (std::size_t i = 0; i < added.terms.size(); ++i) {
+        std::string text;
+        candidate.model = extended(candidate.model, terms[added.terms[i]], added.starts[i], &text);
+        candidate.terms.push_back(terms[added.terms[i]]);
+        candidate.texts.push_back(text);
+    }
+    const SystemFit fit_first = fit_of_first_part();
+    const double before = SystemFit::sum_of_squares(from.fitted);
+    for (const double share : begun) {
+        if (hypothesis.is_followed && share < 1) break;
+        candidate.values = from.values;
+        for (std::size_t i = 0; i < added.terms.size(); ++i) {
+            const SystemTerm& term = terms[added.terms[i]];
+            std::vector<double> own = added.starts[i];
+            for (std::size_t p = 0; p < term.amplitudes; ++p) {
+                own[p] = term.neutral[p] + share * (own[p] - term.neutral[p]);
+            }
+            candidate.values.insert(candidate.values.begin() +
+                                        static_cast<std::ptrdiff_t>(candidate.values.size() - from.values.size() +
+                                                                    from.model.parameters.size()),
+                                    own.begin(), own.end());
+        }
+        const double sum = SystemFit::sum_of_squares(fit_first.errors(candidate.model, candidate.values));
+        if (late() || sum <= before) break;
+    }
+    return candidate;
+}
+
 std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>& list,
                                                   const std::vector<SystemTerm>& terms) const {
-    const SystemFit fit_first = fit_of_first_part();
-    std::vector<SystemCandidate> found(list.size());
-    for_each_index(list.size(), control_, fmt::format("fitting {} hypotheses", list.size()), [&](std::size_t c) {
-        if (late()) return;
-        const SystemCandidate& from = list[c].from;
-        const ScreenedTerms& added = list[c].terms;
-        SystemCandidate candidate{.model = from.model, .values = {}, .terms = from.terms, .texts = from.texts};
-        for (std::size_t i = 0; i < added.terms.size(); ++i) {
-            std::string text;
-            candidate.model = extended(candidate.model, terms[added.terms[i]], added.starts[i], &text);
-            candidate.terms.push_back(terms[added.terms[i]]);
-            candidate.texts.push_back(text);
-        }
-        const double before = SystemFit::sum_of_squares(from.fitted);
-        for (const double share : begun) {
-            candidate.values = from.values;
-            for (std::size_t i = 0; i < added.terms.size(); ++i) {
-                const SystemTerm& term = terms[added.terms[i]];
-                std::vector<double> own = added.starts[i];
-                for (std::size_t p = 0; p < term.amplitudes; ++p) {
-                    own[p] = term.neutral[p] + share * (own[p] - term.neutral[p]);
-                }
-                candidate.values.insert(candidate.values.begin() +
-                                            static_cast<std::ptrdiff_t>(candidate.values.size() - from.values.size() +
-                                                                        from.model.parameters.size()),
-                                        own.begin(), own.end());
-            }
-            const double sum = SystemFit::sum_of_squares(fit_first.errors(candidate.model, candidate.values));
-            if (late() || sum <= before) break;
-        }
-        SystemCandidate grown = candidate;
-        bool fits = fit(candidate, iterations);
-        const bool short_of_promise =
-            !fits || SystemFit::sum_of_squares(candidate.fitted) > before * (1 - kept_promise * added.explained);
-        if (short_of_promise && added.explained > worth_growing && !late() && fit(grown, iterations, true) &&
-            (!fits || SystemFit::sum_of_squares(grown.fitted) < SystemFit::sum_of_squares(candidate.fitted))) {
-            candidate = std::move(grown);
-            fits = true;
-        }
-        if (fits) found[c] = std::move(candidate);
+    std::vector<SystemCandidate> start(list.size()), found(list.size());
+    const auto sum = [&](std::size_t c) { return SystemFit::sum_of_squares(found[c].fitted); };
+    const auto fit_each = [&](const std::vector<std::size_t>& some, const std::string& what, const auto& one) {
+        for_each_index(some.size(), control_, fmt::format("{} {} hypotheses", what, some.size()),
+                       [&](std::size_t n) { if (!late()) one(some[n]); });
+    };
+    const auto improve = [&](std::size_t c, SystemCandidate other, int steps, bool growing) {
+        if (fit(other, steps, growing) && SystemFit::sum_of_squares(other.fitted) < sum(c)) found[c] = std::move(other);
+    };
+    const auto best_of = [&](std::vector<std::size_t> some, std::size_t count) {
+        std::stable_sort(some.begin(), some.end(), [&](std::size_t a, std::size_t b) { return sum(a) < sum(b); });
+        some.resize(std::min(count, some.size()));
+        return some;
+    };
+    // A few iterations of each show most of what it can do.
+    std::vector<std::size_t> all(list.size());
+    std::iota(all.begin(), all.end(), std::size_t{0});
+    fit_each(all, "fitting", [&](std::size_t c) {
+        start[c] = started(list[c], terms);
+        if (!late()) improve(c, start[c], first_iterations, false);
     });
+    // The best go on. Of the others those of which screening promised most, and which fell short of it, begin anew.
+    const auto go_on = best_of(all, gone_on);
+    std::vector<std::size_t> begin_anew;
+    for (const std::size_t c : all) {
+        const double before = SystemFit::sum_of_squares(list[c].from.fitted);
+        const double promised = list[c].terms.explained;
+        const bool is_short = sum(c) > before * (1 - kept_promise * promised) && promised > worth_growing;
+        if (list[c].is_followed || is_short) begin_anew.push_back(c);
+    }
+    std::stable_sort(begin_anew.begin(), begin_anew.end(), [&](std::size_t a, std::size_t b) {
+        return std::pair(!list[a].is_followed, -list[a].terms.explained) <
+               std::pair(!list[b].is_followed, -list[b].terms.explained);
+    });
+    begin_anew.resize(std::min(begin_anew.size(), grown));
+    fit_each(begin_anew, "fitting growing records to", [&](std::size_t c) { improve(c, start[c], iterations, true); });
+    fit_each(go_on, "fitting the best", [&](std::size_t c) {
+        if (!found[c].is_noise && !found[c].predicted.empty()) improve(c, found[c], iterations, false);
+    });
+    // What comes near the noise is followed to its minimum: whether it reaches the noise decides more than anything else.
+    double noise = std::numeric_limits<double>::infinity();
+    for (const auto& one : found) {
+        if (!one.fitted.empty()) noise = std::min(noise, white_noise(one.fitted));
+    }
+    std::vector<std::size_t> near;
+    for (const std::size_t c : best_of(all, polished)) {
+        if (!found[c].predicted.empty() && !found[c].is_noise && rms_of_errors(found[c].fitted) < near_noise * noise) {
+            near.push_back(c);
+        }
+    }
+    fit_each(near, "fitting to the end", [&](std::size_t c) { improve(c, found[c], last_iterations, false); });
     std::erase_if(found, [](const SystemCandidate& c) { return c.predicted.empty(); });
     return found;
 }

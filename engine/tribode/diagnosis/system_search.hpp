@@ -16,10 +16,16 @@ struct SystemCandidate {
     std::vector<std::string> texts;
     std::vector<double> fitted;    // errors over the fitted part
     std::vector<double> predicted; // over the rest
+    // Whether the fitted part leaves nothing but white noise, and the whole records, to which it is fitted then, too. What
+    // it would predict beyond them is off by what its values are, and not by what it lacks.
+    bool is_noise = false;
+
+    // The same model in other words, as a constant in a derivative and an offset of the input.
+    bool equals(const SystemCandidate& other) const;
 
     std::string names_from(std::size_t term) const; // "overflow in der(x1) of x1 and lag in input u"
     // What its errors would be on other records of this kind, rms: predicted errors as they are, fitted ones with what the
-    // parameters take out of them.
+    // parameters take out of them. Where all are fitted, by the Bayesian information criterion [Schwarz 1978].
     double score() const;
 };
 
@@ -39,7 +45,7 @@ class SystemSearch {
 
     // Fits of the likeliest terms and pairs of terms beside those of `current`, the best score first. To the best of the single
     // terms, screened again where each was fitted, a second one is sought: two terms that both move the free values far
-    // show to first order only beside each other.
+    // show to first order only beside each other. Where none leaves noise alone, terms are also sought over segments of the records.
     std::vector<SystemCandidate> next(const SystemCandidate& current) const;
 
     // Without the terms that others make unnecessary. The first `kept` terms stay.
@@ -53,16 +59,20 @@ class SystemSearch {
   private:
     struct Hypothesis {
         SystemCandidate from;
-        ScreenedTerms terms; // beside those of `from`
+        ScreenedTerms terms;      // beside those of `from`
+        bool is_followed = false; // its values are those of a fit to segments
     };
 
     std::vector<Interpolation> ways() const;
     SystemFit fit_of_first_part() const { return {records_, scale_, between_, used_}; }
     bool fit(SystemCandidate& candidate, int iterations, bool growing = false) const;
+    void fit_whole(SystemCandidate& candidate, int iterations) const; // where white noise is all that is left then
+    SystemCandidate started(const Hypothesis& hypothesis, const std::vector<SystemTerm>& terms) const;
     std::vector<SystemCandidate> fitted(const std::vector<Hypothesis>& list,
                                         const std::vector<SystemTerm>& terms) const;
     std::vector<Hypothesis> deepened(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
                                      const std::vector<SystemTerm>& terms) const;
+    std::vector<SystemCandidate> followed(const SystemCandidate& current) const;
     std::vector<double> predicted(const SystemModel& model, const std::vector<double>& values) const;
     std::vector<ScreenedTerms> chosen(const Screening& screening, const std::vector<SystemTerm>& terms) const;
 
