@@ -23,13 +23,14 @@ struct Shape {
     std::function<double(std::size_t sample)> value;
     std::function<Term(const TermArithmetic&, const std::vector<Term>& w, const std::vector<Term>& p)> term;
     std::vector<Parameter> parameters = {};
+    std::string text = {}; // of what has no name
 };
 
 class Shapes {
   public:
     explicit Shapes(TermLibrary& library) : library_(library) {}
 
-    void add_all() {
+    void add_all(bool with_nameless) {
         for (const TermTarget& target : library_.targets) {
             target_ = &target;
             add({physical("constant", ""),
@@ -47,6 +48,9 @@ class Shapes {
             for (std::size_t i = 0; i < library_.variables.size(); ++i) {
                 for (std::size_t j = i + 1; j < library_.variables.size(); ++j) {
                     product(library_.variables[i], library_.variables[j]);
+                    if (!with_nameless) continue;
+                    nameless(library_.variables[i], library_.variables[j]);
+                    nameless(library_.variables[j], library_.variables[i]);
                 }
             }
             load_dependent_friction();
@@ -93,6 +97,7 @@ class Shapes {
             made.of += (made.of.empty() ? "" : " ") + variable->name;
             symbols.push_back(variable->symbol);
         }
+        if (!shape.text.empty()) made.of = shape.text;
         made.parameters = {library_.amplitude(*target_, "a", rms, shape.unit)};
         made.parameters.insert(made.parameters.end(), shape.parameters.begin(), shape.parameters.end());
         made.apply = [target = *target_, symbols, term = shape.term](Equations& equations, const std::vector<Term>& p) {
@@ -246,6 +251,49 @@ class Shapes {
              [](const TermArithmetic& m, const auto& x, const auto&) { return m.multiply(x[0], x[1]); }});
     }
 
+    // Products of a function of one variable with another one: what a formula is made of where no name fits.
+    void nameless(const SystemVariable& one, const SystemVariable& other) {
+        const auto unit = [&](const char* power) {
+            return one.unit.empty() || other.unit.empty() ? "" : fmt::format("({}){}*({})", one.unit, power, other.unit);
+        };
+        add({.name = "term",
+             .of = {&one, &other},
+             .unit = unit("^2"),
+             .value = [&](std::size_t k) { return one.values[k] * one.values[k] * other.values[k]; },
+             .term = [](const TermArithmetic& m, const auto& x, const auto&) {
+                 return m.multiply(m.multiply(x[0], x[0]), x[1]);
+             },
+             .text = fmt::format("{}^2 {}", one.name, other.name)});
+        if (!changes_sign(one)) return;
+        add({.name = "term",
+             .of = {&one, &other},
+             .unit = unit(""),
+             .value = [&](std::size_t k) { return std::abs(one.values[k]) * other.values[k]; },
+             .term = [](const TermArithmetic& m, const auto& x, const auto&) { return m.multiply(m.abs(x[0]), x[1]); },
+             .text = fmt::format("abs({}) {}", one.name, other.name)});
+        const Parameter width = width_of(one);
+        const double start = 10 * width.start;
+        add({.name = "term",
+             .of = {&one, &other},
+             .unit = other.unit,
+             .value = [&, start](std::size_t k) { return std::tanh(one.values[k] / start) * other.values[k]; },
+             .term = [](const TermArithmetic& m, const auto& x, const auto& p) {
+                 return m.multiply(m.g.make(Op::tanh, m.divide(x[0], p[0])), x[1]);
+             },
+             .parameters = {{"width", start, width.low, 10 * width.high, width.scale, width.unit}},
+             .text = fmt::format("tanh({}) {}", one.name, other.name)});
+        const double level = lower_quantile(one.values, 0.5), span = one.high - one.low;
+        add({.name = "term",
+             .of = {&one, &other},
+             .unit = unit(""),
+             .value = [&, level](std::size_t k) { return std::max(one.values[k] - level, 0.0) * other.values[k]; },
+             .term = [](const TermArithmetic& m, const auto& x, const auto& p) {
+                 return m.multiply(m.positive(m.subtract(x[0], p[0])), x[1]);
+             },
+             .parameters = {{"level", level, one.low - 0.5 * span, one.high + 0.5 * span, span, one.unit}},
+             .text = fmt::format("max({} - level, 0) {}", one.name, other.name)});
+    }
+
     // A force that follows the direction of motion over a distance [Dahl 1968]: der(z) = (rate - |rate| z)/distance. With a
     // load, in proportion to it.
     void hysteresis(const SystemVariable& variable, const SystemVariable* load) {
@@ -297,6 +345,6 @@ class Shapes {
 
 } // namespace
 
-void add_shapes(TermLibrary& library) { Shapes(library).add_all(); }
+void add_shapes(TermLibrary& library, bool with_nameless) { Shapes(library).add_all(with_nameless); }
 
 } // namespace tribode

@@ -161,7 +161,7 @@ class Diagnoser {
                 gains.push_back(1 - rms_of_errors(found[i].predicted) / rms_of_errors(current.predicted));
                 certainties.push_back(probability_of_gain(current.predicted, found[i].predicted));
                 if (gains[i] > min_gain && certainties[i] > sure_enough && found[i].score() < current.score() &&
-                    !refused(found[i])) {
+                    !is_too_rich(found[i]) && !refused(found[i])) {
                     passed.push_back(i);
                 }
             }
@@ -255,6 +255,11 @@ class Diagnoser {
         return names;
     }
 
+    bool is_too_rich(const SystemCandidate& candidate) const {
+        const auto names = kinds_of(candidate);
+        return std::set(names.begin(), names.end()).size() > options_.max_effects;
+    }
+
     void tell(const Step& step, const std::vector<double>& gains, const std::vector<double>& certainties,
               std::optional<std::size_t> chosen) {
         const auto& current = step.candidate;
@@ -276,6 +281,8 @@ class Diagnoser {
                 one.lost = fmt::format("predicts better with a probability of only {:.2f}", certainties[i]);
             } else if (const Refusal* refusal = refused(found[i])) {
                 one.lost = refusal->why;
+            } else if (is_too_rich(found[i])) {
+                one.lost = fmt::format("has more than {} kinds of terms", options_.max_effects);
             } else if (!chosen) {
                 one.lost = "its parameters cost more than it gains";
             } else {

@@ -15,6 +15,8 @@ constexpr std::size_t max_rows = 4000; // of the errors: of more, some are left 
 constexpr double min_share = 1e-3;     // of the squared errors, for a term to be worth a fit
 constexpr double min_of_pair = 1.2;    // times what the better one explains alone
 constexpr std::size_t max_pairs = 60;
+constexpr std::size_t terms_of_sum = 3;
+constexpr double rest_of_sum = 0.7; // of what two of them leave: as much as three may leave
 constexpr double too_large = 10;   // an effect of a probe, times the errors
 constexpr int max_probe_sizes = 4; // to make it smaller
 constexpr double told_apart = 1e-3; // of the effect of a probe, beside what free values can do; less is rounding
@@ -123,6 +125,49 @@ class Screen {
         return found;
     }
 
+    // After singles().
+    std::vector<ScreenedTerms> sums() const {
+        std::map<std::string, std::vector<std::size_t>> of; // each derivative and output: the best term of each kind
+        for (const std::size_t i : best_of_each_kind()) of[terms_[i].equation].push_back(i);
+        std::vector<ScreenedTerms> found;
+        for (const auto& [equation, some] : of) {
+            std::vector<std::size_t> taken;
+            Eigen::MatrixXd columns(error_.size(), 0);
+            Eigen::VectorXd coefficients;
+            double explained = 0, of_two = 0;
+            for (std::size_t n = 0; n < terms_of_sum && n < some.size(); ++n) {
+                std::size_t best = some.size();
+                Eigen::MatrixXd with_best;
+                of_two = explained;
+                for (std::size_t i = 0; i < some.size(); ++i) {
+                    if (std::find(taken.begin(), taken.end(), some[i]) != taken.end()) continue;
+                    Eigen::MatrixXd with(columns.rows(), columns.cols() + effect_[some[i]].cols());
+                    with << columns, effect_[some[i]];
+                    const double now = solved(with, coefficients);
+                    if (now <= explained) continue;
+                    explained = now;
+                    best = i;
+                    with_best = std::move(with);
+                }
+                if (best == some.size()) break;
+                taken.push_back(some[best]);
+                columns = std::move(with_best);
+            }
+            const double all = open_.squaredNorm();
+            if (taken.size() < terms_of_sum || all - explained > rest_of_sum * (all - of_two)) continue;
+            solved(columns, coefficients);
+            ScreenedTerms sum{.terms = taken, .starts = {}, .explained = share(explained)};
+            Eigen::Index place = 0;
+            for (const std::size_t i : taken) {
+                sum.starts.push_back(started(terms_[i], coefficients.data() + place));
+                place += effect_[i].cols();
+            }
+            found.push_back(std::move(sum));
+        }
+        std::stable_sort(found.begin(), found.end(), by_share);
+        return found;
+    }
+
   private:
     static bool by_share(const ScreenedTerms& a, const ScreenedTerms& b) { return a.explained > b.explained; }
     double share(double squares) const { return squares / std::max(error_.squaredNorm(), 1e-300); }
@@ -212,6 +257,7 @@ Screening screened_terms(const SystemModel& model, const std::vector<double>& va
     Screening found;
     found.singles = screen.singles();
     found.pairs = screen.pairs(late);
+    found.sums = screen.sums();
     return found;
 }
 

@@ -7,7 +7,7 @@
 
 namespace tribode {
 
-// One term or two that a model may lack, and how a fit of them begins.
+// One term or several that a model may lack, and how a fit of them begins.
 struct ScreenedTerms {
     std::vector<std::size_t> terms;          // places in the list that was screened
     std::vector<std::vector<double>> starts; // of the parameters of each
@@ -16,10 +16,12 @@ struct ScreenedTerms {
 
 struct Screening {
     std::vector<ScreenedTerms> singles, pairs; // what explains most first
+    std::vector<ScreenedTerms> sums;           // of three terms, of each derivative and output the best
 };
 
 // What each term, and each two of them, would explain of the errors beside a move of all free values, to first order: each
-// amplitude is simulated once, at its start. Pairs that explain little more than the better of the two are left out.
+// amplitude is simulated once, at its start. Pairs that explain little more than the better of the two are left out. A sum of
+// three is found one by one, beside those that are in it [Chen 1989].
 // `errors`: of the model at these values, over the part that `fit` counts. `late`: ends it, with what is known.
 Screening screened_terms(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
                          const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,

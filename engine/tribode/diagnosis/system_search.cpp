@@ -230,6 +230,7 @@ std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening,
         }
         list.push_back(pair);
     }
+    list.insert(list.end(), screening.sums.begin(), screening.sums.end());
     return list;
 }
 
@@ -266,8 +267,19 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
 
 std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& current) const {
     const SystemFit fit_first = fit_of_first_part();
-    const auto segments = segmented(current.model, current.values, fit_first, late_);
-    if (!segments || late()) return {};
+    auto segments = segmented(current.model, current.values, fit_first, late_);
+    if (late()) return {};
+    // Without segments, the records themselves.
+    if (!segments) {
+        segments.emplace();
+        segments->model = current.model;
+        for (std::size_t r = 0; r < records_.size(); ++r) {
+            segments->first_of.push_back(r);
+            segments->records.push_back(records_[r].head(used_[r]));
+        }
+        segments->values = current.values;
+        segments->errors = current.fitted;
+    }
     const SystemFit fit_segments = segments->fit(scale_, between_);
     std::vector<SystemTrace> traces;
     for (std::size_t r = 0; r < segments->records.size(); ++r) {
@@ -278,7 +290,7 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
     const std::size_t states = first_.equations.states.size();
     const SystemModel model = segments->model.with(segments->values);
     const auto terms = system_terms(model, states, fit_segments, variables_of(model, states, fit_segments, traces),
-                                    segments->errors);
+                                    segments->errors, true);
     const auto some = chosen(screened_terms(segments->model, segments->values, segments->errors, terms, fit_segments,
                                             control_, late_),
                              terms);

@@ -155,9 +155,10 @@ std::vector<SystemVariable> variables_of(const SystemModel& model, std::size_t s
 }
 
 std::vector<SystemTerm> system_terms(const SystemModel& model, std::size_t states, const SystemFit& fit,
-                                     const std::vector<SystemVariable>& variables, const std::vector<double>& errors) {
+                                     const std::vector<SystemVariable>& variables, const std::vector<double>& errors,
+                                     bool with_nameless) {
     TermLibrary library(model, states, fit, variables, errors);
-    add_shapes(library);
+    add_shapes(library, with_nameless);
     add_periodic(library);
     add_overflows(library);
     add_paths(library);

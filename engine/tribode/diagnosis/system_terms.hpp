@@ -20,7 +20,7 @@ struct SystemTerm {
     };
     std::string name;     // as in docs/effects.md, e.g. "dry_friction"; "term" where no name fits
     std::string equation; // "der(v)", "output y", "input u"
-    std::string of;       // the variables it depends on: "v", "x p"
+    std::string of;       // the variables it depends on: "v", "x p"; of a "term" the function: "x^2 v"
     std::vector<Parameter> parameters;
     std::size_t amplitudes = 1; // the first so many parameters; where all are `neutral`, nothing changes
     std::vector<double> neutral = {0};
@@ -50,9 +50,11 @@ std::vector<SystemVariable> variables_of(const SystemModel& model, std::size_t s
                                          const std::vector<SystemTrace>& traces);
 
 // All terms that the library has for this system, in a fixed order. Each can be put into any model of the same system, with
-// other terms or without. `errors`: of the current model, scaled as by SystemFit.
+// other terms or without. `errors`: of the current model, scaled as by SystemFit. `with_nameless`: also products of functions of
+// two variables that have no name but "term".
 std::vector<SystemTerm> system_terms(const SystemModel& model, std::size_t states, const SystemFit& fit,
-                                     const std::vector<SystemVariable>& variables, const std::vector<double>& errors);
+                                     const std::vector<SystemVariable>& variables, const std::vector<double>& errors,
+                                     bool with_nameless = false);
 
 // The model with the term, whose parameters have these values and may move. The text of what was added goes to `text`.
 SystemModel extended(const SystemModel& model, const SystemTerm& term, const std::vector<double>& values,
