@@ -4,6 +4,10 @@
 -- names, how far the gap shrinks, and how often answers of a probability are right. Where an answer is undecided the
 -- record that it asks for is simulated, and the diagnosis repeated with it.
 --
+-- A case counts only if what is hidden moves the output by six times the noise on the first record and three times on
+-- the second one. A force that has no name is a polynomial, a product, a threshold or has memory; it is found if the
+-- formula predicts the validation record with at most twice the noise.
+--
 --   tribode run scripts/system_diagnosis_cases.lua -D count=50 -D seed=1 -o results/system_cases
 --
 -- The budget is processor time, so that the answers do not depend on what else the computer does. Results: cases.csv,
@@ -14,6 +18,7 @@ local tb = require "tribode"
 local option = tb.options {
   count = { default = tb.quick and 5 or 50, help = "how many cases" },
   seed = { default = 1, help = "of all random numbers" },
+  only = { default = "all", help = "all, unknown (forces of no name), named or none" },
   budget = { default = 120, help = "seconds of processor time for each diagnosis" },
   first = { default = 1, help = "the first case, to go on after an interruption; cases do not depend on each other" },
 }
@@ -35,6 +40,7 @@ local function drag(v) return v * math.abs(v) end
 local kinds = {
   {
     name = "vehicle", period = 0.05, parameters = { d = 0.4, g = 2 }, states = { x = 0, v = 0 },
+    of = { "v", "u" }, sizes = { 1, 1 }, force = 0.8,
     output = "x",
     der = function(s, hidden) return { x = s.v, v = s.g * s.u - s.d * s.v - hidden } end,
     hidden = {
@@ -44,22 +50,22 @@ local kinds = {
       { { "force_ripple" }, function(s) return s.h * 0.8 * math.sin(5 * s.x) end },
       -- The same as an offset of the input.
       { { "constant_force", "offset" }, function(s) return s.h * 0.3 end },
-      { { "unknown" }, function(s) return s.h * math.sin(3 * s.v) * math.cos(2 * s.x) end },
     },
   },
   {
     name = "oscillator", period = 0.05, parameters = { w2 = 9, d = 0.5, g = 5 }, states = { x = 0, v = 0 },
+    of = { "x", "v" }, sizes = { 1, 2 }, force = 1.5,
     output = "x",
     der = function(s, hidden) return { x = s.v, v = s.g * s.u - s.d * s.v - s.w2 * s.x - hidden } end,
     hidden = {
       { { "cubic_stiffness" }, function(s) return s.h * 2 * s.x ^ 3 end },
       { { "coulomb_friction" }, function(s) return s.h * 0.5 * tb.tanh(s.v / 0.02) end },
       { { "square" }, function(s) return s.h * 1.5 * s.x * s.x end },
-      { { "unknown" }, function(s) return s.h * 2 * s.x * tb.tanh(4 * s.v) end },
     },
   },
   {
     name = "tanks", period = 2, parameters = { a = 0.05, b = 0.06, e = 0.05 }, states = { h1 = 4, h2 = 4 },
+    of = { "h1", "h2" }, sizes = { 6, 6 }, force = 0.05,
     output = "h2",
     der = function(s, hidden)
       return { h1 = s.b * (s.u + 2) - s.a * root(s.h1) - hidden, h2 = s.a * root(s.h1) - s.e * root(s.h2) }
@@ -67,11 +73,11 @@ local kinds = {
     hidden = {
       { { "overflow", "overflow_into", "threshold" }, function(s) return s.h * 0.2 * math.max(s.h1 - 7, 0) end },
       { { "linear", "constant" }, function(s) return s.h * 0.01 * s.h1 end },
-      { { "unknown" }, function(s) return s.h * 0.03 * math.sin(3 * s.h1) * math.sin(2 * s.h2) end },
     },
   },
   {
     name = "circuit", period = 0.02, parameters = { r = 2, q = 1.5 }, states = { a = 0, b = 0 }, output = "b",
+    of = { "a", "b" }, sizes = { 0.8, 0.6 }, force = 0.8,
     der = function(s, hidden) return { a = s.r * (s.u - s.a) - hidden, b = s.q * (s.a - s.b) } end,
     hidden = {
       { { "cubic" }, function(s) return s.h * 1.5 * s.a ^ 3 end },
@@ -81,6 +87,7 @@ local kinds = {
   },
   {
     name = "heater", period = 1, parameters = { c = 0.05, p = 0.3 }, states = { T = 0 }, output = "T",
+    of = { "T", "u" }, sizes = { 10, 1.5 }, force = 0.2,
     der = function(s, hidden) return { T = s.p * (s.u + 1.5) - s.c * s.T - hidden } end,
     hidden = {
       { { "quadratic", "square", "cubic" }, function(s) return s.h * 0.01 * drag(s.T) end },
@@ -89,6 +96,20 @@ local kinds = {
     },
   },
 }
+
+-- A force of two variables that has no name, of a size that suits them.
+local function nameless()
+  local a, b, c = between(-1, 1), between(-1, 1), between(-1, 1)
+  local level = between(-0.3, 0.5)
+  return choice {
+    function(_, x, y) return a * x * x * y + b * x * y * y + c * x * y end,
+    function(_, x, y) return (1 + a) * x * math.abs(y) + b * x * x * x end,
+    function(_, x, y) return (1 + a) * math.max(x - level, 0) * y end,
+    function(_, x, y) return (1 + a) * math.max(x - level, 0) * x + b * x * y end,
+    function(_, x, y) return (1 + a) * x * tb.tanh(4 * y) end,
+    function(s) return (1 + a) * s.z end, -- memory
+  }
+end
 
 -- Of the input's path: names that are right, and what becomes of the input.
 local paths = {
@@ -99,11 +120,23 @@ local paths = {
   { { "delay" }, path = function(s, kind) return tb.delay(s.u, 4 * kind.period * s.h) end },
 }
 
+-- What is hidden is a path of the input, a named term, or `force` without a name.
 local function system_of(kind, parameters, hidden)
+  local states = kind.states
+  if hidden and hidden.force then
+    states = { z = 0 } -- follows the first variable with a lag of ten samples
+    for name, start in pairs(kind.states) do states[name] = start end
+  end
   return tb.system {
-    name = kind.name, parameters = parameters, inputs = { u = 0 }, states = kind.states,
+    name = kind.name, parameters = parameters, inputs = { u = 0 }, states = states,
     der = function(s)
       if not hidden then return kind.der(s, 0) end
+      if hidden.force then
+        local x, y = s[kind.of[1]] / kind.sizes[1], s[kind.of[2]] / kind.sizes[2]
+        local rates = kind.der(s, s.h * kind.force * hidden.force(s, x, y))
+        rates.z = (x - s.z) / (10 * kind.period)
+        return rates
+      end
       if not hidden.path then return kind.der(s, hidden[2](s)) end
       local u = hidden.path(s, kind)
       return kind.der(setmetatable({}, { __index = function(_, name) return name == "u" and u or s[name] end }), 0)
@@ -112,25 +145,46 @@ local function system_of(kind, parameters, hidden)
 end
 
 local samples = 400
--- noise: of the output, negative relative to its range. inputs: { t, u } instead of tones at random.
-local function record(kind, system, file, noise, stream, inputs)
-  local u = inputs and inputs.u or {}
-  if not inputs then
-    local tones = {}
-    for i = 1, 4 do
-      tones[i] = { between(0.2, 1), between(0.05, 1.2) / (20 * kind.period), between(0, 2 * math.pi) }
-    end
-    for k = 1, samples do
-      u[k] = 0
-      for _, tone in ipairs(tones) do
-        u[k] = u[k] + tone[1] * math.sin(2 * math.pi * tone[2] * (k - 1) * kind.period + tone[3])
-      end
+local function inputs_at_random(kind)
+  local u, tones = {}, {}
+  for i = 1, 4 do
+    tones[i] = { between(0.2, 1), between(0.05, 1.2) / (20 * kind.period), between(0, 2 * math.pi) }
+  end
+  for k = 1, samples do
+    u[k] = 0
+    for _, tone in ipairs(tones) do
+      u[k] = u[k] + tone[1] * math.sin(2 * math.pi * tone[2] * (k - 1) * kind.period + tone[3])
     end
   end
+  return u
+end
+
+local function simulated(kind, system, u)
   local run = tb.run_system { system = system, duration_s = (#u - 1) * kind.period, output_step_s = kind.period,
     inputs = { u = { sample_time_s = kind.period, values = u } } }
-  if not run.ok then error(run.message, 0) end
-  local y = run.values[kind.output]
+  return run.ok and run.values[kind.output] or nil, run
+end
+
+local function rms_between(a, b)
+  local sum = 0
+  for k = 1, #a do sum = sum + (a[k] - b[k]) ^ 2 end
+  return math.sqrt(sum / #a)
+end
+
+-- Whether the output differs from that of the system without the hidden part by so much of its range, rms, and does
+-- not run away.
+local function is_visible(kind, truth, without, u, least)
+  local y, other = simulated(kind, truth, u), simulated(kind, without, u)
+  if not y or not other then return false end
+  local low, high = math.huge, -math.huge
+  for k = 1, #y do low, high = math.min(low, y[k]), math.max(high, y[k]) end
+  return high - low < 1e3 and rms_between(y, other) > least * (high - low)
+end
+
+-- noise: of the output, negative relative to its range.
+local function record(kind, system, file, noise, stream, u)
+  local y, run = simulated(kind, system, u)
+  if not y then error(run.message, 0) end
   if noise < 0 then
     local low, high = math.huge, -math.huge
     for k = 1, #u do low, high = math.min(low, y[k]), math.max(high, y[k]) end
@@ -146,6 +200,9 @@ local function names_right(accept, result)
   local first = result.effects[1]
   for _, name in ipairs(accept) do
     if first and first.name == name then return true end
+    for _, same in ipairs(first and first.same_as or {}) do
+      if same:match "^%S+" == name then return true end
+    end
     for _, rival in ipairs(first and result.verdict == "undecided" and first.rivals or {}) do
       if rival.name:match "^%S+" == name then return true end
     end
@@ -163,22 +220,39 @@ end
 local confusion, truths, answers = {}, {}, {}
 for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
   case, draws = n, 0
-  local kind = choice(kinds)
-  local fate = random()
-  local hidden = fate > 0.3 and (fate > 0.85 and choice(paths) or choice(kind.hidden)) or nil
-  local true_parameters, nominal = {}, {}
-  local names = {}
-  for name in pairs(kind.parameters) do names[#names + 1] = name end
-  table.sort(names)
-  for _, name in ipairs(names) do
-    true_parameters[name] = kind.parameters[name] * between(0.8, 1.25)
-    nominal[name] = true_parameters[name] * between(0.83, 1.2)
-  end
-  true_parameters.h = between(0.5, 1.5)
-  local truth = system_of(kind, true_parameters, hidden)
+  local kind, hidden, true_parameters, nominal, u, truth
+  repeat -- until what is hidden shows
+    kind = choice(kinds)
+    local fate = random()
+    if option.only == "unknown" then fate = 0.9 end
+    if option.only == "none" then fate = 0 end
+    if option.only == "named" then fate = 0.3 + 0.5 * fate end
+    if fate > 0.8 then
+      hidden = { { "unknown" }, force = nameless() }
+    elseif fate > 0.65 then
+      hidden = choice(paths)
+    elseif fate > 0.3 then
+      hidden = choice(kind.hidden)
+    else
+      hidden = nil
+    end
+    true_parameters, nominal = {}, {}
+    local names = {}
+    for name in pairs(kind.parameters) do names[#names + 1] = name end
+    table.sort(names)
+    for _, name in ipairs(names) do
+      true_parameters[name] = kind.parameters[name] * between(0.8, 1.25)
+      nominal[name] = true_parameters[name] * between(0.83, 1.2)
+    end
+    true_parameters.h = between(0.5, 1.5)
+    u = { inputs_at_random(kind), inputs_at_random(kind) }
+    truth = system_of(kind, true_parameters, hidden)
+    local without = system_of(kind, true_parameters)
+  until not hidden or (is_visible(kind, truth, without, u[1], 6 * 0.003) and
+    is_visible(kind, truth, without, u[2], 3 * 0.003))
   local folder = string.format("case_%03d", n)
-  local noise = record(kind, truth, folder .. "_ident.csv", -0.003, 10 * n)
-  record(kind, truth, folder .. "_valid.csv", noise, 10 * n + 1)
+  local noise = record(kind, truth, folder .. "_ident.csv", -0.003, 10 * n, u[1])
+  record(kind, truth, folder .. "_valid.csv", noise, 10 * n + 1, u[2])
   local common = { system = system_of(kind, nominal), data = { folder .. "_ident.csv" },
     validate = { folder .. "_valid.csv" }, budget_s = option.budget, folder = folder }
   local result = tb.diagnose_system(common)
@@ -194,7 +268,8 @@ for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
     answer = result.verdict == "nothing_missing"
     score.none, score.none_right = score.none + 1, score.none_right + (answer and 1 or 0)
   elseif accept[1] == "unknown" then
-    answer = result.verdict ~= "effect_found"
+    -- A formula, or no answer. Predicted are those whose gap is small, whatever they are called.
+    answer = first == "term" or result.verdict ~= "effect_found"
     score.unknown, score.unknown_right = score.unknown + 1, score.unknown_right + (answer and 1 or 0)
     score.unknown_modeled = score.unknown_modeled + (gap.after <= 2 * gap.floor and 1 or 0)
   else
@@ -203,7 +278,8 @@ for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
     score.gap_within = score.gap_within + (gap.after <= 1.5 * gap.floor and 1 or 0)
   end
   if effect then
-    local right = accept[1] ~= "unknown" and names_right(accept, { verdict = "", effects = result.effects })
+    local right = accept[1] == "unknown" and first == "term" or
+      names_right(accept, { verdict = "", effects = result.effects })
     for i = #bins, 1, -1 do
       if probability >= bins[i].low then
         bins[i].answers, bins[i].probability = bins[i].answers + 1, bins[i].probability + probability
@@ -221,7 +297,7 @@ for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
     if type(result.next_experiment) == "string" and #result.next_experiment > 0 then
       score.asked = score.asked + 1
       local next_record = tb.read_record { file = folder .. "/next_experiment.csv", columns = { t = "t", u = "u" } }
-      record(kind, truth, folder .. "_next.csv", noise, 10 * n + 2, { u = next_record.data.u })
+      record(kind, truth, folder .. "_next.csv", noise, 10 * n + 2, next_record.data.u)
       common.data, common.folder = { folder .. "_ident.csv", folder .. "_next.csv" }, folder .. "_again"
       local again = tb.diagnose_system(common)
       local decided = again.verdict ~= "undecided" and names_right(accept, again)

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <gtest/gtest.h>
+#include <set>
 
 namespace tribode::cli {
 namespace {
@@ -139,6 +140,49 @@ TEST_F(SystemDiagnosis, AForceOfNoNameIsNoNamedEffect) {
                 found["verdict"] == "undecided")
         << found["verdict"];
     EXPECT_GT(found["gap"]["validate"]["after"], 3 * found["gap"]["validate"]["floor"].get<double>());
+}
+
+TEST_F(SystemDiagnosis, AForceOfNoNameIsFoundAsAFormula) {
+    measure("2 * s.x * tb.tanh(s.p * s.v)");
+    const Json found = diagnosis("model.lua", "out");
+    EXPECT_EQ(found["verdict"], "effect_found");
+    ASSERT_EQ(found["effects"].size(), 1u);
+    const Json& effect = found["effects"][0];
+    EXPECT_EQ(effect["name"], "term");
+    // -0.5 2 x tanh(3 v)
+    for (const auto& [parameter, value] : {std::pair{"term_a", -1.0}, {"term_width", 1.0 / 3}}) {
+        const double error = effect["standard_errors"][parameter];
+        EXPECT_NEAR(effect["parameters"][parameter].get<double>(), value, 3.5 * error) << parameter;
+        EXPECT_LT(error, 0.05) << parameter;
+    }
+    EXPECT_LT(found["gap"]["validate"]["after"], 1.5 * found["gap"]["validate"]["floor"].get<double>());
+}
+
+// The vehicle stays in the hollows of the force that the model lacks, so that the two part at once.
+TEST_F(SystemDiagnosis, ARippleThatLeadsTheModelAwayIsFoundOverSegments) {
+    measure("3 * math.sin(s.q * s.x)");
+    const Json found = diagnosis("model.lua", "out");
+    EXPECT_EQ(found["verdict"], "effect_found");
+    ASSERT_EQ(found["effects"].size(), 1u);
+    const Json& effect = found["effects"][0];
+    EXPECT_EQ(effect["name"], "force_ripple");
+    EXPECT_NEAR(effect["parameters"]["force_ripple_period"].get<double>(), 3.14159265,
+                4 * effect["standard_errors"]["force_ripple_period"].get<double>());
+    EXPECT_GT(found["gap"]["validate"]["before"], 30 * found["gap"]["validate"]["floor"].get<double>());
+}
+
+// What no record can decide is no rival.
+TEST_F(SystemDiagnosis, AConstantForceIsAnOffsetOfTheInputInOtherWords) {
+    measure("0.4");
+    const Json found = diagnosis("model.lua", "out");
+    EXPECT_EQ(found["verdict"], "effect_found");
+    ASSERT_EQ(found["effects"].size(), 1u);
+    const Json& effect = found["effects"][0];
+    std::set<std::string> names = {effect["name"]};
+    for (const auto& same : effect["same_as"]) names.insert(same.get<std::string>());
+    EXPECT_TRUE(names.contains("constant_force") || names.contains("constant_force in der(v)")) << effect;
+    EXPECT_TRUE(names.contains("offset") || names.contains("offset in input u")) << effect;
+    EXPECT_GT(effect["probability"], 0.8);
 }
 
 TEST_F(SystemDiagnosis, TheSystemItselfSaysWhatIsFree) {

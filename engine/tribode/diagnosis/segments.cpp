@@ -87,8 +87,8 @@ class Cutter {
         const auto result = fit.fit(one, start, start_iterations, ended_);
         if (result.errors.empty()) return std::nullopt;
         start = result.values;
-        const auto trace = SystemFit(more, fit_.scale(), fit_.interpolation(), {longer.size()})
-                               .simulate(one, start, 0, longer.size());
+        const auto trace =
+            SystemFit(more, fit_.scale(), fit_.interpolation(), {longer.size()}).simulate(one, start, 0, longer.size());
         if (!trace) return std::nullopt;
         std::vector<double> end;
         for (const std::size_t i : one.starts) end.push_back(trace->states[i].back());
@@ -115,7 +115,8 @@ std::vector<double> Segments::whole(const SystemModel& of, const std::vector<dou
     std::vector<double> some(all.begin(), all.begin() + static_cast<std::ptrdiff_t>(parameters));
     for (const std::size_t first : first_of) {
         for (const std::size_t state : of.starts) {
-            const auto place = static_cast<std::size_t>(std::find(starts.begin(), starts.end(), state) - starts.begin());
+            const auto place =
+                static_cast<std::size_t>(std::find(starts.begin(), starts.end(), state) - starts.begin());
             some.push_back(all[parameters + first * starts.size() + place]);
         }
     }

@@ -254,15 +254,15 @@ class Shapes {
     // Products of a function of one variable with another one: what a formula is made of where no name fits.
     void nameless(const SystemVariable& one, const SystemVariable& other) {
         const auto unit = [&](const char* power) {
-            return one.unit.empty() || other.unit.empty() ? "" : fmt::format("({}){}*({})", one.unit, power, other.unit);
+            return one.unit.empty() || other.unit.empty() ? ""
+                                                          : fmt::format("({}){}*({})", one.unit, power, other.unit);
         };
         add({.name = "term",
              .of = {&one, &other},
              .unit = unit("^2"),
              .value = [&](std::size_t k) { return one.values[k] * one.values[k] * other.values[k]; },
-             .term = [](const TermArithmetic& m, const auto& x, const auto&) {
-                 return m.multiply(m.multiply(x[0], x[0]), x[1]);
-             },
+             .term = [](const TermArithmetic& m, const auto& x,
+                        const auto&) { return m.multiply(m.multiply(x[0], x[0]), x[1]); },
              .text = fmt::format("{}^2 {}", one.name, other.name)});
         if (!changes_sign(one)) return;
         add({.name = "term",
@@ -277,9 +277,8 @@ class Shapes {
              .of = {&one, &other},
              .unit = other.unit,
              .value = [&, start](std::size_t k) { return std::tanh(one.values[k] / start) * other.values[k]; },
-             .term = [](const TermArithmetic& m, const auto& x, const auto& p) {
-                 return m.multiply(m.g.make(Op::tanh, m.divide(x[0], p[0])), x[1]);
-             },
+             .term = [](const TermArithmetic& m, const auto& x,
+                        const auto& p) { return m.multiply(m.g.make(Op::tanh, m.divide(x[0], p[0])), x[1]); },
              .parameters = {{"width", start, width.low, 10 * width.high, width.scale, width.unit}},
              .text = fmt::format("tanh({}) {}", one.name, other.name)});
         const double level = lower_quantile(one.values, 0.5), span = one.high - one.low;
@@ -287,9 +286,8 @@ class Shapes {
              .of = {&one, &other},
              .unit = unit(""),
              .value = [&, level](std::size_t k) { return std::max(one.values[k] - level, 0.0) * other.values[k]; },
-             .term = [](const TermArithmetic& m, const auto& x, const auto& p) {
-                 return m.multiply(m.positive(m.subtract(x[0], p[0])), x[1]);
-             },
+             .term = [](const TermArithmetic& m, const auto& x,
+                        const auto& p) { return m.multiply(m.positive(m.subtract(x[0], p[0])), x[1]); },
              .parameters = {{"level", level, one.low - 0.5 * span, one.high + 0.5 * span, span, one.unit}},
              .text = fmt::format("max({} - level, 0) {}", one.name, other.name)});
     }

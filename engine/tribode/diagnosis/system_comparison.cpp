@@ -120,9 +120,8 @@ double prediction_uncertainty(const SystemModel& model, const std::vector<double
         by_noise = all.rightCols(starts) * inverse * own.transpose();
         of_parameters -= by_noise * beginning.leftCols(parameters);
     }
-    const Eigen::VectorXd variance =
-        (of_parameters * covariance).cwiseProduct(of_parameters).rowwise().sum() +
-        noise * noise * by_noise.rowwise().squaredNorm();
+    const Eigen::VectorXd variance = (of_parameters * covariance).cwiseProduct(of_parameters).rowwise().sum() +
+                                     noise * noise * by_noise.rowwise().squaredNorm();
     double sum = 0, count = 0;
     for (std::size_t o = 0; o < record.outputs.size(); ++o) {
         const double unit = record.outputs.size() > 1 ? 1 : scale[o];

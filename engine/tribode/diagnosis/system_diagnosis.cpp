@@ -33,8 +33,9 @@ constexpr double min_rival = 0.05; // probability worth showing
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
 constexpr double half = 0.5; // of the squared gap, for a partial explanation
-// Of a name: the library may lack the right one. More so where much is left that it does not explain.
-constexpr double most_certain = 0.98, most_certain_of_a_part = 0.75;
+// Of a name: the library may lack the right one. More so where more is left than noise, and where much is.
+constexpr double most_certain = 0.98, most_certain_of_most = 0.85, most_certain_of_a_part = 0.75;
+constexpr double noise_left = 1.3; // gap over the floor
 
 // A model on the way from the first one to the last, each with more terms.
 struct Step {
@@ -98,7 +99,14 @@ class Diagnoser {
             text =
                 fmt::format("To tell {} from {}: {}", one.names_from(step.before), other.names_from(step.before), text);
         }
+        result_was_unknown_ = result_.verdict == "unknown_effect";
         return std::move(result_);
+    }
+
+    // After run(): the fitted records leave nothing but noise, and the validation records more than noise and the values that were
+    // fitted explain.
+    bool is_seen_in_validation_only() const {
+        return result_was_unknown_ && steps_.back().candidate.is_noise && !divided_ && !control_.stop_requested();
     }
 
   private:
@@ -359,14 +367,17 @@ class Diagnoser {
             if (!(gain > 0) || sure < sure_here) {
                 const auto names = kinds_of(steps_[s].candidate);
                 const std::string lost =
-                    gain > 0 ? fmt::format("predicts the validation record {:.1f} % better, with a probability of only "
-                                           "{:.2f}",
-                                           100 * gain, sure)
-                             : fmt::format("raises the error on the validation record by {:.1f} %", -100 * gain);
+                    !std::isfinite(gain) ? "cannot be simulated on the validation record"
+                    : gain > 0
+                        ? fmt::format("predicts the validation record {:.1f} % better, with a probability of only "
+                                      "{:.2f}",
+                                      100 * gain, sure)
+                        : fmt::format("raises the error on the validation record by {:.1f} %", -100 * gain);
                 for (auto& hypothesis : result_.hypotheses) {
                     if (hypothesis.lost.empty() && hypothesis.names == names) hypothesis.lost = lost;
                 }
-                result_.nearest = {steps_[s].candidate.names_from(steps_[s].before), std::max(gain, 0.0)};
+                result_.nearest = {steps_[s].candidate.names_from(steps_[s].before),
+                                   std::isfinite(gain) ? std::max(gain, 0.0) : 0.0};
                 const auto first_new = std::min(steps_[s].before, names.size() - 1);
                 refused_.push_back({{names.begin() + static_cast<std::ptrdiff_t>(first_new), names.end()}, lost});
                 break;
@@ -416,9 +427,8 @@ class Diagnoser {
         for (std::size_t v = 0; v < validation_values.size(); ++v) {
             const auto& comparison = result_.validation[v];
             const auto size = divided_ ? first : parameters; // a divided record has start values among the fitted
-            const double own =
-                prediction_uncertainty(model, validation_values[v], comparison.record, comparison.first, scale_,
-                                       between_, all.topLeftCorner(size, size), noise);
+            const double own = prediction_uncertainty(model, validation_values[v], comparison.record, comparison.first,
+                                                      scale_, between_, all.topLeftCorner(size, size), noise);
             sum += own * own * static_cast<double>(comparison.samples());
             samples += static_cast<double>(comparison.samples());
         }
@@ -479,8 +489,9 @@ class Diagnoser {
     void decide() {
         auto& d = result_;
         const Gap& gap = d.validation_gap;
-        // What noise leaves, also through the values that were fitted.
-        const double floor = std::hypot(gap.floor, d.prediction_uncertainty);
+        // What noise leaves; where it is all that the fit leaves, also through the values that were fitted.
+        const bool is_noise = steps_.back().candidate.is_noise;
+        const double floor = is_noise ? std::hypot(gap.floor, d.prediction_uncertainty) : gap.floor;
         const bool is_left = gap.after > little_left * floor;
         if (d.effects.empty()) {
             d.verdict = gap.before < nothing_left * floor ? "nothing_missing" : "unknown_effect";
@@ -501,7 +512,9 @@ class Diagnoser {
         if (d.verdict != "unknown_effect") d.nearest.reset();
         // The probabilities compare the terms of the library. Where much is left, the right one may not be among them, and a name
         // is no surer than the share that it explains.
-        const double share = is_left ? most_certain_of_a_part * std::clamp(d.explained, 0.0, 1.0) : most_certain;
+        const double share = is_left ? most_certain_of_a_part * std::clamp(d.explained, 0.0, 1.0)
+                             : gap.after > noise_left * floor ? most_certain_of_most
+                                                              : most_certain;
         for (auto& effect : d.effects) {
             effect.probability *= share;
             for (auto& [name, probability] : effect.rivals) probability *= share;
@@ -522,6 +535,7 @@ class Diagnoser {
     std::vector<double> baseline_values_, final_values_, final_errors_;
     std::vector<std::vector<double>> baseline_starts_; // of each validation record
     SystemDiagnosis result_;
+    bool result_was_unknown_ = false;
 };
 
 } // namespace
@@ -529,7 +543,20 @@ class Diagnoser {
 SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemRecord> records,
                                 std::vector<SystemRecord> validation, const SystemDiagnosisOptions& options,
                                 const RunControl& control) {
-    return Diagnoser(model, std::move(records), std::move(validation), options, control).run();
+    const ProcessorTime time(control.workers);
+    Diagnoser first(model, records, validation, options, control);
+    SystemDiagnosis d = first.run();
+    if (!first.is_seen_in_validation_only() || validation.empty()) return d;
+    // What is missing hides in the values that were fitted. So half of a validation record is fitted, too.
+    const SystemRecord whole = validation.front();
+    records.push_back(whole.head(whole.size() / 2));
+    validation.front() = whole.part(whole.size() / 2, whole.size());
+    SystemDiagnosisOptions rest = options;
+    rest.budget = std::max(options.budget - time.seconds(), 0.1 * options.budget);
+    d = Diagnoser(model, std::move(records), std::move(validation), rest, control).run();
+    d.where += fmt::format(" The first records show nothing of it: its first half is fitted, too, and the second half "
+                           "is what is compared.");
+    return d;
 }
 
 } // namespace tribode

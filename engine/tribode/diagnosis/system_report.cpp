@@ -149,7 +149,8 @@ ReportSection what_is_missing(const SystemDiagnosis& d) {
         }
         what.blocks.push_back(table);
         if (!effect.same_as.empty()) {
-            what.blocks.push_back(Paragraph{fmt::format("The same in other words: {}.", fmt::join(effect.same_as, "; "))});
+            what.blocks.push_back(
+                Paragraph{fmt::format("The same in other words: {}.", fmt::join(effect.same_as, "; "))});
         }
         if (effect.rivals.empty()) {
             what.blocks.push_back(

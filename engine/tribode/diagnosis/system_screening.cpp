@@ -17,8 +17,8 @@ constexpr double min_of_pair = 1.2;    // times what the better one explains alo
 constexpr std::size_t max_pairs = 60;
 constexpr std::size_t terms_of_sum = 3;
 constexpr double rest_of_sum = 0.7; // of what two of them leave: as much as three may leave
-constexpr double too_large = 10;   // an effect of a probe, times the errors
-constexpr int max_probe_sizes = 4; // to make it smaller
+constexpr double too_large = 10;    // an effect of a probe, times the errors
+constexpr int max_probe_sizes = 4;  // to make it smaller
 constexpr double told_apart = 1e-3; // of the effect of a probe, beside what free values can do; less is rounding
 
 class Screen {

@@ -291,9 +291,9 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
     const SystemModel model = segments->model.with(segments->values);
     const auto terms = system_terms(model, states, fit_segments, variables_of(model, states, fit_segments, traces),
                                     segments->errors, true);
-    const auto some = chosen(screened_terms(segments->model, segments->values, segments->errors, terms, fit_segments,
-                                            control_, late_),
-                             terms);
+    const auto some = chosen(
+        screened_terms(segments->model, segments->values, segments->errors, terms, fit_segments, control_, late_),
+        terms);
     std::vector<Hypothesis> list(some.size());
     std::vector<double> sums(some.size(), std::numeric_limits<double>::infinity());
     for_each_index(some.size(), control_, fmt::format("fitting {} hypotheses to segments", some.size()),
@@ -405,8 +405,9 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
     std::vector<SystemCandidate> start(list.size()), found(list.size());
     const auto sum = [&](std::size_t c) { return SystemFit::sum_of_squares(found[c].fitted); };
     const auto fit_each = [&](const std::vector<std::size_t>& some, const std::string& what, const auto& one) {
-        for_each_index(some.size(), control_, fmt::format("{} {} hypotheses", what, some.size()),
-                       [&](std::size_t n) { if (!late()) one(some[n]); });
+        for_each_index(some.size(), control_, fmt::format("{} {} hypotheses", what, some.size()), [&](std::size_t n) {
+            if (!late()) one(some[n]);
+        });
     };
     const auto improve = [&](std::size_t c, SystemCandidate other, int steps, bool growing) {
         if (fit(other, steps, growing) && SystemFit::sum_of_squares(other.fitted) < sum(c)) found[c] = std::move(other);

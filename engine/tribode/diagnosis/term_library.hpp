@@ -63,7 +63,8 @@ struct TermLibrary {
 double rms_of_values(const std::vector<double>& values);
 
 // Each adds its terms to the list.
-void add_shapes(TermLibrary& library, bool with_nameless); // functions of one variable or two in a derivative or an output
+void add_shapes(TermLibrary& library,
+                bool with_nameless);      // functions of one variable or two in a derivative or an output
 void add_periodic(TermLibrary& library);  // in a variable, or in time
 void add_overflows(TermLibrary& library); // of one state, or of one into another
 void add_paths(TermLibrary& library);     // of inputs and outputs

@@ -1,3 +1,4 @@
+#include "tribode/diagnosis/segments.hpp"
 #include "tribode/diagnosis/system_fit.hpp"
 #include "tribode/diagnosis/system_next_experiment.hpp"
 #include "tribode/script/system_file.hpp"
@@ -74,6 +75,62 @@ TEST(SystemFit, RowsWithoutStatesAreTakenAsTheyAre) {
         const double u = record.inputs[0][k];
         EXPECT_NEAR(trace->outputs[0][k], 2 * u * u + record.t[k], 1e-14) << k;
     }
+}
+
+// A part of a record keeps its instants: inputs and what depends on the time itself are those of the whole.
+TEST(SystemFit, APartOfARecordGoesOnAsTheWhole) {
+    const TemporaryFolder folder;
+    const SystemModel model = model_of(folder, R"(
+        parameters = { a = 2 }, inputs = { u = 0 }, states = { x = 1 },
+        der = function(s) return { x = s.u - s.a * s.x + math.sin(s.t) } end,
+        outputs = function(s) return { y = s.x } end)");
+    const auto record = record_of(200, 0.05, {[](double t) { return std::cos(2 * t); }});
+    for (const auto between : {Interpolation::hold, Interpolation::linear}) {
+        const std::vector<SystemRecord> whole = {record}, part = {record.part(70, 60)};
+        ASSERT_EQ(part[0].size(), 60u);
+        EXPECT_EQ(part[0].t.front(), record.t[70]);
+        const auto all = SystemFit(whole, {1}, between, {200}).simulate(model, model.values(1), 0, 200);
+        ASSERT_TRUE(all);
+        const auto some = SystemFit(part, {1}, between, {60}).simulate(model, {2, all->states[0][70]}, 0, 60);
+        ASSERT_TRUE(some);
+        for (std::size_t k = 0; k < 60; ++k) EXPECT_NEAR(some->outputs[0][k], all->outputs[0][70 + k], 1e-6) << k;
+    }
+}
+
+// Over the whole record the model ends in another hollow of the force; within each segment it stays near.
+TEST(Segments, AModelThatLacksAForceStaysNearTheMeasurement) {
+    const TemporaryFolder folder;
+    const std::string text = R"(
+        parameters = { g = 2, h = %s }, inputs = { u = 0 }, states = { x = 0, v = 0 },
+        der = function(s) return { x = s.v, v = s.g * s.u - 0.4 * s.v - s.h * math.sin(5 * s.x) } end,
+        outputs = function(s) return { y = s.x } end)";
+    const auto with = [&](const char* h) {
+        std::string one = text;
+        return model_of(folder, one.replace(one.find("%s"), 2, h));
+    };
+    auto record = record_of(400, 0.05, {[](double t) { return std::sin(1.3 * t) + 0.6 * std::sin(3.1 * t + 1); }});
+    std::vector<SystemRecord> records = {record};
+    const std::vector<std::size_t> used = {record.size()};
+    const auto truth = with("0.8");
+    const auto trace = SystemFit(records, {1}, Interpolation::hold, used).simulate(truth, truth.values(1), 0, 400);
+    ASSERT_TRUE(trace);
+    records[0].outputs = trace->outputs;
+    auto model = with("0");
+    model.parameters.clear();
+    const SystemFit fit(records, {1}, Interpolation::hold, used);
+    const auto errors = fit.errors(model, model.values(1));
+    const auto segments = segmented(model, model.values(1), fit, never);
+    ASSERT_TRUE(segments);
+    EXPECT_GT(segments->records.size(), 4u);
+    EXPECT_EQ(segments->first_of, std::vector<std::size_t>{0});
+    std::size_t samples = 0;
+    for (const auto& one : segments->records) samples += one.size();
+    EXPECT_EQ(samples, record.size());
+    EXPECT_LT(SystemFit::sum_of_squares(segments->errors), 1e-2 * SystemFit::sum_of_squares(errors));
+    // The first segment begins as the record does.
+    const auto whole = segments->whole(model, segments->values);
+    ASSERT_EQ(whole.size(), 2u);
+    for (std::size_t i = 0; i < 2; ++i) EXPECT_EQ(whole[i], segments->values[i]);
 }
 
 // Seventy swings: the error over all of them has a local minimum for each turn by which the phase is off at the end.
