@@ -81,7 +81,8 @@ local kinds = {
     der = function(s, hidden) return { a = s.r * (s.u - s.a) - hidden, b = s.q * (s.a - s.b) } end,
     hidden = {
       { { "cubic" }, function(s) return s.h * 1.5 * s.a ^ 3 end },
-      { { "threshold" }, function(s) return s.h * 4 * math.max(s.a - 0.4, 0) end },
+      -- Of a state in its own rate the library calls it an overflow.
+      { { "threshold", "overflow" }, function(s) return s.h * 4 * math.max(s.a - 0.4, 0) end },
       { { "quadratic" }, function(s) return s.h * 1.5 * drag(s.a) end },
     },
   },
