@@ -257,7 +257,7 @@ class Shapes {
             return one.unit.empty() || other.unit.empty() ? ""
                                                           : fmt::format("({}){}*({})", one.unit, power, other.unit);
         };
-        add({.name = "term",
+        add({.name = nameless_term,
              .of = {&one, &other},
              .unit = unit("^2"),
              .value = [&](std::size_t k) { return one.values[k] * one.values[k] * other.values[k]; },
@@ -265,24 +265,14 @@ class Shapes {
                         const auto&) { return m.multiply(m.multiply(x[0], x[0]), x[1]); },
              .text = fmt::format("{}^2 {}", one.name, other.name)});
         if (!changes_sign(one)) return;
-        add({.name = "term",
+        add({.name = nameless_term,
              .of = {&one, &other},
              .unit = unit(""),
              .value = [&](std::size_t k) { return std::abs(one.values[k]) * other.values[k]; },
              .term = [](const TermArithmetic& m, const auto& x, const auto&) { return m.multiply(m.abs(x[0]), x[1]); },
              .text = fmt::format("abs({}) {}", one.name, other.name)});
-        const Parameter width = width_of(one);
-        const double start = 10 * width.start;
-        add({.name = "term",
-             .of = {&one, &other},
-             .unit = other.unit,
-             .value = [&, start](std::size_t k) { return std::tanh(one.values[k] / start) * other.values[k]; },
-             .term = [](const TermArithmetic& m, const auto& x,
-                        const auto& p) { return m.multiply(m.g.make(Op::tanh, m.divide(x[0], p[0])), x[1]); },
-             .parameters = {{"width", start, width.low, 10 * width.high, width.scale, width.unit}},
-             .text = fmt::format("tanh({}) {}", one.name, other.name)});
         const double level = lower_quantile(one.values, 0.5), span = one.high - one.low;
-        add({.name = "term",
+        add({.name = nameless_term,
              .of = {&one, &other},
              .unit = unit(""),
              .value = [&, level](std::size_t k) { return std::max(one.values[k] - level, 0.0) * other.values[k]; },
@@ -290,6 +280,18 @@ class Shapes {
                         const auto& p) { return m.multiply(m.positive(m.subtract(x[0], p[0])), x[1]); },
              .parameters = {{"level", level, one.low - 0.5 * span, one.high + 0.5 * span, span, one.unit}},
              .text = fmt::format("max({} - level, 0) {}", one.name, other.name)});
+        // Of a velocity and a load that has one sign, that is a friction with a name.
+        if (one.name == target_->velocity && !changes_sign(other)) return;
+        const Parameter width = width_of(one);
+        const double start = 10 * width.start;
+        add({.name = nameless_term,
+             .of = {&one, &other},
+             .unit = other.unit,
+             .value = [&, start](std::size_t k) { return std::tanh(one.values[k] / start) * other.values[k]; },
+             .term = [](const TermArithmetic& m, const auto& x,
+                        const auto& p) { return m.multiply(m.g.make(Op::tanh, m.divide(x[0], p[0])), x[1]); },
+             .parameters = {{"width", start, width.low, 10 * width.high, width.scale, width.unit}},
+             .text = fmt::format("tanh({}) {}", one.name, other.name)});
     }
 
     // A force that follows the direction of motion over a distance [Dahl 1968]: der(z) = (rate - |rate| z)/distance. With a

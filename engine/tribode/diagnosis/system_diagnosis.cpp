@@ -198,7 +198,7 @@ class Diagnoser {
         }
     }
 
-    // Of those that do about as well as the best, the one with the fewest parameters; where noise decides, the best.
+    // Of those that do about as well as the best, the one with the fewest parameters, and of these one that has a name; where noise decides, the best.
     static std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found,
                                                const std::vector<std::size_t>& passed) {
         if (passed.empty()) return std::nullopt;
@@ -206,7 +206,12 @@ class Diagnoser {
         if (found[best].is_noise) return best; // its score has the price of its parameters
         for (const std::size_t i : passed) {
             if (found[i].score() > as_good * found[passed.front()].score()) break;
-            if (found[i].model.parameters.size() < found[best].model.parameters.size()) best = i;
+            const auto price = [](const SystemCandidate& one) {
+                const auto nameless = std::count_if(one.terms.begin(), one.terms.end(),
+                                                    [](const auto& term) { return term.name == nameless_term; });
+                return std::pair(one.model.parameters.size(), nameless);
+            };
+            if (price(found[i]) < price(found[best])) best = i;
         }
         return best;
     }

@@ -94,9 +94,10 @@ class Screen {
     // After singles().
     std::vector<ScreenedTerms> pairs(const std::function<bool()>& late) const {
         std::vector<ScreenedTerms> found;
-        const auto some = best_of_each_kind();
+        const auto some = best_of_each_form();
         for (std::size_t a = 0; a < some.size(); ++a) {
             for (std::size_t b = a + 1; b < some.size() && !late(); ++b) {
+                if (terms_[some[a]].kind() == terms_[some[b]].kind()) continue;
                 const auto columns = both(some[a], some[b]);
                 const Eigen::MatrixXd gram = columns.transpose() * columns;
                 const Eigen::VectorXd right = columns.transpose() * open_;
@@ -127,8 +128,8 @@ class Screen {
 
     // After singles().
     std::vector<ScreenedTerms> sums() const {
-        std::map<std::string, std::vector<std::size_t>> of; // each derivative and output: the best term of each kind
-        for (const std::size_t i : best_of_each_kind()) of[terms_[i].equation].push_back(i);
+        std::map<std::string, std::vector<std::size_t>> of; // each derivative and output: the best term of each form
+        for (const std::size_t i : best_of_each_form()) of[terms_[i].equation].push_back(i);
         std::vector<ScreenedTerms> found;
         for (const auto& [equation, some] : of) {
             std::vector<std::size_t> taken;
@@ -214,15 +215,15 @@ class Screen {
         return values;
     }
 
-    std::vector<std::size_t> best_of_each_kind() const {
+    std::vector<std::size_t> best_of_each_form() const {
         std::map<std::string, std::size_t> best;
         for (std::size_t i = 0; i < terms_.size(); ++i) {
             if (effect_[i].cols() == 0 || !(effect_[i].norm() > 0)) continue;
-            const auto [place, is_new] = best.try_emplace(terms_[i].kind(), i);
+            const auto [place, is_new] = best.try_emplace(terms_[i].form(), i);
             if (!is_new && explained_[i] > explained_[place->second]) place->second = i;
         }
         std::vector<std::size_t> places;
-        for (const auto& [kind, i] : best) places.push_back(i);
+        for (const auto& [form, i] : best) places.push_back(i);
         std::sort(places.begin(), places.end());
         return places;
     }

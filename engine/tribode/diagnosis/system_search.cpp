@@ -24,7 +24,7 @@ constexpr std::size_t followed_terms = 6;
 constexpr int segment_iterations = 8;
 // A second term is sought beside so many single terms that fit best, and as many of those with one parameter; so many of each
 // are fitted.
-constexpr std::size_t deepened_singles = 2, fitted_seconds = 4;
+constexpr std::size_t deepened_singles = 2, fitted_seconds = 8;
 constexpr double negligible = 0.02; // of what the best single term explains to first order
 // Iterations of a fit at first, of the best and of those that begin anew, and of those that come near the noise; and how many go on.
 constexpr int first_iterations = 6, iterations = 20, last_iterations = 60;
@@ -359,10 +359,10 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
             screened_terms(one->model, one->values, one->fitted, terms, fit_of_first_part(), control_, late_);
         std::set<std::string> seconds;
         for (const auto& single : screening.singles) {
-            const auto kind = terms[single.terms[0]].kind();
+            const SystemTerm& second = terms[single.terms[0]];
             if (seconds.size() == fitted_seconds) break;
             // Two of a kind say little, and a pair is the same in either order.
-            if (!kinds.contains(kind) && seconds.insert(kind).second) list.push_back({*one, single});
+            if (!kinds.contains(second.kind()) && seconds.insert(second.form()).second) list.push_back({*one, single});
         }
     }
     return list;

@@ -18,7 +18,7 @@ struct SystemTerm {
         double scale = 1;
         std::string unit = {};
     };
-    std::string name;     // as in docs/effects.md, e.g. "dry_friction"; "term" where no name fits
+    std::string name;     // as in docs/effects.md, e.g. "dry_friction"; nameless_term where no name fits
     std::string equation; // "der(v)", "output y", "input u"
     std::string of;       // the variables it depends on: "v", "x p"; of a "term" the function: "x^2 v"
     std::vector<Parameter> parameters;
@@ -28,8 +28,12 @@ struct SystemTerm {
     // Puts the term into the equations, with variables for its parameters and constants. Returns what was added, for a reader.
     std::function<Term(Equations&, const std::vector<Term>& parameters)> apply;
 
+    // Of one kind there may be several forms, such as dry friction that sticks and that of a tanh.
+    std::string form() const { return kind() + " by " + parameters.front().name; }
     std::string kind() const { return name + " in " + equation + (of.empty() ? "" : " of " + of); }
 };
+
+inline constexpr const char* nameless_term = "term";
 
 // A quantity of the system as the current model has it, over the samples of the fit.
 struct SystemVariable {
