@@ -269,17 +269,18 @@ for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
     answer = result.verdict == "nothing_missing"
     score.none, score.none_right = score.none + 1, score.none_right + (answer and 1 or 0)
   elseif accept[1] == "unknown" then
-    -- A formula, or no answer. Predicted are those whose gap is small, whatever they are called.
-    answer = first == "term" or result.verdict ~= "effect_found"
+    -- A sum of terms that predicts is a formula, whatever its terms are called; or no answer.
+    local predicts = gap.after <= 2 * gap.floor
+    answer = predicts or result.verdict ~= "effect_found"
     score.unknown, score.unknown_right = score.unknown + 1, score.unknown_right + (answer and 1 or 0)
-    score.unknown_modeled = score.unknown_modeled + (gap.after <= 2 * gap.floor and 1 or 0)
+    score.unknown_modeled = score.unknown_modeled + (predicts and 1 or 0)
   else
     answer = names_right(accept, result)
     score.named, score.first_right = score.named + 1, score.first_right + (answer and 1 or 0)
     score.gap_within = score.gap_within + (gap.after <= 1.5 * gap.floor and 1 or 0)
   end
   if effect then
-    local right = accept[1] == "unknown" and first == "term" or
+    local right = accept[1] == "unknown" and gap.after <= 2 * gap.floor or
       names_right(accept, { verdict = "", effects = result.effects })
     for i = #bins, 1, -1 do
       if probability >= bins[i].low then
@@ -347,9 +348,10 @@ for i, bin in ipairs(score.reliability) do
 end
 tb.report {
   file = "report.html", title = "How often the diagnosis of a system is right",
-  summary = string.format("Of %d hidden terms %d were named, of %d models that lacked nothing %d were left alone; %d "
-    .. "of %d confident names were wrong.", score.named, score.first_right, score.none, score.none_right,
-    score.confident_wrong, score.confident),
+  summary = string.format("Of %d hidden terms %d were named, of %d models that lacked nothing %d were left alone, of "
+    .. "%d forces without a name %d are predicted by a formula; %d of %d confident names were wrong.", score.named,
+    score.first_right, score.none, score.none_right, score.unknown, score.unknown_modeled, score.confident_wrong,
+    score.confident),
   sections = { { title = "All cases", content = {
     { plot = { panels = { { x_label = "Case", y_label = "Gap after / noise", y_log = true,
       series = { { name = "all", x = numbers, y = after, style = "points" } } } } } },

@@ -281,7 +281,7 @@ class Shapes {
              .parameters = {{"level", level, one.low - 0.5 * span, one.high + 0.5 * span, span, one.unit}},
              .text = fmt::format("max({} - level, 0) {}", one.name, other.name)});
         // Of a velocity and a load that has one sign, that is a friction with a name.
-        if (one.name == target_->velocity && !changes_sign(other)) return;
+        if (one.name == target_->velocity && other.name != target_->position && !changes_sign(other)) return;
         const Parameter width = width_of(one);
         const double start = 10 * width.start;
         add({.name = nameless_term,

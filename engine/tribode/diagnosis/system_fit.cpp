@@ -4,6 +4,7 @@
 #include "tribode/experiment/system_run.hpp"
 #include "tribode/system/contacts.hpp"
 #include "tribode/system/input_delays.hpp"
+#include "tribode/system/sensitivities.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
@@ -176,6 +177,11 @@ SystemFit::SystemFit(const std::vector<SystemRecord>& records, std::vector<doubl
 
 std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const std::vector<double>& values,
                                                std::size_t r, std::size_t samples, std::string* problem) const {
+    return run(model, values, r, samples, problem, nullptr);
+}
+
+std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::vector<double>& values, std::size_t r,
+                                          std::size_t samples, std::string* problem, Derivatives* derivatives) const {
     const auto failed = [&](const std::string& why) {
         if (problem) *problem = why;
         return std::nullopt;
@@ -196,6 +202,7 @@ std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const s
     try {
         if (equations.states.empty() && equations.clocks.empty() && equations.whens.empty() &&
             equations.contacts.empty()) {
+            if (derivatives) return failed("there are no variational equations without states");
             SystemTrace trace{.outputs = outputs_of_rows(std::move(equations), record, samples, model.measured)};
             if (!all_finite(trace.outputs)) return failed("outputs are not finite");
             return trace;
@@ -208,6 +215,12 @@ std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const s
         // What is measured at an instant is measured with the input of that instant, which acts from there on.
         const double after = 1e-7 * period;
         const bool even = is_even(record.t, period);
+        std::vector<std::string> by; // what the derivatives are by
+        if (derivatives) {
+            for (const auto& parameter : model.parameters) by.push_back(equations.parameters[parameter.place].name);
+            for (const std::size_t state : model.starts) by.push_back(equations.states[state].name + ".start");
+            check_delays(equations, by);
+        }
         const auto delays = take_out_delays(equations);
         const auto inputs = equations.inputs; // the list changes
         for (std::size_t i = 0; i < inputs.size(); ++i) {
@@ -235,6 +248,7 @@ std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const s
             }
         }
         close_contacts(equations);
+        if (derivatives) equations = with_sensitivities(std::move(equations), by);
         const EquationSystem system(std::move(equations));
         SystemRunOptions options;
         options.start = begin;
@@ -247,6 +261,15 @@ std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const s
         options.solver.max_steps = 20'000 + 100 * static_cast<long>(samples);
         const SystemRun run = run_system(system, options);
         if (!run.outcome.ok()) return failed(run.outcome.message);
+        for (std::size_t v = 0; derivatives && v < by.size(); ++v) {
+            auto& columns = derivatives->emplace_back();
+            for (const auto& name : output_names) {
+                columns.push_back(run.sensitivities[v].table[name].values);
+                if (columns.back().size() < samples) return failed("the run ended early");
+                columns.back().resize(samples);
+            }
+            if (!all_finite(columns)) return failed("derivatives are not finite");
+        }
         SystemTrace trace;
         const auto take = [&](const std::vector<std::string>& names, std::vector<std::vector<double>>& into) {
             for (const auto& name : names) {
@@ -293,17 +316,43 @@ double SystemFit::sum_of_squares(const std::vector<double>& errors) {
     return std::isfinite(sum) ? sum : std::numeric_limits<double>::infinity();
 }
 
+std::vector<std::size_t> SystemFit::rows_before() const {
+    std::vector<std::size_t> rows(1, 0);
+    for (const std::size_t used : used_) rows.push_back(rows.back() + used * scale_.size());
+    return rows;
+}
+
+std::optional<Eigen::MatrixXd> SystemFit::exact_jacobian(const SystemModel& model, const std::vector<double>& values,
+                                                         const std::vector<double>& errors) const {
+    const auto first_row = rows_before();
+    Eigen::MatrixXd matrix =
+        Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(errors.size()), static_cast<Eigen::Index>(values.size()));
+    for (std::size_t r = 0; r < records_.size(); ++r) {
+        if (used_[r] == 0) continue;
+        Derivatives derivatives;
+        if (!run(model, values, r, used_[r], nullptr, &derivatives)) return std::nullopt;
+        for (std::size_t v = 0; v < derivatives.size(); ++v) {
+            const std::size_t place = v < model.parameters.size() ? v : v + r * model.starts.size(); // of all values
+            std::size_t row = first_row[r];
+            for (std::size_t o = 0; o < scale_.size(); ++o) {
+                for (const double slope : derivatives[v][o]) {
+                    matrix(static_cast<Eigen::Index>(row++), static_cast<Eigen::Index>(place)) = slope / scale_[o];
+                }
+            }
+        }
+    }
+    return matrix;
+}
+
 Eigen::MatrixXd SystemFit::jacobian(const SystemModel& model, const std::vector<double>& values,
                                     const std::vector<double>& errors, std::vector<double>* steps) const {
+    if (auto exact = exact_jacobian(model, values, errors)) return *std::move(exact);
     const auto rows = static_cast<Eigen::Index>(errors.size());
     Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(rows, static_cast<Eigen::Index>(values.size()));
     std::vector<double> moved = values, own_steps;
     if (!steps) steps = &own_steps;
     steps->resize(values.size(), 0);
-    std::vector<std::size_t> rows_before(1, 0); // each record
-    for (std::size_t r = 0; r < records_.size(); ++r) {
-        rows_before.push_back(rows_before.back() + (used_[r] == 0 ? 0 : used_[r] * scale_.size()));
-    }
+    const auto first_row = rows_before();
     for (std::size_t i = 0; i < values.size(); ++i) {
         // A start value concerns one record only.
         std::size_t first = 0, end = records_.size();
@@ -343,7 +392,7 @@ Eigen::MatrixXd SystemFit::jacobian(const SystemModel& model, const std::vector<
             }
             double squares = 0;
             for (std::size_t k = 0; k < other.size(); ++k) {
-                const std::size_t row = rows_before[first] + k;
+                const std::size_t row = first_row[first] + k;
                 const double difference = errors[row] - other[k];
                 squares += difference * difference;
                 matrix(static_cast<Eigen::Index>(row), static_cast<Eigen::Index>(i)) = difference / move;

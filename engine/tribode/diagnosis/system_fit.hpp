@@ -86,8 +86,9 @@ class SystemFit {
     std::vector<double> errors(const SystemModel& model, const std::vector<double>& values) const;
     static double sum_of_squares(const std::vector<double>& errors);
 
-    // Columns: the change of simulated / scale by each value (rows: as errors), by difference quotients. A column is zero where
-    // it cannot be had. `steps`: by how much each value moves; the next call begins with them.
+    // Columns: the change of simulated / scale by each value (rows: as errors), by the variational equations, or where these
+    // have no derivative by difference quotients. A column is zero where it cannot be had. `steps`: by how much each value
+    // moves for a difference; the next call begins with them.
     Eigen::MatrixXd jacobian(const SystemModel& model, const std::vector<double>& values,
                              const std::vector<double>& errors, std::vector<double>* steps = nullptr) const;
 
@@ -115,6 +116,16 @@ class SystemFit {
                                         const std::vector<double>& errors) const;
 
   private:
+    // By the variational equations; nothing where a record has no derivative.
+    std::optional<Eigen::MatrixXd> exact_jacobian(const SystemModel& model, const std::vector<double>& values,
+                                                  const std::vector<double>& errors) const;
+    std::vector<std::size_t> rows_before() const; // each record
+
+    // The derivatives by the values of record r, in their order, of the measured outputs.
+    using Derivatives = std::vector<std::vector<std::vector<double>>>;
+    std::optional<SystemTrace> run(const SystemModel& model, const std::vector<double>& values, std::size_t r,
+                                   std::size_t samples, std::string* problem, Derivatives* derivatives) const;
+
     // Those of one record go behind `all`. False where the run fails.
     bool append_errors(const SystemModel& model, const std::vector<double>& values, std::size_t r,
                        std::vector<double>& all) const;

@@ -37,11 +37,18 @@ constexpr double begun[] = {1, 0.25, 0.05, 0.01};
 // growing parts of the records.
 constexpr double kept_promise = 0.5, worth_growing = 0.1;
 constexpr double worth_another_way = 0.98; // of both errors, for another way of the inputs between samples
-constexpr double dispensable = 1.01;       // of the score without a term, for the term to be left out
+// Of the best, how many are tried with another way of the inputs, and where one suits better, how many are fitted again.
+constexpr std::size_t first_reconsidered = 3, reconsidered = 8;
+constexpr double dispensable = 1.01; // of the score without a term, for the term to be left out
 
 } // namespace
 
 namespace {
+
+// How many parameters the terms have that one has beyond another.
+std::size_t term_parameters(const SystemCandidate& one, const SystemCandidate& from) {
+    return one.model.parameters.size() - from.model.parameters.size();
+}
 
 bool suits_better(const SystemCandidate& one, const SystemCandidate& other) {
     return rms_of_errors(one.fitted) < worth_another_way * rms_of_errors(other.fitted) &&
@@ -234,7 +241,7 @@ std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening,
     return list;
 }
 
-std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) const {
+std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) {
     const SystemFit fit_first = fit_of_first_part();
     std::vector<SystemTrace> traces;
     for (std::size_t r = 0; r < records_.size(); ++r) {
@@ -260,9 +267,46 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
     };
     if (!is_enough()) add(followed(current));
     if (!is_enough()) add(fitted(deepened(current, found, terms), terms));
-    std::stable_sort(found.begin(), found.end(),
-                     [](const SystemCandidate& a, const SystemCandidate& b) { return a.score() < b.score(); });
+    const auto sort = [&] {
+        std::stable_sort(found.begin(), found.end(),
+                         [](const SystemCandidate& a, const SystemCandidate& b) { return a.score() < b.score(); });
+    };
+    sort();
+    if (reconsider_inputs(found)) sort();
     return found;
+}
+
+bool SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
+    const Interpolation present = between_;
+    for (const Interpolation between : ways()) {
+        if (between == present || found.empty() || late()) continue;
+        const Interpolation kept = between_;
+        between_ = between;
+        std::vector<SystemCandidate> others(
+            found.begin(), found.begin() + static_cast<std::ptrdiff_t>(std::min(reconsidered, found.size())));
+        const auto refit = [&](std::size_t begin, std::size_t end) {
+            for_each_index(end - begin, control_,
+                           fmt::format("fitting {} hypotheses to inputs between samples", end - begin),
+                           [&](std::size_t n) {
+                               if (!late() && !fit(others[begin + n], iterations)) others[begin + n].predicted.clear();
+                           });
+        };
+        const std::size_t some = std::min(first_reconsidered, others.size());
+        refit(0, some);
+        const bool is_better =
+            std::any_of(others.begin(), others.begin() + static_cast<std::ptrdiff_t>(some), [&](const auto& one) {
+                return one.is_noise ? one.score() < found.front().score() : suits_better(one, found.front());
+            });
+        if (!is_better || late()) {
+            between_ = kept;
+            continue;
+        }
+        refit(some, others.size());
+        for (std::size_t i = 0; i < others.size(); ++i) {
+            if (!others[i].predicted.empty()) found[i] = std::move(others[i]);
+        }
+    }
+    return between_ != present;
 }
 
 std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& current) const {
@@ -453,7 +497,17 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
             near.push_back(c);
         }
     }
-    fit_each(near, "fitting to the end", [&](std::size_t c) { improve(c, found[c], last_iterations, false); });
+    fit_each(near, "fitting to the end", [&](std::size_t c) {
+        improve(c, found[c], last_iterations, false);
+        // Where the errors have kinks, as by the width of a dead zone, a fit may stop short: from either side it need not.
+        for (const double shifted : {1.1, 0.9}) {
+            if (found[c].is_noise || late()) break;
+            SystemCandidate other = found[c];
+            const std::size_t own = other.model.parameters.size(), first = own - term_parameters(other, list[c].from);
+            for (std::size_t p = first; p < own; ++p) other.values[p] *= shifted;
+            improve(c, std::move(other), last_iterations, false);
+        }
+    });
     std::erase_if(found, [](const SystemCandidate& c) { return c.predicted.empty(); });
     return found;
 }

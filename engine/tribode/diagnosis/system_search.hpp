@@ -46,7 +46,8 @@ class SystemSearch {
     // Fits of the likeliest terms and pairs of terms beside those of `current`, the best score first. To the best of the single
     // terms, screened again where each was fitted, a second one is sought: two terms that both move the free values far
     // show to first order only beside each other. Where none leaves noise alone, terms are also sought over segments of the records.
-    std::vector<SystemCandidate> next(const SystemCandidate& current) const;
+    // The way of the inputs that suits the best of them is kept.
+    std::vector<SystemCandidate> next(const SystemCandidate& current);
 
     // Without the terms that others make unnecessary. The first `kept` terms stay.
     SystemCandidate pruned(SystemCandidate candidate) const;
@@ -63,6 +64,7 @@ class SystemSearch {
         bool is_followed = false; // its values are those of a fit to segments
     };
 
+    bool reconsider_inputs(std::vector<SystemCandidate>& found); // true: another way is kept
     std::vector<Interpolation> ways() const;
     SystemFit fit_of_first_part() const { return {records_, scale_, between_, used_}; }
     bool fit(SystemCandidate& candidate, int iterations, bool growing = false) const;
