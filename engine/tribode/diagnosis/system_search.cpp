@@ -26,10 +26,9 @@ constexpr int segment_iterations = 8;
 // are fitted.
 constexpr std::size_t deepened_singles = 2, fitted_seconds = 8;
 constexpr double negligible = 0.02; // of what the best single term explains to first order
-// Iterations of a fit at first, of the best and of those that begin anew, and of those that come near the noise; and how many go on.
+// Iterations of a fit at first, of the best and of those that begin anew, and of those that promise most; and how many go on.
 constexpr int first_iterations = 6, iterations = 20, last_iterations = 60;
-constexpr std::size_t gone_on = 12, grown = 10, polished = 4;
-constexpr double near_noise = 2; // rms over it
+constexpr std::size_t gone_on = 16, grown = 10, polished = 8;
 // Far from where a term was screened its effect may be another: its amplitudes begin with the first of these shares at which
 // the error is no larger than without it.
 constexpr double begun[] = {1, 0.25, 0.05, 0.01};
@@ -486,17 +485,14 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
     fit_each(go_on, "fitting the best", [&](std::size_t c) {
         if (!found[c].is_noise && !found[c].predicted.empty()) improve(c, found[c], iterations, false);
     });
-    // What comes near the noise is followed to its minimum: whether it reaches the noise decides more than anything else.
-    double noise = std::numeric_limits<double>::infinity();
-    for (const auto& one : found) {
-        if (!one.fitted.empty()) noise = std::min(noise, white_noise(one.fitted));
-    }
+    // What promises most is followed to its minimum, in whatever valley of values it lies: a few percent decide.
     std::vector<std::size_t> near;
-    for (const std::size_t c : best_of(all, polished)) {
-        if (!found[c].predicted.empty() && !found[c].is_noise && rms_of_errors(found[c].fitted) < near_noise * noise) {
-            near.push_back(c);
-        }
+    for (const std::size_t c : all) {
+        if (!found[c].predicted.empty() && !found[c].is_noise) near.push_back(c);
     }
+    std::stable_sort(near.begin(), near.end(),
+                     [&](std::size_t a, std::size_t b) { return found[a].score() < found[b].score(); });
+    near.resize(std::min(near.size(), polished));
     fit_each(near, "fitting to the end", [&](std::size_t c) {
         improve(c, found[c], last_iterations, false);
         // Where the errors have kinks, as by the width of a dead zone, a fit may stop short: from either side it need not.
