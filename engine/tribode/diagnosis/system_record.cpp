@@ -12,6 +12,8 @@ namespace tribode {
 
 namespace {
 
+constexpr double max_change = 1e4; // of a parameter, as a factor
+
 constexpr std::size_t min_record_samples = 20;
 constexpr const char* measured_state = "_measured"; // behind the name of a state: the output that is measured of it
 
@@ -149,7 +151,11 @@ SystemModel system_model_of(Equations equations, const std::vector<std::string>&
     for (std::size_t p = 0; p < equations.parameters.size(); ++p) {
         const double value = std::abs(equations.parameters[p].value);
         if (is_free(equations.parameters[p].name)) {
-            model.parameters.push_back({.place = p, .scale = value > 0 ? value : 1});
+            SystemModel::Parameter parameter{.place = p, .scale = value > 0 ? value : 1};
+            // Values are about right. One that runs away, as the slope of an overflow that is as good as a wall, makes equations
+            // that no solver gets through.
+            if (value > 0) parameter.low = -max_change * value, parameter.high = max_change * value;
+            model.parameters.push_back(parameter);
         }
     }
     for (std::size_t i = 0; i < equations.states.size(); ++i) {
