@@ -5,7 +5,7 @@
 #include "tribode/base/error.hpp"
 #include "tribode/control/discrete_transfer_function.hpp"
 #include "tribode/experiment/frequency_sweep.hpp"
-#include "tribode/experiment/friction_model.hpp"
+#include "tribode/machine/friction_model.hpp"
 #include "tribode/script/conversions.hpp"
 #include "tribode/script/lua_function.hpp"
 
