@@ -44,11 +44,6 @@ constexpr double dispensable = 1.01; // of the score without a term, for the ter
 
 namespace {
 
-// How many parameters the terms have that one has beyond another.
-std::size_t term_parameters(const SystemCandidate& one, const SystemCandidate& from) {
-    return one.model.parameters.size() - from.model.parameters.size();
-}
-
 bool suits_better(const SystemCandidate& one, const SystemCandidate& other) {
     return rms_of_errors(one.fitted) < worth_another_way * rms_of_errors(other.fitted) &&
            rms_of_errors(one.predicted) < worth_another_way * rms_of_errors(other.predicted);
@@ -483,7 +478,18 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
     begin_anew.resize(std::min(begin_anew.size(), grown));
     fit_each(begin_anew, "fitting growing records to", [&](std::size_t c) { improve(c, start[c], iterations, true); });
     fit_each(go_on, "fitting the best", [&](std::size_t c) {
-        if (!found[c].is_noise && !found[c].predicted.empty()) improve(c, found[c], iterations, false);
+        if (found[c].is_noise || found[c].predicted.empty()) return;
+        improve(c, found[c], iterations, false);
+        // Without the term the other values made up for it, and may have led into another minimum. So once more from the values
+        // as they were given.
+        if (found[c].is_noise || late()) return;
+        SystemCandidate other = found[c];
+        const auto given = first_.values(records_.size());
+        const auto own = static_cast<std::ptrdiff_t>(first_.parameters.size());
+        std::copy_n(given.begin(), own, other.values.begin());
+        std::copy(given.begin() + own, given.end(),
+                  other.values.begin() + static_cast<std::ptrdiff_t>(other.model.parameters.size()));
+        improve(c, std::move(other), iterations, true);
     });
     // What promises most is followed to its minimum, in whatever valley of values it lies: a few percent decide.
     std::vector<std::size_t> near;
@@ -493,17 +499,7 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
     std::stable_sort(near.begin(), near.end(),
                      [&](std::size_t a, std::size_t b) { return found[a].score() < found[b].score(); });
     near.resize(std::min(near.size(), polished));
-    fit_each(near, "fitting to the end", [&](std::size_t c) {
-        improve(c, found[c], last_iterations, false);
-        // Where the errors have kinks, as by the width of a dead zone, a fit may stop short: from either side it need not.
-        for (const double shifted : {1.1, 0.9}) {
-            if (found[c].is_noise || late()) break;
-            SystemCandidate other = found[c];
-            const std::size_t own = other.model.parameters.size(), first = own - term_parameters(other, list[c].from);
-            for (std::size_t p = first; p < own; ++p) other.values[p] *= shifted;
-            improve(c, std::move(other), last_iterations, false);
-        }
-    });
+    fit_each(near, "fitting to the end", [&](std::size_t c) { improve(c, found[c], last_iterations, false); });
     std::erase_if(found, [](const SystemCandidate& c) { return c.predicted.empty(); });
     return found;
 }

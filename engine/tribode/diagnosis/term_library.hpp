@@ -20,7 +20,11 @@ struct TermArithmetic {
     }
     Term abs(Term a) const { return where(less(a, number(0)), negate(a), a); }
     Term positive(Term a) const { return where(less(a, number(0)), number(0), a); } // max(a, 0)
-    Term clip(Term a, Term low, Term high) const { return where(less(a, low), low, where(less(high, a), high, a)); }
+    // As a minimum of a maximum, which is seen to have no jump and so has derivatives.
+    Term clip(Term a, Term low, Term high) const {
+        const Term above = where(less(a, low), low, a);
+        return where(less(high, above), high, above);
+    }
 };
 
 // A derivative or an output to which a term may be added.
