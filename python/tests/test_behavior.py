@@ -161,6 +161,8 @@ def test_ctrl_c(what, tmp_path):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         cwd=tmp_path,
+        # A shell's background work inherits that it ignores Ctrl-C.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
     assert process.stdout.readline() == "begin\n"
     # Mostly the engine is at work by then; where it is not yet, Python itself is interrupted, which passes, too.
