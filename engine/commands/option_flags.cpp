@@ -23,9 +23,9 @@ void OptionFlags::add(CLI::App& app, const Flag& flag, const FieldRow& row) {
     const std::string fallback = flag.fallback.empty() ? row.fallback : flag.fallback;
     app.add_option_function<std::string>(
            flag.name, set, without_marks(fmt::format("{}{}; {} (default {})", meaning, unit, row.values, fallback)))
-        ->type_name(!row.words.empty()                           ? choice_of(row.words)
-                    : row.values.find("text") != row.values.npos ? "TEXT"
-                                                                 : "NUMBER");
+        ->type_name(!row.words.empty()                             ? choice_of(row.words)
+                    : row.values.find("text") != std::string::npos ? "TEXT"
+                                                                   : "NUMBER");
 }
 
 } // namespace tribode

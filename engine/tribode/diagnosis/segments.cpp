@@ -8,9 +8,9 @@ namespace tribode {
 
 namespace {
 
-constexpr std::size_t min_samples = 20, samples_per_state = 6; // of a segment
-constexpr double near_noise = 3, near_output = 0.02;           // rms, over the noise and over the outputs' deviation
-constexpr int start_iterations = 6, iterations = 6;
+constexpr std::size_t min_segment_samples = 20, samples_per_state = 6; // of a segment
+constexpr double near_noise = 3, near_output = 0.02; // rms, over the noise and over the outputs' deviation
+constexpr int start_iterations = 6, all_iterations = 6;
 
 // The noise of the outputs, relative to their scale, rms.
 double noise_of(const SystemFit& fit) {
@@ -63,7 +63,7 @@ class Cutter {
         made.values.assign(values_.begin(), values_.begin() + static_cast<std::ptrdiff_t>(model_.parameters.size()));
         made.values.insert(made.values.end(), starts.begin(), starts.end());
         const auto result =
-            made.fit(fit_.scale(), fit_.interpolation()).fit(made.model, made.values, iterations, ended_);
+            made.fit(fit_.scale(), fit_.interpolation()).fit(made.model, made.values, all_iterations, ended_);
         if (result.errors.empty()) return std::nullopt;
         made.values = result.values;
         made.errors = result.errors;
@@ -132,7 +132,7 @@ std::optional<Segments> segmented(const SystemModel& model, const std::vector<do
     }
     const double near = std::max(near_noise * noise_of(fit), near_output);
     const Cutter cutter(model, values, fit, ended);
-    const std::size_t shortest = std::max(min_samples, samples_per_state * e.states.size());
+    const std::size_t shortest = std::max(min_segment_samples, samples_per_state * e.states.size());
     const std::size_t longest = *std::max_element(fit.used().begin(), fit.used().end());
     std::optional<Segments> found;
     for (std::size_t length = longest / 4; length >= shortest && !ended(); length /= 2) {
