@@ -13,8 +13,8 @@ namespace tribode {
 struct Segments {
     std::vector<SystemRecord> records;
     SystemModel model;          // its start values may move, all of them
-    std::vector<double> values; // fitted
-    std::vector<double> errors; // at the values
+    std::vector<double> values; // fitted: parameters, then the start values of each segment
+    std::vector<double> errors; // at the values, relative to the scale of the outputs
 
     SystemFit fit(const std::vector<double>& scale, Interpolation between) const;
 
@@ -26,8 +26,8 @@ struct Segments {
 };
 
 // The longest segments over which the model comes near the measurement: errors of a few times the noise, or of a few percent of
-// the outputs. Nothing for systems whose state is more than numbers that move continuously, and where no simulation succeeds.
-// `used`: of each record, how many samples count.
+// the outputs; of each record, over the samples that `fit` counts. Nothing for systems whose state is more than numbers that move
+// continuously, and where no simulation succeeds.
 std::optional<Segments> segmented(const SystemModel& model, const std::vector<double>& values, const SystemFit& fit,
                                   const std::function<bool()>& ended);
 

@@ -26,6 +26,25 @@ inline EffectParameter friction_stiffness_parameter(std::string meaning) { // K 
             .plausible_max = 1e8};
 }
 
+// Of Maxwell-slip elements and what is made of them.
+inline EffectParameter element_stiffness_field() { // K [N/m]
+    return {.name = "K",
+            .unit = "N/m",
+            .meaning = "stiffness",
+            .allowed = Allowed::positive,
+            .plausible_min = 1e2,
+            .plausible_max = 1e7};
+}
+
+inline EffectParameter element_level_field(std::string meaning) { // F [N]
+    return {.name = "F",
+            .unit = "N",
+            .meaning = std::move(meaning),
+            .allowed = Allowed::positive,
+            .plausible_min = 0.05,
+            .plausible_max = 20};
+}
+
 inline EffectParameter stribeck_velocity_parameter() { // velocity [m/s]
     return {.name = "velocity",
             .unit = "m/s",

@@ -1,6 +1,7 @@
 #include "tribode/analysis/friction_identification.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/effect/candidate.hpp"
+#include "tribode/effect/friction_law_parameters.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -66,18 +67,8 @@ extern const EffectKind presliding_hysteresis = {
             {.name = "elements",
              .meaning = "the elements",
              .type = EffectParameter::Type::records,
-             .fields = {{.name = "K",
-                         .unit = "N/m",
-                         .meaning = "stiffness",
-                         .allowed = Allowed::positive,
-                         .plausible_min = 1e2,
-                         .plausible_max = 1e7},
-                        {.name = "F",
-                         .unit = "N",
-                         .meaning = "half the swing of a full loop",
-                         .allowed = Allowed::positive,
-                         .plausible_min = 0.05,
-                         .plausible_max = 20},
+             .fields = {element_stiffness_field(),
+                        element_level_field("half the swing of a full loop"),
                         {.name = "D",
                          .unit = "N s/m",
                          .meaning = "damping in stick",
