@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/base/lanes.hpp"
 #include "tribode/experiment/servo_recorder.hpp"
 #include "tribode/machine/servo_numbers.hpp"
 #include "tribode/solver/sensitivity_series.hpp"
@@ -40,40 +41,53 @@ class SensitiveServoSystem final : public ServoSystem {
     EventEffect on_sample(ClockId clock, long k, SystemState& state) const override;
 
   private:
-    // Of one parameter.
-    struct Direction {
-        ServoDirection by;
+    // Of up to lane_count parameters, side by side.
+    struct Group {
+        std::vector<ServoDirection> by;
+        SensitivitySeries series;
         ServoPlantTangent plant;
-        bool is_amplified; // else the amplifier passes on what it gets, whatever p is
-        MachineController::State controller = {};
-        std::vector<double> encoder_ring = {}, hold_ring = {}; // as in ServoSystem::State
+        std::size_t first = 0; // place in the results
+        Lanes output_delay, input_delay, noise_rms, process_noise_rms, thrust, reference, excitation;
+        bool moves_input = false, has_noise = false, has_process_noise = false, has_excitation = false; // any of these
+        bool is_amplified = false; // else the amplifier passes on what it gets, whatever the parameters are
+        Lanes kp, ki, kd, derivative_filter_hz; // as in PidController, and its state
+        Lanes integral, derivative, previous_error;
+        std::vector<LoopFilterStates> filters = {};           // of each parameter
+        std::vector<CascadeController::State> cascade = {};   // the same
+        std::vector<Lanes> encoder_ring = {}, hold_ring = {}; // as in ServoSystem::State
+        std::vector<Lanes> s = {}, q = {};                    // of each state dx/dp, and dx'/dp at fixed x
+        SensitivitySeries::Pattern* pattern = nullptr;
     };
 
-    // What changes during the run, besides the state.
+    // What changes during the run, besides the state. s, q and f have the height of SensitivitySeries.
     struct Run {
-        SensitivitySeries series;
-        std::vector<Direction> directions = {};
+        std::vector<Group> groups = {};
         std::vector<ServoSensitivity> results = {};
-        std::vector<double> s = {}, q = {};            // dx/dp, and dx'/dp at fixed x: (height x directions)
-        std::vector<double> f = {};                    // (height): x' where the step begins
-        std::vector<double> x = {}, f_before = {};     // where it begins; before a jump
-        double t = 0;                                  // [s]
-        SensitivitySeries::Pattern* pattern = nullptr; // null: it may have changed
+        std::vector<double> f = {};                // x' where the step begins
+        std::vector<double> x = {}, f_before = {}; // where it begins; before a jump
+        double t = 0;                              // [s]
+        bool is_new_pattern = true;                // or it may be
         AffineKey key = {};
         double jump = -1;        // when the input or the disturbance jumped last [s]
         bool jump_moves = false; // with the input delay
     };
 
-    double* column(std::size_t p) const { return run_->s.data() + p * run_->series.height(); }
-    std::span<double> column_of(std::size_t p) const { return {column(p), states().size()}; }
+    // Of what is filled up to the height of the series.
+    auto of_states(auto& values) const { return std::span(values).first(states().size()); }
+    void add_group(std::vector<ServoDirection> directions) const;
     void propagate(const SystemState& state) const;
-    void find_pattern(const ServoPlant::State& s) const;
-    void add_jump(double shift, std::size_t p) const;
-    double detected(const Direction& direction, double y, double by, long k) const;
+    void find_patterns(const ServoPlant::State& s) const;
+    void add_jump(const Lanes& shift, Group& group) const;
+    Lanes detected(const Group& group, double y, const Lanes& by, long k) const;
     void control(long k, const MachineController::State& before, State& s) const;
-    double controller_step(Direction& direction, const State& s, const MachineController::State& before,
-                           double reference, double position) const;
-    double amplified(const Direction& direction, double u, double by) const;
+    Lanes controller_step(Group& group, const State& s, const MachineController::State& before, const Lanes& reference,
+                          const Lanes& position) const;
+    Lanes pid_step(const PidController& pid, Group& group, const State& s, const PidController::State& before,
+                   const Lanes& error_by) const;
+    double cascade_step(const CascadeController& cascade, const CascadeController& by, CascadeController::State& own,
+                        const State& s, const CascadeController::State& before, double reference,
+                        double position) const;
+    double amplified(const Amplifier& by, double u, double u_by) const;
 
     const Controller settings_;
     const ServoChannels channels_;

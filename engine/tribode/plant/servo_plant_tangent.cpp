@@ -10,47 +10,71 @@ namespace {
 constexpr double contact_margin = ServoPlant::contact_margin;
 } // namespace
 
-ServoPlantTangent::ServoPlantTangent(const ServoPlant& plant, const ServoPlantNumbers& derivatives)
+ServoPlantTangent::ServoPlantTangent(const ServoPlant& plant, std::span<const ServoPlantNumbers* const> derivatives)
     : plant_(plant),
-      of_(derivatives),
-      total_gain_(derivatives.plant.rigid_gain) {
-    const auto& p = plant.p_;
+      modes_(plant.p_.modes.size()),
+      elements_(plant.p_.rolling.elements().size()),
+      sines_(plant.p_.sine_forces.size()) {
+    for (std::size_t lane = 0; lane < derivatives.size(); ++lane) set(lane, *derivatives[lane]);
+}
+
+void ServoPlantTangent::set(std::size_t lane, const ServoPlantNumbers& by) {
+    const auto &p = plant_.p_, &p_by = by.plant;
     double modes_by = 0; // of the gains of all modes
-    for (std::size_t j = 0; j < p.modes.size(); ++j) {
+    for (std::size_t j = 0; j < modes_.size(); ++j) {
         const auto& [gain, freq_hz, zeta] = p.modes[j];
-        const auto& by = of_.plant.modes[j];
-        const double omega = two_pi * freq_hz, omega_by = two_pi * by.freq_hz;
-        damping_of_.push_back(2 * (by.zeta * omega + zeta * omega_by));
-        stiffness_of_.push_back(2 * omega * omega_by);
-        total_gain_ += by.gain;
-        modes_by += by.gain;
-        moves_modes_ = moves_modes_ || by.gain != 0 || damping_of_.back() != 0 || stiffness_of_.back() != 0;
+        const auto& own = p_by.modes[j];
+        const double omega = two_pi * freq_hz, omega_by = two_pi * own.freq_hz;
+        const double damping = 2 * (own.zeta * omega + zeta * omega_by), stiffness = 2 * omega * omega_by;
+        modes_[j].gain[lane] = own.gain;
+        modes_[j].damping[lane] = damping;
+        modes_[j].stiffness[lane] = stiffness;
+        modes_by += own.gain;
+        moves_modes_ = moves_modes_ || own.gain != 0 || damping != 0 || stiffness != 0;
     }
     const auto& elements = p.rolling.elements();
     for (std::size_t i = 0; i < elements.size(); ++i) {
-        const auto& by = of_.elements[i];
-        moves_elements_ = moves_elements_ || by.stiffness != 0 || by.level != 0 || by.damping != 0;
-        limits_.push_back((by.level - elements[i].limit() * by.stiffness) / elements[i].stiffness);
+        const auto& own = by.elements[i];
+        elements_[i].stiffness[lane] = own.stiffness;
+        elements_[i].level[lane] = own.level;
+        elements_[i].damping[lane] = own.damping;
+        elements_[i].limit[lane] = (own.level - elements[i].limit() * own.stiffness) / elements[i].stiffness;
+        moves_elements_ = moves_elements_ || own.stiffness != 0 || own.level != 0 || own.damping != 0;
     }
-    z_.assign(elements.size(), 0.0);
-    corner_ = two_pi * of_.plant.current_loop_hz;
+    for (std::size_t i = 0; i < sines_.size(); ++i) {
+        sines_[i].amplitude[lane] = p_by.sine_forces[i].amplitude;
+        sines_[i].freq_hz[lane] = p_by.sine_forces[i].freq_hz;
+        sines_[i].phase[lane] = p_by.sine_forces[i].phase;
+    }
+    coulomb_[lane] = p_by.dry.coulomb;
+    viscous_[lane] = p_by.viscous;
+    constant_force_[lane] = p_by.constant_force;
+    spring_[lane] = p_by.spring;
+    forward_.level[lane] = p_by.forward.level;
+    forward_.viscous[lane] = p_by.forward.viscous;
+    backward_.level[lane] = p_by.backward.level;
+    backward_.viscous[lane] = p_by.backward.viscous;
+    corner_[lane] = two_pi * p_by.current_loop_hz;
+    total_gain_[lane] = p_by.rigid_gain + modes_by;
     if (!p.backlash) return;
-    const Backlash &b = *p.backlash, &by = *of_.plant.backlash;
+    const Backlash &b = *p.backlash, &b_by = *p_by.backlash;
     const double part = b.load_fraction, rest = 1 - part;
     const double load = p.rigid_gain / part, motor = p.rigid_gain / rest;
-    const double load_by = (of_.plant.rigid_gain - load * by.load_fraction) / part;
-    const double motor_by = (of_.plant.rigid_gain + motor * by.load_fraction) / rest;
-    total_gain_ = (b.load_side ? load_by : motor_by) + modes_by;
-    other_gain_ = b.load_side ? motor_by : load_by;
+    const double load_by = (p_by.rigid_gain - load * b_by.load_fraction) / part;
+    const double motor_by = (p_by.rigid_gain + motor * b_by.load_fraction) / rest;
+    total_gain_[lane] = (b.load_side ? load_by : motor_by) + modes_by;
+    other_gain_[lane] = b.load_side ? motor_by : load_by;
     const double reduced = 1 / (load + motor), reduced_by = -reduced * reduced * (load_by + motor_by);
-    const double omega = two_pi * b.contact_hz, omega_by = two_pi * by.contact_hz;
-    contact_stiffness_ = reduced_by * omega * omega + 2 * reduced * omega * omega_by;
-    contact_damping_ =
-        2 * (by.contact_zeta * omega * reduced + b.contact_zeta * (omega_by * reduced + omega * reduced_by));
+    const double omega = two_pi * b.contact_hz, omega_by = two_pi * b_by.contact_hz;
+    contact_stiffness_[lane] = reduced_by * omega * omega + 2 * reduced * omega * omega_by;
+    contact_damping_[lane] =
+        2 * (b_by.contact_zeta * omega * reduced + b.contact_zeta * (omega_by * reduced + omega * reduced_by));
+    gap_[lane] = b_by.gap;
 }
 
-void ServoPlantTangent::start(double position, double velocity, const ServoPlant::State& s, std::span<double> dx) {
-    std::fill(dx.begin(), dx.end(), 0.0);
+void ServoPlantTangent::start(const Lanes& position, const Lanes& velocity, const ServoPlant::State& s,
+                              std::span<Lanes> dx) {
+    std::fill(dx.begin(), dx.end(), Lanes{});
     dx[0] = position;
     dx[1] = velocity;
     if (plant_.p_.rigid_gain == 0) std::copy_n(dx.begin(), 2, dx.begin() + 2);
@@ -60,156 +84,174 @@ void ServoPlantTangent::start(double position, double velocity, const ServoPlant
     sum_up(s);
 }
 
-void ServoPlantTangent::refresh_sines(double t, std::span<double> dx) const {
-    double* state = dx.data() + plant_.first_sine_;
-    for (std::size_t i = 0; i < plant_.p_.sine_forces.size(); ++i) {
+void ServoPlantTangent::refresh_sines(double t, std::span<Lanes> dx) const {
+    Lanes* state = dx.data() + plant_.first_sine_;
+    for (std::size_t i = 0; i < sines_.size(); ++i) {
         const auto& [amplitude, freq_hz, phase] = plant_.p_.sine_forces[i];
-        const auto& by = of_.plant.sine_forces[i];
-        const double angle = two_pi * freq_hz * t + phase, angle_by = two_pi * by.freq_hz * t + by.phase;
-        *state++ = by.amplitude * std::sin(angle) + amplitude * std::cos(angle) * angle_by;
-        *state++ = by.amplitude * std::cos(angle) - amplitude * std::sin(angle) * angle_by;
+        const Sine& by = sines_[i];
+        const double angle = two_pi * freq_hz * t + phase, sine = std::sin(angle), cosine = std::cos(angle);
+        const Lanes angle_by = two_pi * by.freq_hz * t + by.phase;
+        *state++ = by.amplitude * sine + amplitude * cosine * angle_by;
+        *state++ = by.amplitude * cosine - amplitude * sine * angle_by;
     }
 }
 
-ServoPlantTangent::Here ServoPlantTangent::here(const ServoPlant& plant, std::span<const double> x,
-                                                const ServoPlant::State& s, double one) {
-    Here here{.stuck = plant.is_stuck(s)};
-    here.input = one * s.input.coefficient[0];
-    here.thrust = plant.corner_ > 0 ? x.back() : here.input;
-    if (here.stuck) {
-        here.effective = plant.restoring(x);
+TRIBODE_CLONES void ServoPlantTangent::rates(std::span<const double> x, const ServoPlant::State& s, double one,
+                                             std::span<Lanes> dxdt) const {
+    const bool lag = plant_.corner_ > 0, stuck = plant_.is_stuck(s);
+    const double input_force = one * s.input.coefficient[0], thrust = lag ? x.back() : input_force;
+    const Lanes thrust_by = lag ? Lanes{} : one * input;
+    Lanes restoring_by; // sum r_j
+    for (std::size_t j = 0; moves_modes_ && j < modes_.size(); ++j) {
+        restoring_by += modes_[j].damping * x[2 * j + 3] + modes_[j].stiffness * x[2 * j + 2];
+    }
+    double effective; // u_e
+    Lanes effective_by;
+    if (stuck) {
+        effective = plant_.restoring(x);
+        effective_by = (restoring_by - effective * total_gain_) / plant_.total_gain_;
     } else {
-        here.from_reference = x[0] - one * s.rolling.reference;
-        here.effective = plant.pushing(here.thrust, x, s, one) + one * (s.disturbance - s.rolling.force) -
-                         s.rolling.stiffness * here.from_reference - (s.rolling.damping + plant.viscous(s)) * x[1];
-        if (plant.has_dry_) here.effective -= one * sign(s.dry) * plant.dry_level(x[1], s);
+        const double towards = sign(s.dry), from_reference = x[0] - one * s.rolling.reference;
+        effective = plant_.pushing(thrust, x, s, one) + one * (s.disturbance - s.rolling.force) -
+                    s.rolling.stiffness * from_reference - (s.rolling.damping + plant_.viscous(s)) * x[1];
+        effective_by = thrust_by + one * (constant_force_ + disturbance - force_) - spring_ * x[0] -
+                       stiffness_ * from_reference + one * s.rolling.stiffness * reference_ -
+                       (damping_ + viscous_) * x[1];
+        if (towards != 0) effective_by -= (towards > 0 ? forward_ : backward_).viscous * x[1];
+        if (plant_.has_dry_) {
+            effective -= one * towards * plant_.dry_level(x[1], s);
+            effective_by -= one * towards * (coulomb_ + (towards > 0 ? forward_ : backward_).level);
+        }
     }
-    return here;
-}
-
-void ServoPlantTangent::rates(const Here& here, std::span<const double> x, const ServoPlant::State& s, double one,
-                              std::span<double> dxdt) const {
-    const auto& by = of_.plant;
-    const bool lag = plant_.corner_ > 0;
-    const double thrust_by = lag ? 0 : one * input;
-    double restoring_by = 0; // sum r_j
-    for (std::size_t j = 0; moves_modes_ && j < stiffness_of_.size(); ++j) {
-        restoring_by += damping_of_[j] * x[2 * j + 3] + stiffness_of_[j] * x[2 * j + 2];
-    }
-    double effective_by; // u_e
-    if (here.stuck) {
-        effective_by = (restoring_by - here.effective * total_gain_) / plant_.total_gain_;
-    } else {
-        const double towards = sign(s.dry);
-        const auto& direction = towards > 0 ? by.forward : by.backward;
-        effective_by = thrust_by + one * (by.constant_force + disturbance - force_) - by.spring * x[0] -
-                       stiffness_ * here.from_reference + one * s.rolling.stiffness * reference_ -
-                       (damping_ + by.viscous + (towards == 0 ? 0 : direction.viscous)) * x[1];
-        if (plant_.has_dry_) effective_by -= one * towards * (by.dry.coulomb + direction.level);
-    }
-    std::fill(dxdt.begin(), dxdt.end(), 0.0);
+    std::fill(dxdt.begin(), dxdt.end(), Lanes{});
     if (plant_.p_.backlash) {
-        const double contact_by = contact_force(x, s, one), contact = plant_.contact_force(x, s, one);
+        const double contact = plant_.contact_force(x, s, one);
         const bool load_side = plant_.p_.backlash->load_side;
+        const Lanes contact_by = contact_force(x, s, one);
         // The thrust acts on the motor's body. While the driven point sticks, neither moves it or its modes.
-        if (!here.stuck) effective_by += load_side ? contact_by - thrust_by : -contact_by;
-        dxdt[plant_.other_ + 1] =
-            load_side ? other_gain_ * (here.thrust - contact) + plant_.other_gain_ * (thrust_by - contact_by)
-                      : other_gain_ * contact + plant_.other_gain_ * contact_by;
+        if (!stuck) effective_by += load_side ? contact_by - thrust_by : -contact_by;
+        dxdt[plant_.other_ + 1] = load_side
+                                      ? other_gain_ * (thrust - contact) + plant_.other_gain_ * (thrust_by - contact_by)
+                                      : other_gain_ * contact + plant_.other_gain_ * contact_by;
     }
-    dxdt[1] = here.stuck ? 0 : plant_.total_gain_ * effective_by + total_gain_ * here.effective - restoring_by;
-    for (std::size_t j = 0; j < stiffness_of_.size(); ++j) {
+    if (!stuck) dxdt[1] = plant_.total_gain_ * effective_by + total_gain_ * effective - restoring_by;
+    for (std::size_t j = 0; j < modes_.size(); ++j) {
+        const Mode& by = modes_[j];
         dxdt[2 * j + 3] = plant_.gain_[j] * effective_by;
         if (!moves_modes_) continue;
-        dxdt[2 * j + 3] +=
-            by.modes[j].gain * here.effective - (damping_of_[j] * x[2 * j + 3] + stiffness_of_[j] * x[2 * j + 2]);
+        dxdt[2 * j + 3] += by.gain * effective - (by.damping * x[2 * j + 3] + by.stiffness * x[2 * j + 2]);
     }
-    for (std::size_t i = 0; i < by.sine_forces.size(); ++i) {
+    for (std::size_t i = 0; i < sines_.size(); ++i) {
         const std::size_t state = plant_.first_sine_ + 2 * i;
-        const double omega_by = two_pi * by.sine_forces[i].freq_hz;
+        const Lanes omega_by = two_pi * sines_[i].freq_hz;
         dxdt[state] = omega_by * x[state + 1];
         dxdt[state + 1] = -omega_by * x[state];
     }
-    if (lag) dxdt.back() = corner_ * (here.input - x.back()) + plant_.corner_ * one * input;
+    if (lag) dxdt.back() = corner_ * (input_force - x.back()) + plant_.corner_ * one * input;
+}
+
+void ServoPlantTangent::push(const Lanes& force, std::span<Lanes> dxdt) const {
+    dxdt[1] += plant_.total_gain_ * force;
+    for (std::size_t j = 0; j < modes_.size(); ++j) dxdt[2 * j + 3] += plant_.gain_[j] * force;
+}
+
+Lanes ServoPlantTangent::separation(std::span<const Lanes> dx, std::size_t of) const {
+    const Lanes ahead = dx[of] - dx[plant_.other_ + of];
+    return plant_.p_.backlash->load_side ? -ahead : ahead;
 }
 
 // Of the contact, on the load.
-double ServoPlantTangent::contact_force(std::span<const double> x, const ServoPlant::State& s, double one) const {
-    if (std::abs(static_cast<int>(s.contact)) != 1) return 0;
+Lanes ServoPlantTangent::contact_force(std::span<const double> x, const ServoPlant::State& s, double one) const {
+    if (std::abs(static_cast<int>(s.contact)) != 1) return {};
     const double side = one * static_cast<double>(s.contact);
     return contact_stiffness_ * (plant_.separation(x, 0) - side * plant_.p_.backlash->gap / 2) -
-           plant_.contact_stiffness_ * side * of_.plant.backlash->gap / 2 + contact_damping_ * plant_.separation(x, 1);
+           plant_.contact_stiffness_ * side * gap_ / 2 + contact_damping_ * plant_.separation(x, 1);
 }
 
 // Of the friction at the reference, from the elements.
-void ServoPlantTangent::sum_up(const ServoPlant::State& s) {
+TRIBODE_CLONES void ServoPlantTangent::sum_up(const ServoPlant::State& s) {
     const auto& elements = plant_.p_.rolling.elements();
-    force_ = stiffness_ = damping_ = 0;
+    Lanes force, stiffness, damping;
     for (std::size_t i = 0; i < elements.size(); ++i) {
+        const Element& by = elements_[i];
         if (s.rolling.slip[i] != SlipState::stick) {
-            force_ += sign(s.rolling.slip[i]) * of_.elements[i].level;
+            force += sign(s.rolling.slip[i]) * by.level;
             continue;
         }
-        force_ += elements[i].stiffness * z_[i];
+        force += elements[i].stiffness * by.z;
         if (!moves_elements_) continue;
-        force_ += of_.elements[i].stiffness * s.rolling.z[i];
-        stiffness_ += of_.elements[i].stiffness;
-        damping_ += of_.elements[i].damping;
+        force += by.stiffness * s.rolling.z[i];
+        stiffness += by.stiffness;
+        damping += by.damping;
     }
+    force_ = force;
+    stiffness_ = stiffness;
+    damping_ = damping;
 }
 
-void ServoPlantTangent::after_slips(std::span<const Event> log, const ServoPlant::State& s, std::span<double> dx) {
+void ServoPlantTangent::after_slips(std::span<const Event> log, const ServoPlant::State& s, std::span<Lanes> dx) {
     const auto& elements = plant_.p_.rolling.elements();
-    double jump = 0; // of the effective thrust, times dt*
+    Lanes jump; // of the effective thrust, times dt*
     for (const auto& event : log) {
         const auto i = static_cast<std::size_t>(event.subject) - 1;
-        force_ -= elements[i].stiffness * z_[i]; // for those that nothing moves; the others are summed up
+        Element& by = elements_[i];
+        force_ -= elements[i].stiffness * by.z; // for those that nothing moves; the others are summed up
         const double towards = sign(s.rolling.slip[i]);
         // The position at which it slips is reference + towards (X_i - towards z_i).
-        const double limit = reference_ + towards * limits_[i] - z_[i];
-        jump -= elements[i].damping * (limit - dx[0]);
-        z_[i] = towards * limits_[i];
+        jump -= elements[i].damping * (reference_ + towards * by.limit - by.z - dx[0]);
+        by.z = towards * by.limit;
     }
-    if (jump != 0) plant_.push(jump, dx);
+    push(jump, dx);
     if (moves_elements_) sum_up(s);
 }
 
 void ServoPlantTangent::after_reversal(std::span<const Event> log, const ServoPlant::State& s,
-                                       std::span<const double> dx) {
+                                       std::span<const Lanes> dx) {
     // The velocity is zero there: the position does not depend on when it is.
-    const double travel = dx[0] - reference_;
-    for (double& z : z_) z += travel;
+    const Lanes travel = dx[0] - reference_;
+    for (auto& element : elements_) element.z += travel;
     for (const auto& event : log) { // those in slip stay at their limit
         if (event.subject == ServoPlant::coulomb_subject) continue;
-        z_[static_cast<std::size_t>(event.subject) - 1] -= travel;
+        elements_[static_cast<std::size_t>(event.subject) - 1].z -= travel;
     }
     reference_ = dx[0];
     sum_up(s);
 }
 
+bool ServoPlantTangent::has_closed(std::span<const double> x, const ServoPlant::State& s) const {
+    if (!plant_.p_.backlash || std::abs(static_cast<int>(s.contact)) != 1) return false;
+    const double half = plant_.p_.backlash->gap / 2, side = static_cast<double>(s.contact);
+    return !(std::abs(side * plant_.separation(x, 0) - half) > contact_margin * half);
+}
+
+Lanes ServoPlantTangent::closing_shift(std::span<const double> x, const ServoPlant::State& s,
+                                       std::span<const Lanes> dx) const {
+    return (static_cast<double>(s.contact) * gap_ / 2 - separation(dx, 0)) / plant_.separation(x, 1);
+}
+
 void ServoPlantTangent::after_contact(ContactState before, std::span<const double> x, std::span<const double> f,
-                                      const ServoPlant::State& s, std::span<double> dx) const {
+                                      const ServoPlant::State& s, std::span<Lanes> dx) const {
     // The force is continuous but where a contact closes.
     if (std::abs(static_cast<int>(s.contact)) != 1) return;
     const auto& b = *plant_.p_.backlash;
     const double side = static_cast<double>(s.contact);
-    const double half_by = of_.plant.backlash->gap / 2;
+    const Lanes half_by = gap_ / 2;
     const double stiffness = plant_.contact_stiffness_, damping = plant_.contact_damping_;
-    double jump; // (force before - force after) dt*, on the load
+    const Lanes moved = separation(dx, 0);
+    Lanes jump; // (force before - force after) dt*, on the load
     if (before == ContactState::open) {
         // The damper has its force at once; dt* = (side gap/2 - separation) / its rate
-        jump = -damping * (side * half_by - plant_.separation(dx, 0));
+        jump = -damping * (side * half_by - moved);
     } else {
         // Pressed again while parting: a little force is there, as this guard stands a little outside the other.
         const double outside = b.gap / 2 * (1 + contact_margin);
         const double inside = outside - side * plant_.separation(x, 0), rate = side * plant_.separation(x, 1);
-        const double by = contact_stiffness_ * inside +
-                          stiffness * (half_by * (1 + contact_margin) - side * plant_.separation(dx, 0)) -
-                          contact_damping_ * rate - damping * side * plant_.separation(dx, 1);
+        const Lanes by = contact_stiffness_ * inside + stiffness * (half_by * (1 + contact_margin) - side * moved) -
+                         contact_damping_ * rate - damping * side * separation(dx, 1);
         const double falls = stiffness * rate + damping * side * plant_.separation(f, 1);
         jump = -plant_.contact_force(x, s, 1) * by / falls;
     }
-    if (!plant_.is_stuck(s)) plant_.push(b.load_side ? jump : -jump, dx);
+    if (!plant_.is_stuck(s)) push(b.load_side ? jump : -jump, dx);
     dx[plant_.other_ + 1] += plant_.other_gain_ * (b.load_side ? -jump : jump);
 }
 

@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/base/lanes.hpp"
 #include "tribode/plant/servo_plant.hpp"
 
 #include <span>
@@ -46,61 +47,76 @@ struct ServoPlantNumbers {
     }
 };
 
-// What changes in a plant's run with one parameter p: the derivatives by p of its rates at fixed states, and of the discrete
-// values that come from the states. s are the sensitivities dx/dp. At an event at time t*, which moves with p,
+// What changes in a plant's run with each of up to lane_count parameters p, side by side: the derivatives by p of its rates at
+// fixed states, and of the discrete values that come from the states. dx are the sensitivities dx/dp. At an event at time t*,
+// which moves with p,
 //
-//     s+ = s- + (f- - f+) dt*/dp
+//     dx+ = dx- + (f- - f+) dt*/dp
 //
-// where x does not jump. Where the force is continuous an event leaves s as it is. The damping of elements and of a contact
+// where x does not jump. Where the force is continuous an event leaves dx as it is. The damping of elements and of a contact
 // jumps in proportion to the velocity, of which dt*/dp is a fraction: there the product is finite however slow the motion is.
 class ServoPlantTangent {
   public:
-    // derivatives: of the plant's numbers by p. The plant must be affine and outlive it.
-    ServoPlantTangent(const ServoPlant& plant, const ServoPlantNumbers& derivatives);
+    // derivatives: of the plant's numbers by each p. The plant must be affine and outlive it.
+    ServoPlantTangent(const ServoPlant& plant, std::span<const ServoPlantNumbers* const> derivatives);
 
     // As ServoPlant::start, whose state s is.
-    void start(double position, double velocity, const ServoPlant::State& s, std::span<double> dx);
+    void start(const Lanes& position, const Lanes& velocity, const ServoPlant::State& s, std::span<Lanes> dx);
 
-    // What rates() of all parameters have in common.
-    struct Here {
-        bool stuck;
-        double input = 0, thrust = 0; // u, Fm [N]
-        double effective = 0;         // u_e [N]
-        double from_reference = 0;    // of the elements [m]
-    };
-    static Here here(const ServoPlant& plant, std::span<const double> x, const ServoPlant::State& s, double one);
     // df/dp at fixed x; `one` = 0: the part linear in x. dxdt has an entry for each state.
-    void rates(const Here& here, std::span<const double> x, const ServoPlant::State& s, double one,
-               std::span<double> dxdt) const;
+    void rates(std::span<const double> x, const ServoPlant::State& s, double one, std::span<Lanes> dxdt) const;
 
     // The derivatives of the elements' stiffness and damping in stick, on which rates() with `one` = 0 depends besides the
     // plant's key.
-    double stiffness() const { return stiffness_; }
-    double damping() const { return damping_; }
+    const Lanes& stiffness() const { return stiffness_; }
+    const Lanes& damping() const { return damping_; }
 
     // What on_crossing of the plant did, s being the state after it and log its entries. Slips of elements and contacts that
     // close change dx; at a reversal dx is that after it.
-    void after_slips(std::span<const Event> log, const ServoPlant::State& s, std::span<double> dx);
-    void after_reversal(std::span<const Event> log, const ServoPlant::State& s, std::span<const double> dx);
+    void after_slips(std::span<const Event> log, const ServoPlant::State& s, std::span<Lanes> dx);
+    void after_reversal(std::span<const Event> log, const ServoPlant::State& s, std::span<const Lanes> dx);
     // f: the rates before it.
     void after_contact(ContactState before, std::span<const double> x, std::span<const double> f,
-                       const ServoPlant::State& s, std::span<double> dx) const;
+                       const ServoPlant::State& s, std::span<Lanes> dx) const;
+    // Whether the contact of a backlash has closed at this instant, and then dt*/dp.
+    bool has_closed(std::span<const double> x, const ServoPlant::State& s) const;
+    Lanes closing_shift(std::span<const double> x, const ServoPlant::State& s, std::span<const Lanes> dx) const;
 
-    void refresh_sines(double t, std::span<double> dx) const;
+    void refresh_sines(double t, std::span<Lanes> dx) const;
 
-    double input = 0, disturbance = 0; // du/dp after the delay, and of the disturbance [N by the unit of p]
+    Lanes input, disturbance; // du/dp after the delay, and of the disturbance [N by the unit of p]
 
   private:
+    // The numbers' derivatives, and those of what the plant computes of them.
+    struct Mode {
+        Lanes gain, damping, stiffness; // as in the plant
+    };
+    struct Element {
+        Lanes stiffness, level, damping, limit; // K, F, B, X = F/K
+        Lanes z;                                // of its deflection
+    };
+    struct Sine {
+        Lanes amplitude, freq_hz, phase;
+    };
+    struct Direction {
+        Lanes level, viscous;
+    };
+
+    void set(std::size_t lane, const ServoPlantNumbers& by);
     void sum_up(const ServoPlant::State& s);
-    double contact_force(std::span<const double> x, const ServoPlant::State& s, double one) const;
+    void push(const Lanes& force, std::span<Lanes> dxdt) const;
+    Lanes separation(std::span<const Lanes> dx, std::size_t of) const;
+    Lanes contact_force(std::span<const double> x, const ServoPlant::State& s, double one) const;
 
     const ServoPlant& plant_;
-    const ServoPlantNumbers of_;
-    std::vector<double> damping_of_, stiffness_of_, limits_; // per mode, as in the plant; X_i
-    double total_gain_, corner_ = 0, other_gain_ = 0, contact_stiffness_ = 0, contact_damping_ = 0;
-    bool moves_modes_ = false, moves_elements_ = false;              // whether the numbers of any depend on p
-    std::vector<double> z_;                                          // of each element
-    double reference_ = 0, force_ = 0, stiffness_ = 0, damping_ = 0; // of RollingFriction::State
+    std::vector<Mode> modes_;
+    std::vector<Element> elements_;
+    std::vector<Sine> sines_;
+    Lanes coulomb_, viscous_, constant_force_, spring_, gap_;
+    Direction forward_, backward_;
+    Lanes total_gain_, corner_, other_gain_, contact_stiffness_, contact_damping_;
+    bool moves_modes_ = false, moves_elements_ = false; // whether the numbers of any depend on a parameter
+    Lanes reference_, force_, stiffness_, damping_;     // of RollingFriction::State
 };
 
 } // namespace tribode

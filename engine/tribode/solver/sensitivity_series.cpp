@@ -1,5 +1,4 @@
 #include "tribode/solver/sensitivity_series.hpp"
-#include "tribode/solver/series_kernels.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -15,75 +14,98 @@ constexpr int worth_preparing = 8;
 
 } // namespace
 
-SensitivitySeries::SensitivitySeries(std::size_t states, std::size_t parameters)
+SensitivitySeries::SensitivitySeries(std::size_t states)
     : states_(states),
-      parameters_(parameters),
-      height_(padded(states)) {
-    sums_.resize(height_ * (1 + parameters_));
-    room_.resize(4 * sums_.size());
+      height_(padded(states)),
+      size_(height_ + height_ / lane_count),
+      rates_(height_),
+      sums_(size_) {}
+
+SensitivityMatrices SensitivitySeries::matrices(const Pattern& pattern) const {
+    return {.states = states_,
+            .height = height_,
+            .a = pattern.a.data(),
+            .full = pattern.full.data(),
+            .full_row = pattern.full_row.data(),
+            .full_rows = pattern.full_row.size(),
+            .single = pattern.single.data(),
+            .single_rows = pattern.single.size(),
+            .layers = pattern.left.size() / height_,
+            .left = numbers(pattern.left.data()),
+            .right = numbers(pattern.right.data()),
+            .rate = pattern.decay};
 }
 
 void SensitivitySeries::set_matrices(Pattern& pattern, std::span<const double> a,
-                                     std::span<const double> partial) const {
-    const auto n = static_cast<std::ptrdiff_t>(states_);
+                                     std::span<const Lanes> partial) const {
     pattern = {};
     pattern.a.assign(height_ * height_, 0.0);
     for (std::size_t j = 0; j < states_; ++j) {
-        std::copy_n(a.begin() + static_cast<std::ptrdiff_t>(j) * n, n, pattern.a.data() + j * height_);
+        for (std::size_t i = 0; i < states_; ++i) pattern.a[j * height_ + i] = a[j * states_ + i];
     }
-    for (std::size_t j = 0; j < states_; ++j) {
-        bool alone = true;
-        for (std::size_t k = 0; k < states_; ++k) alone = alone && (k == j || a[k * states_ + j] == 0);
-        if (alone) pattern.decay = std::min(pattern.decay, a[j * states_ + j]);
+    for (std::size_t i = 0; i < states_; ++i) {
+        const auto entry = [&](std::size_t j) { return a[j * states_ + i]; };
+        std::size_t entries = 0, last = i;
+        for (std::size_t j = 0; j < states_; ++j) {
+            if (entry(j) == 0) continue;
+            ++entries;
+            last = j;
+        }
+        if (entries < 2) {
+            pattern.single.push_back({i, last, entry(last)});
+            if (last == i) pattern.decay = std::min(pattern.decay, entry(i));
+            continue;
+        }
+        pattern.full_row.push_back(i);
+        for (std::size_t j = 0; j < height_; ++j) pattern.full.push_back(j < states_ ? entry(j) : 0);
     }
     // Of each A_p column after column, with all that are multiples of it.
     constexpr double rounding = 4 * std::numeric_limits<double>::epsilon();
-    std::vector<double> rest(partial.begin(), partial.end()), multiples;
-    pattern.first = {0, 0};
-    for (std::size_t p = 0; p < parameters_; ++p) {
-        const auto column = [&](std::size_t j) {
-            return std::span(rest).subspan((p * states_ + j) * states_, states_);
+    pattern.left.resize(height_);
+    pattern.right.resize(height_);
+    std::vector<Lanes> rest(partial.begin(), partial.end());
+    for (std::size_t p = 0; p < lane_count; ++p) {
+        const auto entry = [&](std::size_t i, std::size_t j) -> double& {
+            return numbers(rest.data() + j * states_ + i)[p];
         };
+        std::size_t layer = 0;
+        std::vector<double> u(states_);
         for (std::size_t j = 0; j < states_; ++j) {
-            const std::vector<double> u(column(j).begin(), column(j).end());
-            const auto greatest = static_cast<std::size_t>(
-                std::max_element(u.begin(), u.end(), [](double x, double y) { return std::abs(x) < std::abs(y); }) -
-                u.begin());
+            std::size_t greatest = 0;
+            for (std::size_t i = 0; i < states_; ++i) {
+                u[i] = entry(i, j);
+                if (std::abs(u[i]) > std::abs(u[greatest])) greatest = i;
+            }
             if (u[greatest] == 0) continue;
-            const std::size_t product = pattern.left.size() / height_;
-            pattern.left.insert(pattern.left.end(), u.begin(), u.end());
-            pattern.left.resize((product + 1) * height_);
-            multiples.resize((product + 1) * states_);
+            const std::size_t begin = layer++ * height_;
+            if (pattern.left.size() == begin) {
+                pattern.left.resize(begin + height_);
+                pattern.right.resize(begin + height_);
+            }
+            for (std::size_t i = 0; i < states_; ++i) pattern.left[begin + i][p] = u[i];
             for (std::size_t k = j; k < states_; ++k) {
-                const double multiple = column(k)[greatest] / u[greatest];
+                const double multiple = entry(greatest, k) / u[greatest];
                 bool is_multiple = true;
                 for (std::size_t i = 0; i < states_; ++i) {
                     const double part = multiple * u[i];
-                    is_multiple = is_multiple && std::abs(column(k)[i] - part) <= rounding * std::abs(part);
+                    is_multiple = is_multiple && std::abs(entry(i, k) - part) <= rounding * std::abs(part);
                 }
                 if (!is_multiple) continue;
-                multiples[product * states_ + k] = multiple;
-                std::ranges::fill(column(k), 0.0);
+                pattern.right[begin + k][p] = multiple;
+                for (std::size_t i = 0; i < states_; ++i) entry(i, k) = 0;
             }
-        }
-        pattern.first.push_back(pattern.left.size() / height_);
-    }
-    const std::size_t products = pattern.first.back();
-    pattern.rows = padded(products);
-    pattern.right.assign(pattern.rows * height_, 0.0);
-    for (std::size_t product = 0; product < products; ++product) {
-        for (std::size_t j = 0; j < states_; ++j) {
-            pattern.right[j * pattern.rows + product] = multiples[product * states_ + j];
         }
     }
 }
 
-void SensitivitySeries::propagate(Pattern& pattern, double t, double h, const double* f, const double* q, double* s) {
+void SensitivitySeries::propagate(Pattern& pattern, double t, double h, std::span<const double> f,
+                                  std::span<const Lanes> q, std::span<Lanes> s) {
+    sensitivity_rates(matrices(pattern), numbers(s.data()), numbers(q.data()), numbers(rates_.data()));
     if (const Prepared* prepared = prepared_for(pattern, t, h)) {
-        propagate_sensitivities(prepared->move.data(), prepared->psi.data(), prepared->psi_p.data(), f, q, states_,
-                                height_, parameters_, s);
+        propagate_sensitivities(prepared->psi.data(), numbers(prepared->psi_p.data()), f.data(), numbers(rates_.data()),
+                                height_, numbers(s.data()));
     } else {
-        expand(pattern, h, f, q, s);
+        expand(pattern, h, f, rates_, s);
     }
 }
 
@@ -102,70 +124,59 @@ const SensitivitySeries::Prepared* SensitivitySeries::prepared_for(Pattern& patt
     return &pattern.prepared.emplace_back(prepare(pattern, h));
 }
 
-void SensitivitySeries::expand(const Pattern& pattern, double h, const double* f, const double* q, double* s) {
-    double* d = room_.data() + height_;
-    for (std::size_t i = 0; i < height_; ++i) room_[i] = h * f[i];
-    for (std::size_t p = 0; p < parameters_; ++p) {
-        double* own = d + p * height_;
-        std::copy_n(q + p * height_, height_, own);
-        add_columns(own, pattern.a.data(), states_, height_, s + p * height_, own);
-    }
-    for (std::size_t i = 0; i < parameters_ * height_; ++i) d[i] *= h;
-    values_.resize(pattern.rows);
-    const PartialProducts partial{pattern.left.data(), pattern.right.data(), pattern.first.data(), pattern.rows,
-                                  values_.data()};
-    if (expand_sensitivities(pattern.a.data(), states_, pattern.decay, partial, 1 + parameters_, height_, h, max_order,
-                             room_.data(), sums_.data())) {
-        for (std::size_t i = 0; i < parameters_ * height_; ++i) s[i] += sums_[height_ + i];
-        return;
-    }
+// rates: A s + q where the step begins. Leaves in sums_ what s and x have moved by.
+void SensitivitySeries::expand(const Pattern& pattern, double h, std::span<const double> f,
+                               std::span<const Lanes> rates, std::span<Lanes> s) {
+    const SensitivityMatrices m = matrices(pattern);
+    if (room_.size() < 4 * size_ + m.layers) room_.resize(4 * size_ + m.layers);
+    for (std::size_t i = 0; i < height_; ++i) room_[i] = h * rates[i];
+    for (std::size_t i = 0; i < height_; ++i) value(room_)[i] = h * f[i];
+    const bool ends = expand_sensitivities(m, h, max_order, numbers(room_.data()), numbers(sums_.data()));
     // What is not finite stays so.
-    if (!std::all_of(sums_.begin(), sums_.end(), [](double value) { return std::isfinite(value); })) {
-        for (std::size_t i = 0; i < parameters_ * height_; ++i) s[i] += sums_[height_ + i];
+    if (ends || !std::all_of(numbers(sums_.data()), numbers(sums_.data() + size_),
+                             [](double sum) { return std::isfinite(sum); })) {
+        for (std::size_t i = 0; i < height_; ++i) s[i] += sums_[i];
         return;
     }
     // In halves; the second begins where x has moved by the first's sum.
-    std::vector<double> f_now(f, f + height_), q_now(q, q + parameters_ * height_);
-    std::vector<double> travel(height_);
-    expand(pattern, h / 2, f, q, s);
-    std::copy_n(sums_.begin(), height_, travel.begin());
-    add_columns(f_now.data(), pattern.a.data(), states_, height_, travel.data(), f_now.data());
-    for (std::size_t p = 0; p < parameters_; ++p) {
-        for (std::size_t i = pattern.first[1 + p]; i < pattern.first[2 + p]; ++i) {
-            double along = 0;
-            for (std::size_t j = 0; j < states_; ++j) along += pattern.right[j * pattern.rows + i] * travel[j];
-            for (std::size_t row = 0; row < height_; ++row) {
-                q_now[p * height_ + row] += pattern.left[i * height_ + row] * along;
-            }
+    const std::vector<double> f_first(f.begin(), f.end());
+    const std::vector<Lanes> rates_first(rates.begin(), rates.end());
+    expand(pattern, h / 2, f_first, rates_first, s);
+    const std::vector<Lanes> moved = sums_;
+    const double* travel = numbers(moved.data() + height_);
+    std::vector<double> f_now = f_first;
+    std::vector<Lanes> rates_now = rates_first;
+    for (std::size_t j = 0; j < states_; ++j) {
+        for (std::size_t i = 0; i < states_; ++i) {
+            f_now[i] += pattern.a[j * height_ + i] * travel[j];
+            rates_now[i] += pattern.a[j * height_ + i] * moved[j];
         }
     }
-    expand(pattern, h / 2, f_now.data(), q_now.data(), s);
+    for (std::size_t begin = 0; begin < pattern.left.size(); begin += height_) {
+        Lanes along;
+        for (std::size_t j = 0; j < states_; ++j) along += pattern.right[begin + j] * travel[j];
+        for (std::size_t i = 0; i < states_; ++i) rates_now[i] += pattern.left[begin + i] * along;
+    }
+    expand(pattern, h / 2, f_now, rates_now, s);
     // Of the whole step, for a caller that halves too.
-    for (std::size_t i = 0; i < height_; ++i) sums_[i] += travel[i];
+    for (std::size_t i = 0; i < size_; ++i) sums_[i] += moved[i];
 }
 
 // Column by column, as the responses to f = e_j.
 SensitivitySeries::Prepared SensitivitySeries::prepare(const Pattern& pattern, double h) {
-    Prepared made{h, std::vector<double>(height_ * height_), std::vector<double>(height_ * height_),
-                  std::vector<double>(parameters_ * height_ * height_)};
-    std::vector<double> f(height_), q(parameters_ * height_), s(parameters_ * height_);
+    Prepared made{h, std::vector<double>(height_ * height_), std::vector<Lanes>(height_ * height_)};
+    std::vector<double> f(height_);
+    const std::vector<Lanes> rest(height_);
+    std::vector<Lanes> s(height_);
     for (std::size_t j = 0; j < states_; ++j) {
         f[j] = 1;
-        std::fill(s.begin(), s.end(), 0.0);
-        expand(pattern, h, f.data(), q.data(), s.data());
-        std::copy_n(sums_.begin(), height_, made.psi.data() + j * height_);
-        for (std::size_t p = 0; p < parameters_; ++p) {
-            std::copy_n(s.data() + p * height_, height_, made.psi_p.data() + (p * height_ + j) * height_);
+        std::fill(s.begin(), s.end(), Lanes{});
+        expand(pattern, h, f, rest, s);
+        for (std::size_t i = 0; i < states_; ++i) {
+            made.psi[i * height_ + j] = value(sums_)[i];
+            made.psi_p[i * height_ + j] = s[i];
         }
         f[j] = 0;
-    }
-    for (std::size_t j = 0; j < states_; ++j) {
-        for (std::size_t k = 0; k < states_; ++k) {
-            const double factor = pattern.a[j * height_ + k];
-            for (std::size_t row = 0; factor != 0 && row < height_; ++row) {
-                made.move[j * height_ + row] += made.psi[k * height_ + row] * factor;
-            }
-        }
     }
     return made;
 }

@@ -1,6 +1,8 @@
 #pragma once
+#include "tribode/base/lanes.hpp"
 #include "tribode/hybrid/piecewise_affine.hpp"
 #include "tribode/solver/recurring_lengths.hpp"
+#include "tribode/solver/series_kernels.hpp"
 
 #include <cstddef>
 #include <span>
@@ -9,7 +11,7 @@
 
 namespace tribode {
 
-// Sensitivities s_p = dx/dp of a system that is affine between events, with b constant there:
+// Sensitivities s_p = dx/dp of a system that is affine between events, with b constant there, by up to lane_count parameters:
 //
 //     x' = A x + b,   s_p' = A s_p + A_p x + b_p
 //
@@ -17,30 +19,30 @@ namespace tribode {
 // prepared from these series, as those of ExactIntegrator:
 //
 //     x(h) = x + Psi f,   s_p(h) = s_p + Psi (A s_p + q_p) + Psi_p f,   f = A x + b,   q_p = A_p x + b_p,   Psi_p = dPsi/dp
+//
+// All parameters advance together: an operation on one state is one on Lanes. A has few entries, and the derivatives by one
+// parameter are those of one or two of its parts, so that a term of eight parameters costs little more than that of x.
 class SensitivitySeries {
   public:
     struct Prepared {
         double h;
-        std::vector<double> move, psi; // Psi A, Psi (height x height)
-        std::vector<double> psi_p;     // Psi_p, one after the other
+        std::vector<double> psi; // (height x height), row by row
+        std::vector<Lanes> psi_p;
     };
 
-    // Of one A and its derivatives A_p.
+    // Of one A and its derivatives A_p; see SensitivityMatrices.
     struct Pattern {
-        std::vector<double> a; // (height x height)
-        double decay = 0;      // the fastest of a state that decays by itself [1/s]
-        // The A_p as sums of products u v^T: u (height each), and v, as the rows of a matrix.
-        std::vector<double> left, right;
-        std::vector<std::size_t> first; // where those of c (none) and of each parameter begin, and the end
-        std::size_t rows = 0;           // of the matrix, filled up with zeros
-        std::vector<double> met;        // lengths that recur, and how often the pattern has met them
+        std::vector<double> a, full;
+        std::vector<std::size_t> full_row;
+        std::vector<SensitivityMatrices::Single> single;
+        std::vector<Lanes> left, right;
+        double decay = 0;
+        std::vector<double> met; // lengths that recur, and how often the pattern has met them
         std::vector<int> times;
         std::vector<Prepared> prepared;
     };
 
-    SensitivitySeries(std::size_t states, std::size_t parameters);
-
-    std::size_t height() const { return height_; } // of a column, padded with zeros
+    explicit SensitivitySeries(std::size_t states);
 
     // The pattern of the key; make(pattern) fills a new one by set_matrices().
     template <class Make>
@@ -53,24 +55,31 @@ class SensitivitySeries {
         return pattern;
     }
 
-    // From matrices of states x states: A, and A_p one after the other.
-    void set_matrices(Pattern& pattern, std::span<const double> a, std::span<const double> partial) const;
+    std::size_t height() const { return height_; } // states, filled up with zeros
 
-    // The columns s over a step of h [s] from t, with f and q at its beginning: (height) and (height x parameters).
-    void propagate(Pattern& pattern, double t, double h, const double* f, const double* q, double* s);
+    // From matrices of states x states, by columns: A, and the A_p side by side.
+    void set_matrices(Pattern& pattern, std::span<const double> a, std::span<const Lanes> partial) const;
+
+    // s over a step of h [s] from t, with f and q at its beginning; each with height() entries.
+    void propagate(Pattern& pattern, double t, double h, std::span<const double> f, std::span<const Lanes> q,
+                   std::span<Lanes> s);
 
   private:
     static constexpr std::size_t max_patterns = 2000;
 
-    void expand(const Pattern& pattern, double h, const double* f, const double* q, double* s);
+    SensitivityMatrices matrices(const Pattern& pattern) const;
+    void expand(const Pattern& pattern, double h, std::span<const double> f, std::span<const Lanes> rates,
+                std::span<Lanes> s);
     const Prepared* prepared_for(Pattern& pattern, double t, double h);
     Prepared prepare(const Pattern& pattern, double h);
+    double* value(std::vector<Lanes>& term) const { return numbers(term.data() + height_); }
+    static double* numbers(Lanes* lanes) { return reinterpret_cast<double*>(lanes); }
+    static const double* numbers(const Lanes* lanes) { return reinterpret_cast<const double*>(lanes); }
 
-    const std::size_t states_, parameters_, height_;
+    const std::size_t states_, height_, size_; // size: of a term of s and x together, in Lanes
     std::unordered_map<AffineKey, Pattern, AffineKey::Hash> patterns_;
     RecurringLengths recurring_{4};
-    std::vector<double> room_, sums_; // (height x 1 + parameters), room_ four of them
-    std::vector<double> values_;      // of each product
+    std::vector<Lanes> rates_, room_, sums_;
 };
 
 } // namespace tribode

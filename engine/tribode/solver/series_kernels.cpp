@@ -352,106 +352,152 @@ template <std::size_t Fixed>
     return true;
 }
 
-// See expand_sensitivities(). Columns do not wait for one another. Where nothing is left of two terms in a row but a state that
-// decays by itself, at `rate`, and what a parameter makes of it, the next ones follow from these two: the eigenvalue is a double
-// one of the columns together.
+// Passes each row of A s to set(row, sum). The matrices are a copy: stores of blocks may be to anything else. With a size known s stays in registers.
+template <std::size_t Fixed, class Set>
+[[gnu::always_inline]] inline void multiply_lanes(const SensitivityMatrices m, const double* s, const Set& set) {
+    Block fixed[Fixed ? Fixed : 1];
+    for (std::size_t j = 0; j < Fixed; ++j) fixed[j] = block(s + j * lane_count);
+    const auto column = [&](std::size_t j) -> const Block& {
+        if constexpr (Fixed > 0) {
+            return fixed[j];
+        } else {
+            return block(s + j * lane_count);
+        }
+    };
+    const std::size_t columns = Fixed ? Fixed : m.states;
+    for (std::size_t i = 0; i < m.full_rows; ++i) {
+        const double* row = m.full + i * m.height;
+        Block even{}, odd{};
+        std::size_t j = 0;
+        for (; j + 1 < columns; j += 2) {
+            even += row[j] * column(j);
+            odd += row[j + 1] * column(j + 1);
+        }
+        if (j < columns) even += row[j] * column(j);
+        set(m.full_row[i], even + odd);
+    }
+    for (std::size_t i = 0; i < m.single_rows; ++i) {
+        const auto& [row, of, value] = m.single[i];
+        set(row, value * block(s + of * lane_count));
+    }
+}
+
+// See expand_sensitivities(). Where nothing is left of two terms in a row but a state that decays by itself, at `rate`, and what a
+// parameter makes of it, the next ones follow from these two: the eigenvalue is a double one of c and d together.
 template <std::size_t Fixed>
-[[gnu::always_inline]] inline bool
-expand_together(const double* a, std::size_t any_states, double rate, const PartialProducts& partial,
-                std::size_t columns, std::size_t any_height, double h, int max_terms, double* room, double* sums) {
+[[gnu::always_inline]] inline bool expand_together(const SensitivityMatrices m, double h, int max_terms, double* room,
+                                                   double* sums) {
     constexpr double negligible = 0x1p-50; // relative
-    const std::size_t height = Fixed ? Fixed : any_height;
-    const std::size_t states = Fixed ? Fixed : any_states; // the rest are columns of zeros
-    const std::size_t size = columns * height;
+    const std::size_t height = Fixed ? Fixed : m.height;
+    const std::size_t value = height * lane_count, size = value + height; // where c begins
     double *before = room + size, *term = room, *next = room + 2 * size, *largest = room + 3 * size;
+    double* const products = room + 4 * size;
     for (std::size_t i = 0; i < size; i += block_size) {
         const Block first = block(term + i);
         block(before + i) = Block{};
+        block(next + i) = Block{};
         block(sums + i) = first;
         block(largest + i) = (Block)((Bits)first & not_sign);
     }
+    // From one block to another: whether any counts, and whether any does not follow from the two before it.
+    const auto counts = [&](std::size_t from, std::size_t to) __attribute__((always_inline)) {
+        Bits found{};
+        for (std::size_t i = from; i < to; i += block_size) {
+            const Block limit = negligible * block(largest + i);
+            find_above(limit, block(next + i), found);
+        }
+        return any_of(found);
+    };
+    const auto differs = [&](std::size_t from, std::size_t to, double once, double twice)
+        __attribute__((always_inline)) {
+        Bits found{};
+        for (std::size_t i = from; i < to; i += block_size) {
+            const Block limit = negligible * block(largest + i);
+            const Block other = block(next + i) - (block(term + i) * once - block(before + i) * twice);
+            find_above(limit, other, found);
+        }
+        return any_of(found);
+    };
     int small_terms = 0, decaying_terms = 0;
     for (int n = 1; n < max_terms; ++n) {
         if (decaying_terms == 2) {
-            return add_decay(rate, h, n, max_terms, negligible, before, term, largest, size, sums);
+            return add_decay(m.rate, h, n, max_terms, negligible, before, term, largest, size, sums);
         }
-        const double factor = h / (n + 1), once = 2 * rate * factor, twice = rate * rate * factor * h / n;
-        Bits counts{}, differs{};
-        for (std::size_t row = 0; row < partial.rows; row += block_size) {
+        const double factor = h / (n + 1), once = 2 * m.rate * factor, twice = m.rate * m.rate * factor * h / n;
+        const double* c = term + value;
+        for (std::size_t row = 0; row < height; row += block_size) {
             Block even{}, odd{};
-            std::size_t j = 0;
-            for (; j + 1 < states; j += 2) {
-                even += block(partial.right + j * partial.rows + row) * term[j];
-                odd += block(partial.right + (j + 1) * partial.rows + row) * term[j + 1];
+            for (std::size_t j = 0; j < height; j += 2) {
+                even += block(m.a + j * height + row) * c[j];
+                odd += block(m.a + (j + 1) * height + row) * c[j + 1];
             }
-            if (j < states) even += block(partial.right + j * partial.rows + row) * term[j];
-            block(partial.values + row) = even + odd;
+            const Block now = (even + odd) * factor;
+            block(next + value + row) = now;
+            block(sums + value + row) += now;
         }
-        // A parameter's terms decay as those of c do, or later: so they are looked at only then. The largest ones are among
-        // the first, or come again.
-        bool look = rate != 0 && n > 4;
-        const bool grows = n < 6 || n % 4 == 0;
-        for (std::size_t column = 0; column < columns; ++column) {
-            const double* own = term + column * height;
-            for (std::size_t row = 0; row < height; row += block_size) {
-                Block even{}, odd{};
-                std::size_t j = 0;
-                for (; j + 1 < states; j += 2) {
-                    even += block(a + j * height + row) * own[j];
-                    odd += block(a + (j + 1) * height + row) * own[j + 1];
-                }
-                if (j < states) even += block(a + j * height + row) * own[j];
-                for (std::size_t i = partial.first[column]; i < partial.first[column + 1]; ++i) {
-                    odd += block(partial.left + i * height + row) * partial.values[i];
-                }
-                const std::size_t at = column * height + row;
-                const Block value = (even + odd) * factor;
-                if (grows) {
-                    const Block amount = (Block)((Bits)value & not_sign);
-                    const Block earlier = block(largest + at);
-                    block(largest + at) = amount > earlier ? amount : earlier;
-                }
-                const Block limit = negligible * block(largest + at);
-                block(next + at) = value;
-                block(sums + at) += value;
-                find_above(limit, value, counts);
-                if (!look) continue;
-                const Block other = value - (block(term + at) * once - block(before + at) * twice);
-                find_above(limit, other, differs);
+        for (std::size_t i = 0; i < m.layers; ++i) {
+            Block even{}, odd{};
+            const double* right = m.right + i * value;
+            for (std::size_t j = 0; j < height; j += 2) {
+                even += block(right + j * lane_count) * c[j];
+                odd += block(right + (j + 1) * lane_count) * c[j + 1];
             }
-            if (column == 0 && look) look = !any_of(differs);
+            block(products + i * lane_count) = even + odd;
         }
-        decaying_terms = look && !any_of(differs) ? decaying_terms + 1 : 0;
+        const Block product = block(products); // mostly there is no other
+        const auto set = [&](std::size_t row, const Block& sum) __attribute__((always_inline)) {
+            const std::size_t at = row * lane_count;
+            Block now = sum + block(m.left + at) * product;
+            for (std::size_t i = 1; i < m.layers; ++i) {
+                now += block(m.left + i * value + at) * block(products + i * lane_count);
+            }
+            now *= factor;
+            block(next + at) = now;
+            block(sums + at) += now;
+        };
+        multiply_lanes<Fixed>(m, term, set);
+        // The largest terms are among the first, or come again.
+        if (n < 6 || n % 4 == 0) {
+            for (std::size_t i = 0; i < size; i += block_size) {
+                const Block amount = (Block)((Bits)block(next + i) & not_sign);
+                const Block earlier = block(largest + i);
+                block(largest + i) = amount > earlier ? amount : earlier;
+            }
+        }
+        // d decays as c does, or later: so it is looked at only then.
+        const bool decays =
+            m.rate != 0 && n > 4 && !differs(value, size, once, twice) && !differs(0, value, once, twice);
+        decaying_terms = decays ? decaying_terms + 1 : 0;
+        small_terms = counts(value, size) || counts(0, value) ? 0 : small_terms + 1;
         double* const free = before;
         before = term;
         term = next;
         next = free;
-        small_terms = any_of(counts) ? 0 : small_terms + 1;
         if (small_terms >= 2 && n > 4) return true;
     }
     return false;
 }
 
 template <std::size_t Fixed>
-[[gnu::always_inline]] inline void propagate_together(const double* move, const double* psi, const double* psi_p,
-                                                      const double* f, const double* q, std::size_t any_states,
-                                                      std::size_t any_height, std::size_t parameters, double* s) {
+[[gnu::always_inline]] inline void move_together(const double* psi, const double* psi_p, const double* f,
+                                                 const double* rates, std::size_t any_height, double* s) {
     const std::size_t height = Fixed ? Fixed : any_height;
-    const std::size_t states = Fixed ? Fixed : any_states;
-    std::array<double, Fixed> few;
-    std::vector<double> many(Fixed ? 0 : height);
-    double* moved = Fixed ? few.data() : many.data();
-    for (std::size_t p = 0; p < parameters; ++p, s += height, q += height, psi_p += height * height) {
-        for (std::size_t row = 0; row < height; row += block_size) {
-            Block x{}, y{}, z{};
-            for (std::size_t j = 0; j < states; ++j) {
-                x += block(move + j * height + row) * s[j];
-                y += block(psi + j * height + row) * q[j];
-                z += block(psi_p + j * height + row) * f[j];
-            }
-            block(moved + row) = x + y + z;
+    Block fixed[Fixed ? Fixed : 1];
+    for (std::size_t j = 0; j < Fixed; ++j) fixed[j] = block(rates + j * lane_count);
+    const auto column = [&](std::size_t j) -> const Block& {
+        if constexpr (Fixed > 0) {
+            return fixed[j];
+        } else {
+            return block(rates + j * lane_count);
         }
-        for (std::size_t row = 0; row < height; row += block_size) block(s + row) += block(moved + row);
+    };
+    for (std::size_t row = 0; row < height; ++row) {
+        Block by_rates{}, by_value{};
+        for (std::size_t j = 0; j < height; ++j) {
+            by_rates += psi[row * height + j] * column(j);
+            by_value += block(psi_p + (row * height + j) * lane_count) * f[j];
+        }
+        block(s + row * lane_count) += by_rates + by_value;
     }
 }
 
@@ -473,14 +519,6 @@ template <std::size_t Fixed>
 }
 
 } // namespace
-
-// Clang before version 18 gives clones a name by which other files do not find them. With the thread sanitizer the choice
-// between clones, which the loader makes, would come before the sanitizer is ready.
-#if defined(__clang__) || defined(__SANITIZE_THREAD__)
-#define TRIBODE_CLONES
-#else
-#define TRIBODE_CLONES [[gnu::target_clones("avx512f", "avx2", "default")]]
-#endif
 
 TRIBODE_CLONES void multiply_columns(const double* matrix, std::size_t height, std::size_t columns, const double* x,
                                      double* product) {
@@ -528,18 +566,25 @@ TRIBODE_CLONES void add_columns(const double* start, const double* matrix, std::
     add_product<0>(start, matrix, columns, height, x, sum);
 }
 
-TRIBODE_CLONES bool expand_sensitivities(const double* a, std::size_t states, double rate,
-                                         const PartialProducts& partial, std::size_t columns, std::size_t height,
-                                         double h, int max_terms, double* room, double* sums) {
-    if (height == 8) return expand_together<8>(a, 8, rate, partial, columns, 8, h, max_terms, room, sums);
-    return expand_together<0>(a, states, rate, partial, columns, height, h, max_terms, room, sums);
+TRIBODE_CLONES void sensitivity_rates(const SensitivityMatrices& matrices, const double* s, const double* q,
+                                      double* rates) {
+    const auto set = [&](std::size_t row, const Block& sum) __attribute__((always_inline)) {
+        block(rates + row * lane_count) = block(q + row * lane_count) + sum;
+    };
+    if (matrices.height == 8) return multiply_lanes<8>(matrices, s, set);
+    multiply_lanes<0>(matrices, s, set);
 }
 
-TRIBODE_CLONES void propagate_sensitivities(const double* move, const double* psi, const double* psi_p, const double* f,
-                                            const double* q, std::size_t states, std::size_t height,
-                                            std::size_t parameters, double* s) {
-    if (height == 8) return propagate_together<8>(move, psi, psi_p, f, q, 8, 8, parameters, s);
-    propagate_together<0>(move, psi, psi_p, f, q, states, height, parameters, s);
+TRIBODE_CLONES bool expand_sensitivities(const SensitivityMatrices& matrices, double h, int max_terms, double* room,
+                                         double* sums) {
+    if (matrices.height == 8) return expand_together<8>(matrices, h, max_terms, room, sums);
+    return expand_together<0>(matrices, h, max_terms, room, sums);
+}
+
+TRIBODE_CLONES void propagate_sensitivities(const double* psi, const double* psi_p, const double* f,
+                                            const double* rates, std::size_t height, double* s) {
+    if (height == 8) return move_together<8>(psi, psi_p, f, rates, 8, s);
+    move_together<0>(psi, psi_p, f, rates, height, s);
 }
 
 } // namespace tribode

@@ -1,11 +1,13 @@
 #pragma once
+#include "tribode/base/lanes.hpp"
+
 #include <cstddef>
 
 namespace tribode {
 
 // The arithmetic of the series solvers, on columns of `height` numbers: padded to a multiple of eight, which the processor
 // adds and multiplies at one time. Term n of a series is column n. The results are the same bits on all processors.
-constexpr std::size_t block_size = 8;
+constexpr std::size_t block_size = lane_count;
 constexpr double half_ulp = 0x1p-54; // relative
 
 constexpr std::size_t padded(std::size_t size) { return (size + block_size - 1) / block_size * block_size; }
@@ -37,27 +39,41 @@ void sum_columns(const double* terms, int order, std::size_t height, double* end
 // sum c_n s^n, even and odd powers apart
 void evaluate_columns(const double* terms, int order, std::size_t height, double s, double* x);
 
-// Of the sensitivities s_p = dx/dp that obey s' = A s + A_p x + ..., the sums of their terms after the first over a step h,
+// Sensitivities s_p = dx/dp that obey s' = A s + A_p x + ..., by up to lane_count parameters: those of a state side by side, state
+// after state (height x lanes).
+struct SensitivityMatrices {
+    std::size_t states, height;
+    const double* a; // A, by columns (height x height)
+    // A by its rows: those with entries in several columns, and of the others row, column and value.
+    const double* full; // (full_rows x height)
+    const std::size_t* full_row;
+    std::size_t full_rows;
+    struct Single {
+        std::size_t row, column;
+        double value;
+    };
+    const Single* single;
+    std::size_t single_rows;
+    // The A_p as sums of products u v^T, one of each parameter in a layer: (height x lanes) for each layer, of which
+    // there is one at least.
+    std::size_t layers;
+    const double *left, *right; // u, v
+    double rate;                // of a state that decays by itself [1/s], 0 where there is none
+};
+
+// rates = A s + q
+void sensitivity_rates(const SensitivityMatrices& matrices, const double* s, const double* q, double* rates);
+
+// The sums of the terms after the first over a step h,
 //
 //     c_{n+1} = h/(n+1) A c_n,   d_{n+1} = h/(n+1) (A d_n + A_p c_n)
 //
-// until two terms in a row do not count any more. The columns of c and of all d follow one another, `columns` in all, that of c
-// first: room begins with those of c_1 and d_1 and has four times their size, sums receives the sums. Each A_p is a sum of
-// products u v^T: those of column i are first[i] .. first[i + 1], of `left` u (height each), of `right`, a matrix with a row for
-// each product (`rows`, a multiple of block_size), v. values: room for a number of each row. rate: that of a state that decays
-// by itself, 0 where there is none. False where max_terms do not do.
-struct PartialProducts {
-    const double *left, *right;
-    const std::size_t* first;
-    std::size_t rows;
-    double* values;
-};
-bool expand_sensitivities(const double* a, std::size_t states, double rate, const PartialProducts& partial,
-                          std::size_t columns, std::size_t height, double h, int max_terms, double* room, double* sums);
+// until two terms in a row do not count any more. A term consists of d (height x lanes), then c (height): room begins with d_1 and
+// c_1, has four times their size and a lane for each layer; sums receives the sums. False where max_terms do not do.
+bool expand_sensitivities(const SensitivityMatrices& matrices, double h, int max_terms, double* room, double* sums);
 
-// s_p += move s_p + psi q_p + psi_p f for `parameters` columns s_p and q_p, and matrices psi_p one after the other.
-void propagate_sensitivities(const double* move, const double* psi, const double* psi_p, const double* f,
-                             const double* q, std::size_t states, std::size_t height, std::size_t parameters,
-                             double* s);
+// s_p += psi rates_p + psi_p f; psi and psi_p row by row (height x height), the latter of lanes.
+void propagate_sensitivities(const double* psi, const double* psi_p, const double* f, const double* rates,
+                             std::size_t height, double* s);
 
 } // namespace tribode
