@@ -213,7 +213,7 @@ SweepResult run_sweep(const MachineModel& machine, const SweepOptions& options, 
     }
     PreparedSteps prepared_steps; // one machine, many runs
     SweepOptions together = options;
-    together.solver.prepared_steps = &prepared_steps;
+    if (!together.solver.prepared_steps) together.solver.prepared_steps = &prepared_steps;
     for_each_index(missing.size(), shown, "frequencies", [&](std::size_t n) {
         SweepPoint point = run_point(machine, together, missing[n], control);
         if (point.outcome.end == RunEnd::interrupted) return;

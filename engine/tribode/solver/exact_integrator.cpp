@@ -42,14 +42,14 @@ void ExactIntegrator::restart(SystemState& state) {
     pattern_ = &patterns_.find(key_, [this](AffinePattern& pattern) {
         pattern.series = 0;
         pattern.prepared.clear();
-        const auto make = [this] { return make_matrices(); };
-        pattern.matrices = shared_ ? shared_->matrices(key_, make) : std::make_shared<const Matrices>(make());
+        const AffineForm form = affine_.affine_form(*state_->discrete);
+        const auto make = [&] { return make_matrices(form); };
+        pattern.known = shared_ ? shared_->pattern(key_, form, make) : std::make_shared<PreparedSteps::Pattern>(make());
     });
-    matrices_ = pattern_->matrices.get();
+    matrices_ = &pattern_->known->matrices;
 }
 
-PreparedSteps::Matrices ExactIntegrator::make_matrices() const {
-    const AffineForm form = affine_.affine_form(*state_->discrete);
+PreparedSteps::Matrices ExactIntegrator::make_matrices(const AffineForm& form) const {
     Matrices made{Columns(height_ * height_), Columns(height_ * height_), 0, {}, {0}, Columns(guard_room_)};
     for (std::size_t guard = 0; guard < guard_count_; ++guard) {
         for (std::size_t j = 0; j < size_; ++j) {
@@ -225,9 +225,7 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
     std::copy_n(end_.begin(), size_, state_->x.begin());
     const Progress progress = stop(h, whole, t_stop, 0);
     if (progress == Progress::stopped && !prepared && pattern_ && is_worth_preparing(*pattern_, whole)) {
-        const auto make = [&] { return prepare(whole); };
-        pattern_->prepared.push_back(
-            {whole, shared_ ? shared_->propagation(key_, whole, make) : std::make_shared<const Propagation>(make())});
+        pattern_->prepared.push_back({whole, pattern_->known->propagation(whole, [&] { return prepare(whole); })});
     }
     return progress;
 }

@@ -22,7 +22,7 @@ namespace tribode {
 class ExactIntegrator final : public SeriesIntegrator {
   public:
     // Throws InputError, with the reason, where the system is not piecewise affine.
-    // shared: what runs of equal systems have prepared, not owned; null: this one alone.
+    // shared: what other runs have prepared, not owned; null: this one alone.
     explicit ExactIntegrator(const HybridSystem& system, PreparedSteps* shared = nullptr);
 
     void restart(SystemState& state) override;
@@ -38,11 +38,11 @@ class ExactIntegrator final : public SeriesIntegrator {
         std::shared_ptr<const Propagation> step;
     };
     struct AffinePattern : Pattern<Prepared> {
-        std::shared_ptr<const Matrices> matrices;
+        std::shared_ptr<PreparedSteps::Pattern> known;
     };
 
     static const HybridSystem& checked(const HybridSystem& system);
-    Matrices make_matrices() const;
+    Matrices make_matrices(const AffineForm& form) const;
     double fastest_decay(const Columns& a) const;
     Propagation prepare(double h);
     bool propagate(const Propagation& step);

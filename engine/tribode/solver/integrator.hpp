@@ -65,7 +65,7 @@ struct SolverOptions {
     double fixed_step = 5e-5;          // [s] of fixed, euler, semi_implicit_euler, zoh
     long max_steps = 100'000'000;      // from one output or sample to the next; more: the run ends
     double max_step = 0;               // [s] of erk, adams, bdf, ida; 0: as long as the tolerances allow
-    // Of exact, for many runs of equal systems: what they prepare together, which changes no result. Not owned.
+    // Of exact, for many runs, of one system or of any: what they prepare together, which changes no result. Not owned.
     PreparedSteps* prepared_steps = nullptr;
 
     static const std::vector<std::string>& method_names(); // as the user writes them, in the order of Method

@@ -1,38 +1,55 @@
 #include "tribode/solver/prepared_steps.hpp"
 
+#include <algorithm>
+#include <bit>
+
 namespace tribode {
 
-std::shared_ptr<const PreparedSteps::Matrices> PreparedSteps::known_matrices(const AffineKey& key) const {
-    const std::lock_guard lock(mutex_);
-    const auto known = patterns_.find(key);
-    return known == patterns_.end() ? nullptr : known->second.matrices;
+namespace {
+
+// To the bit: zeros of different signs may lead to different results.
+bool are_same(const std::vector<double>& a, const std::vector<double>& b) {
+    return std::equal(a.begin(), a.end(), b.begin(), b.end(), [](double x, double y) {
+        return std::bit_cast<std::uint64_t>(x) == std::bit_cast<std::uint64_t>(y);
+    });
 }
 
-std::shared_ptr<const PreparedSteps::Propagation> PreparedSteps::known_propagation(const AffineKey& key,
-                                                                                   double h) const {
+} // namespace
+
+std::shared_ptr<const PreparedSteps::Propagation> PreparedSteps::Pattern::known_propagation(double h) const {
     const std::lock_guard lock(mutex_);
-    const auto known = patterns_.find(key);
-    if (known == patterns_.end()) return nullptr;
-    for (const auto& [length, propagation] : known->second.propagations) {
+    for (const auto& [length, propagation] : propagations_) {
         if (length == h) return propagation;
     }
     return nullptr;
 }
 
-std::shared_ptr<const PreparedSteps::Matrices> PreparedSteps::keep(const AffineKey& key,
-                                                                   std::shared_ptr<const Matrices> made) {
+std::shared_ptr<const PreparedSteps::Propagation>
+PreparedSteps::Pattern::keep(double h, std::shared_ptr<const Propagation> made) {
     const std::lock_guard lock(mutex_);
-    if (patterns_.size() < max_patterns) patterns_.try_emplace(key, Pattern{made, {}});
+    if (propagations_.size() < max_lengths) propagations_.emplace_back(h, made);
     return made;
 }
 
-std::shared_ptr<const PreparedSteps::Propagation> PreparedSteps::keep(const AffineKey& key, double h,
-                                                                      std::shared_ptr<const Propagation> made) {
+std::shared_ptr<PreparedSteps::Pattern> PreparedSteps::known_pattern(const AffineKey& key,
+                                                                     const AffineForm& form) const {
     const std::lock_guard lock(mutex_);
     const auto known = patterns_.find(key);
-    if (known != patterns_.end() && known->second.propagations.size() < max_lengths) {
-        known->second.propagations.emplace_back(h, made);
+    if (known == patterns_.end()) return nullptr;
+    for (const auto& [of, pattern] : known->second) {
+        if (are_same(of.a, form.a) && are_same(of.g, form.g)) return pattern;
     }
+    return nullptr;
+}
+
+std::shared_ptr<PreparedSteps::Pattern> PreparedSteps::keep(const AffineKey& key, const AffineForm& form,
+                                                            std::shared_ptr<Pattern> made) {
+    const std::lock_guard lock(mutex_);
+    if (count_ == max_patterns) return made;
+    auto& known = patterns_[key];
+    if (known.size() == max_forms) return made;
+    known.push_back({form, made});
+    ++count_;
     return made;
 }
 

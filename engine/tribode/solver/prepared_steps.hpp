@@ -10,9 +10,10 @@
 
 namespace tribode {
 
-// What the exact solver has prepared of one system, kept for further runs of it or of equal ones, which then need not prepare
-// it again. All of it follows from the key of the pattern and, bit by bit, from the length of the step; so the results of a
-// run do not depend on what others have left here. For any number of runs and threads at a time.
+// What the exact solver has prepared, kept for further runs, of the same system or of others, which then need not prepare it
+// again. All of it follows from the matrices of a pattern and the length of a step, and is given only to a run that has the same
+// ones, to the bit; so the results of a run do not depend on what others have left here. For any number of runs and threads at a
+// time.
 class PreparedSteps {
   public:
     using Columns = std::vector<double>; // as in SeriesIntegrator
@@ -23,7 +24,7 @@ class PreparedSteps {
         double value;
     };
 
-    // Of a pattern.
+    // Of a pattern, from its form.
     struct Matrices {
         Columns a, square;              // A, A^2 (height x height)
         double decay;                   // see ExactIntegrator::fastest_decay [1/s]
@@ -36,7 +37,7 @@ class PreparedSteps {
         }
     };
 
-    // Of a pattern, for steps of one length, with f the derivative at their beginning.
+    // From matrices, for steps of one length, with f the derivative at their beginning.
     struct Propagation {
         // Times f: how far x moves, Psi f, then the guards' first and second coefficients, in groups. Empty: the length is
         // too long for its series.
@@ -45,34 +46,51 @@ class PreparedSteps {
         Columns rest; // (guard_room x height)
     };
 
-    // What is there, or what make() returns, which is kept.
+    // Matrices and what has been prepared from them.
+    class Pattern {
+      public:
+        explicit Pattern(Matrices made) : matrices(std::move(made)) {}
+
+        const Matrices matrices;
+
+        // What is there, or what make() returns, which is kept.
+        template <class Make>
+        std::shared_ptr<const Propagation> propagation(double h, const Make& make) {
+            if (auto known = known_propagation(h)) return known;
+            return keep(h, std::make_shared<const Propagation>(make()));
+        }
+
+      private:
+        std::shared_ptr<const Propagation> known_propagation(double h) const;
+        std::shared_ptr<const Propagation> keep(double h, std::shared_ptr<const Propagation> made);
+
+        mutable std::mutex mutex_;
+        std::vector<std::pair<double, std::shared_ptr<const Propagation>>> propagations_; // with their lengths
+    };
+
+    // The pattern of this form; make() returns the matrices of one that is not there. Systems that are not equal may have
+    // several of one key.
     template <class Make>
-    std::shared_ptr<const Matrices> matrices(const AffineKey& key, const Make& make) {
-        if (auto known = known_matrices(key)) return known;
-        return keep(key, std::make_shared<const Matrices>(make()));
-    }
-    template <class Make>
-    std::shared_ptr<const Propagation> propagation(const AffineKey& key, double h, const Make& make) {
-        if (auto known = known_propagation(key, h)) return known;
-        return keep(key, h, std::make_shared<const Propagation>(make()));
+    std::shared_ptr<Pattern> pattern(const AffineKey& key, const AffineForm& form, const Make& make) {
+        if (auto known = known_pattern(key, form)) return known;
+        return keep(key, form, std::make_shared<Pattern>(make()));
     }
 
   private:
     // Patterns and lengths that never recur must not fill the memory: what comes later is not kept.
-    static constexpr std::size_t max_patterns = 2000, max_lengths = 64;
+    static constexpr std::size_t max_patterns = 2000, max_lengths = 64, max_forms = 8;
 
-    struct Pattern {
-        std::shared_ptr<const Matrices> matrices;
-        std::vector<std::pair<double, std::shared_ptr<const Propagation>>> propagations; // with their lengths
+    struct Known {
+        AffineForm form;
+        std::shared_ptr<Pattern> pattern;
     };
 
-    std::shared_ptr<const Matrices> known_matrices(const AffineKey& key) const;
-    std::shared_ptr<const Propagation> known_propagation(const AffineKey& key, double h) const;
-    std::shared_ptr<const Matrices> keep(const AffineKey& key, std::shared_ptr<const Matrices> made);
-    std::shared_ptr<const Propagation> keep(const AffineKey& key, double h, std::shared_ptr<const Propagation> made);
+    std::shared_ptr<Pattern> known_pattern(const AffineKey& key, const AffineForm& form) const;
+    std::shared_ptr<Pattern> keep(const AffineKey& key, const AffineForm& form, std::shared_ptr<Pattern> made);
 
     mutable std::mutex mutex_;
-    std::unordered_map<AffineKey, Pattern, AffineKey::Hash> patterns_;
+    std::unordered_map<AffineKey, std::vector<Known>, AffineKey::Hash> patterns_; // of each key, up to max_forms
+    std::size_t count_ = 0;                                                       // of all
 };
 
 } // namespace tribode

@@ -308,13 +308,13 @@ TEST(ExactIntegrator, more_patterns_than_are_kept_are_each_themselves) {
 }
 
 // Three patterns that recur at two lengths of steps, from instants that round these lengths in their own ways.
-std::vector<double> run_of_many(double begin, PreparedSteps* shared) {
+std::vector<double> run_of_many(double begin, PreparedSteps* shared, double damping = -0.3, double weight = 1) {
     AffineSystem system = affine_oscillator();
-    system.a = {{-0.1, 1}, {-4, -0.3}};
+    system.a = {{-0.1, 1}, {-4, damping}};
     system.b = {0.3, 1};
     system.scaled = true;
     system.start_memory = {1};
-    system.guard = {{{1, 0}, 10}};
+    system.guard = {{{weight, 0}, 10}};
     system.sample_clocks = {{"tick", 0.25, 0.0}, {"tock", 0.25, 0.1}};
     system.sample = [](ClockId, long k, SystemState& state) {
         AffineSystem::memory(state).u.coefficient[0] = std::sin(static_cast<double>(k));
@@ -337,34 +337,50 @@ TEST(PreparedSteps, runs_that_share_them_come_to_the_same_bits_as_alone) {
     }
 }
 
-TEST(PreparedSteps, are_made_once_for_each_pattern_and_each_length_to_the_bit) {
+// Systems with the same keys and other matrices, A or those of a guard.
+TEST(PreparedSteps, of_one_system_are_not_taken_for_those_of_another) {
+    PreparedSteps shared;
+    for (const double damping : {-0.3, -0.4, -0.3, -0.2, -0.4}) {
+        for (const double weight : {1.0, -2.0}) {
+            EXPECT_EQ(run_of_many(3.3, &shared, damping, weight), run_of_many(3.3, nullptr, damping, weight))
+                << damping;
+        }
+    }
+    EXPECT_NE(run_of_many(3.3, nullptr, -0.4), run_of_many(3.3, nullptr, -0.3));
+}
+
+TEST(PreparedSteps, are_made_once_for_each_form_and_each_length_to_the_bit) {
     PreparedSteps steps;
     int made = 0;
-    const auto matrices = [&](std::uint64_t part) {
+    const auto pattern = [&](std::uint64_t part, double a, double g = 1) {
         AffineKey key;
         key.push_back(part);
-        return steps.matrices(key, [&] {
+        return steps.pattern(key, {.a = {a}, .g = {g}, .b = {}, .c = {}}, [&] {
             ++made;
             return PreparedSteps::Matrices{};
         });
     };
-    const auto propagation = [&](std::uint64_t part, double h) {
-        AffineKey key;
-        key.push_back(part);
-        return steps.propagation(key, h, [&] {
+    const auto propagation = [&](const auto& of, double h) {
+        return of->propagation(h, [&] {
             ++made;
             return PreparedSteps::Propagation{};
         });
     };
-    const auto one = matrices(1);
-    EXPECT_NE(matrices(2), one);
-    EXPECT_EQ(matrices(1), one);
+    const auto one = pattern(1, 0.5), other = pattern(2, 0.5);
+    EXPECT_NE(other, one);
+    EXPECT_EQ(pattern(1, 0.5), one);
     EXPECT_EQ(made, 2);
-    const auto step = propagation(1, 0.1);
-    EXPECT_EQ(propagation(1, 0.1), step);
-    EXPECT_NE(propagation(1, std::nextafter(0.1, 1)), step);
-    EXPECT_NE(propagation(2, 0.1), step);
-    EXPECT_EQ(made, 5);
+    const auto another = pattern(1, std::nextafter(0.5, 1));
+    EXPECT_NE(another, one);
+    EXPECT_NE(pattern(1, 0.5, 2), one);
+    EXPECT_NE(pattern(3, 0.0), pattern(3, -0.0));
+    EXPECT_EQ(made, 6);
+    const auto step = propagation(one, 0.1);
+    EXPECT_EQ(propagation(one, 0.1), step);
+    EXPECT_NE(propagation(one, std::nextafter(0.1, 1)), step);
+    EXPECT_NE(propagation(other, 0.1), step);
+    EXPECT_NE(propagation(another, 0.1), step);
+    EXPECT_EQ(made, 10);
 }
 
 // x' = -x + u(t), u cubic between its samples: x = e^{-t} (x0 - p(0)) + p(t) with p' + p = u.
