@@ -142,9 +142,56 @@ void push_values(lua_State* lua, const Scope& scope, std::span<const double> val
     push_all(lua, scope, [&](std::size_t i) { lua_pushnumber(lua, values[i]); });
 }
 
-EquationRecorder::~EquationRecorder() { luaL_unref(lua_, LUA_REGISTRYINDEX, symbols_table_); }
+// Values of the variables of a scope at a point, each made where it is asked for, and which ones have been. So a comparison takes
+// no time for variables that the function does not read, however many there are.
+class EquationRecorder::Numbers {
+  public:
+    // All variables drawn at random; one may have a value of its own.
+    void draw(std::uint64_t number) { draw_ = number, set_.clear(), all_.reset(), one_.reset(); }
+    void set(std::size_t i, double value) { one_.emplace(i, value); }
+    void set_all(double value) { all_ = value; }
+    void set_all(const std::vector<double>& values) { set_ = values; }
+
+    double value(std::size_t i) const {
+        if (one_ && one_->first == i) return one_->second;
+        if (all_) return *all_;
+        if (!set_.empty()) return set_[i];
+        // Of all sizes, mostly near one; half of the points positive.
+        const double u = uniform(1, draw_, i);
+        return (draw_ % 2 ? 2 * u : 4 * u - 2) * (draw_ % 5 == 4 ? 100 : 1);
+    }
+    double read(std::size_t i) {
+        add(i);
+        return value(i);
+    }
+
+    // Those that were read, in the order in which they were first.
+    const std::vector<std::size_t>& known() const { return known_; }
+    void add(std::size_t i) {
+        if (is_known_.size() <= i) is_known_.resize(i + 1);
+        if (!is_known_[i]) known_.push_back(i);
+        is_known_[i] = true;
+    }
+    void forget() {
+        for (const std::size_t i : known_) is_known_[i] = false;
+        known_.clear();
+    }
+
+  private:
+    std::uint64_t draw_ = 0;
+    std::vector<double> set_;
+    std::optional<double> all_;
+    std::optional<std::pair<std::size_t, double>> one_;
+    std::vector<std::size_t> known_;
+    std::vector<bool> is_known_;
+};
+
+EquationRecorder::~EquationRecorder() {
+    for (const int table : {symbols_table_, first_table_, numbers_table_}) luaL_unref(lua_, LUA_REGISTRYINDEX, table);
+}
 
 void EquationRecorder::add(const std::string& name, Term term, const std::string& unit) {
+    place_.emplace(term, scope_.terms.size());
     scope_.add(name, term);
     units_.set(term, unit);
     if (const auto element = element_of(name)) vectors_[element->first] = element->second;
@@ -157,6 +204,57 @@ void EquationRecorder::push_symbols() {
         symbols_table_ = luaL_ref(lua_, LUA_REGISTRYINDEX);
     }
     lua_rawgeti(lua_, LUA_REGISTRYINDEX, symbols_table_);
+}
+
+// Puts a table in the place of the one on top, through which its numbers i are read as value(i), and so for all tables in it.
+// [-0, +0]
+static void read_through(lua_State* lua, const std::function<double(std::size_t)>& value) {
+    luaL_checkstack(lua, 10, nullptr);
+    const int table = lua_gettop(lua);
+    lua_pushnil(lua);
+    while (lua_next(lua, table)) {
+        if (lua_istable(lua, -1)) {
+            read_through(lua, value);
+            lua_pushvalue(lua, -2);
+            lua_insert(lua, -2);
+            lua_rawset(lua, table);
+        } else {
+            lua_pop(lua, 1);
+        }
+    }
+    lua_newtable(lua);
+    lua_createtable(lua, 0, 2);
+    lua_pushvalue(lua, table);
+    push_function(lua, [value](lua_State* state) {
+        lua_settop(state, 2);
+        lua_rawget(state, lua_upvalueindex(2));
+        if (!lua_isinteger(state, -1)) return 1;
+        const auto i = static_cast<std::size_t>(lua_tointeger(state, -1));
+        lua_pushnumber(state, value(i));
+        return 1;
+    });
+    lua_setfield(lua, -2, "__index");
+    lua_pushvalue(lua, table);
+    push_function(lua, [](lua_State* state) {
+        lua_pushinteger(state, static_cast<lua_Integer>(lua_rawlen(state, lua_upvalueindex(2))));
+        return 1;
+    });
+    lua_setfield(lua, -2, "__len");
+    lua_setmetatable(lua, -2);
+    lua_remove(lua, table);
+}
+
+// The table of numbers_, the same for each function. [-0, +1]
+void EquationRecorder::push_numbers() {
+    if (numbers_table_ == LUA_NOREF) {
+        numbers_ = std::make_shared<Numbers>();
+        push_all(lua_, scope_, [&](std::size_t i) { lua_pushinteger(lua_, static_cast<lua_Integer>(i)); });
+        read_through(lua_, [numbers = numbers_](std::size_t i) { return numbers->read(i); });
+        numbers_table_ = luaL_ref(lua_, LUA_REGISTRYINDEX);
+        push_all(lua_, scope_, [&](std::size_t i) { lua_pushnumber(lua_, numbers_->value(i)); });
+        first_table_ = luaL_ref(lua_, LUA_REGISTRYINDEX);
+    }
+    lua_rawgeti(lua_, LUA_REGISTRYINDEX, numbers_table_);
 }
 
 std::vector<Recorded> EquationRecorder::record(const std::string& what, bool single) {
@@ -271,9 +369,9 @@ std::optional<double> EquationRecorder::number_returned(int result, const Record
         if (lua_getfield(lua_, -1, entry.name.c_str()) == LUA_TNIL && element) {
             lua_pop(lua_, 1);
             lua_getfield(lua_, -1, element->first.c_str());
-            if (lua_istable(lua_, -1)) lua_rawgeti(lua_, -1, static_cast<lua_Integer>(element->second));
+            if (lua_istable(lua_, -1)) lua_geti(lua_, -1, static_cast<lua_Integer>(element->second));
         } else if (lua_istable(lua_, -1)) {
-            lua_rawgeti(lua_, -1, 1);
+            lua_geti(lua_, -1, 1);
         }
     }
     std::optional<double> value;
@@ -317,46 +415,38 @@ bool move_to(const Tape& expression, double value, std::vector<double>& point) {
 } // namespace
 
 // Whether a rounding in it has a whole number, where Lua's % and the recorded one may be on either side.
-bool EquationRecorder::is_at_jump(Term root, const std::vector<double>& point) const {
+bool EquationRecorder::is_at_jump(Term root, const std::vector<Term>& inputs, const std::vector<double>& point) const {
     std::vector<Term> operands;
     for (const Term term : graph_.reachable(std::span(&root, 1))) {
         if (graph_[term].op == Op::floor) operands.push_back(graph_[term].a);
     }
     std::vector<double> values(operands.size());
-    Tape(graph_, scope_.terms, operands).evaluate({point}, values);
+    Tape(graph_, inputs, operands).evaluate({point}, values);
     return std::any_of(values.begin(), values.end(),
                        [](double x) { return std::abs(x - std::round(x)) <= 1e-9 * (1 + std::abs(x)); });
 }
 
 // Calls the function on numbers and compares: at random points, and at points at which one variable, all of them, or an
-// expression have a value that a comparison in the function may name.
+// expression have a value that a comparison in the function may name. Variables are those that the terms depend on and those
+// that the function has read so far: a branch may read further ones.
 void EquationRecorder::compare(int function, const std::vector<Recorded>& recorded, const std::string& what,
                                const std::string& line, bool single) {
     std::vector<Term> terms;
     for (const auto& entry : recorded) terms.push_back(entry.term);
-    const Tape tape(graph_, scope_.terms, terms);
-    const std::size_t count = scope_.terms.size();
-    std::vector<double> point(count), values(terms.size());
-    // The values that the function sees, in one table for all calls: of many variables only those that change are set.
-    push_values(lua_, scope_, point);
-    const int scope_table = lua_gettop(lua_);
-    const auto set = [&](std::size_t i, double value) {
-        point[i] = value;
-        lua_pushvalue(lua_, scope_table);
-        const auto place = go_to(lua_, scope_.names[i]);
-        lua_pushnumber(lua_, value);
-        put(lua_, place);
-        lua_pop(lua_, 1);
-    };
-    const auto randomize = [&](std::uint64_t draw, std::size_t i) {
-        // Of all sizes, mostly near one; half of the points positive.
-        const double u = uniform(1, draw, i);
-        set(i, (draw % 2 ? 2 * u : 4 * u - 2) * (draw % 5 == 4 ? 100 : 1));
-    };
-    const auto check = [&] {
+    std::vector<Term> inputs = graph_.variables_of(terms);
+    std::erase_if(inputs, [&](Term term) { return !place_.contains(term); }); // refused by the tape
+    const Tape tape(graph_, inputs, terms);
+    std::vector<double> point(inputs.size()), values(terms.size());
+    push_numbers();
+    const int numbers_table = lua_gettop(lua_);
+    Numbers& numbers = *numbers_;
+    numbers.forget();
+    for (const Term term : inputs) numbers.add(place_.at(term));
+    const auto check_on = [&](int table) {
+        for (std::size_t i = 0; i < inputs.size(); ++i) point[i] = numbers.value(place_.at(inputs[i]));
         tape.evaluate({point}, values);
         lua_pushvalue(lua_, function);
-        lua_pushvalue(lua_, scope_table);
+        lua_pushvalue(lua_, table);
         // What fails on numbers, fails for reasons of the point.
         if (lua_pcall(lua_, 1, 1, 0) != LUA_OK) return lua_pop(lua_, 1);
         for (std::size_t i = 0; i < recorded.size(); ++i) {
@@ -366,39 +456,46 @@ void EquationRecorder::compare(int function, const std::vector<Recorded>& record
                            !std::isfinite(*direct) || !std::isfinite(values[i]));
             // Where large numbers cancel, sums taken in another order differ by more.
             if (same || (direct && std::abs(*direct - values[i]) < 1e-9)) continue;
-            if (is_at_jump(recorded[i].term, point)) continue;
+            if (is_at_jump(recorded[i].term, inputs, point)) continue;
             refuse_branch(function, what, line);
         }
         lua_pop(lua_, 1);
     };
+    const auto check = [&] { check_on(numbers_table); };
+    // The first point in a table of numbers, which next() and pairs() go through as others do not.
     constexpr std::uint64_t random_points = 20;
+    numbers.draw(0);
+    lua_rawgeti(lua_, LUA_REGISTRYINDEX, first_table_);
+    check_on(lua_gettop(lua_));
+    lua_pop(lua_, 1);
     for (std::uint64_t draw = 0; draw < random_points; ++draw) {
-        for (std::size_t i = 0; i < count; ++i) randomize(draw, i);
+        numbers.draw(draw);
         check();
     }
-    // Of many variables some, as many as take no longer than the recording; the next ones behind each of them are drawn
-    // anew.
-    constexpr std::size_t drawn_anew = 30;
-    const std::size_t most = std::clamp<std::size_t>(200'000 / std::max<std::size_t>(count, 1), 10, 500);
+    // Of many variables some, as many as take no longer than the recording.
+    const std::size_t count = std::max<std::size_t>(numbers.known().size(), 1);
+    const std::size_t most = std::clamp<std::size_t>(200'000 / count, 10, 500);
     const std::size_t stride = (count + most - 1) / most;
     for (const double value : compared_numbers(function)) {
-        for (std::size_t i = 0; i < count; ++i) set(i, value);
+        numbers.draw(0);
+        numbers.set_all(value);
         check();
-        for (std::size_t i = 0; i < count; ++i) randomize(random_points, i);
-        for (std::size_t i = 0; i < count; i += stride) {
-            for (std::size_t n = 0; n < std::min(count, drawn_anew); ++n) randomize(random_points + i, (i + n) % count);
-            set(i, value);
+        for (std::size_t i = 0; i < numbers.known().size(); i += stride) {
+            numbers.draw(random_points + i);
+            numbers.set(numbers.known()[i], value);
             check();
-            randomize(random_points + i, i);
         }
     }
     // What is compared for equality may be an expression: points at which one of this scope has such a value.
-    for (const Term term : compares_for_equality(function) ? expressions_of_scope() : std::vector<Term>()) {
+    const bool is_equality = compares_for_equality(function);
+    std::vector<double> all(is_equality ? scope_.terms.size() : 0);
+    for (const Term term : is_equality ? expressions_of_scope() : std::vector<Term>()) {
         const Tape expression(graph_, scope_.terms, {term});
         for (const double value : compared_numbers(function)) {
-            for (std::size_t i = 0; i < count; ++i) point[i] = static_cast<double>(i % 7) / 4 - 0.5;
-            if (!move_to(expression, value, point)) continue;
-            for (std::size_t i = 0; i < count; ++i) set(i, point[i]);
+            for (std::size_t i = 0; i < all.size(); ++i) all[i] = static_cast<double>(i % 7) / 4 - 0.5;
+            if (!move_to(expression, value, all)) continue;
+            numbers.draw(0);
+            numbers.set_all(all);
             check();
         }
     }

@@ -4,9 +4,11 @@
 
 #include <functional>
 #include <map>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 struct lua_State;
@@ -71,7 +73,10 @@ class EquationRecorder {
     Recorded named(const std::string& name, const std::string& what);
 
   private:
+    class Numbers;
+
     void push_symbols();
+    void push_numbers();
     void add_returned(int index, const std::string& name, const std::string& place, std::vector<Recorded>& list);
     void check_units(Recorded& entry, const std::string& what);
     std::vector<Recorded> returned(const std::string& what, const std::string& line, bool single);
@@ -81,7 +86,7 @@ class EquationRecorder {
                  bool single);
     std::vector<std::string> source_of(int function, int& first_line) const;
     std::vector<double> compared_numbers(int function) const;
-    bool is_at_jump(Term root, const std::vector<double>& point) const;
+    bool is_at_jump(Term root, const std::vector<Term>& inputs, const std::vector<double>& point) const;
     bool compares_for_equality(int function) const;
     std::vector<Term> expressions_of_scope() const;
     [[noreturn]] void refuse_branch(int function, const std::string& what, const std::string& line) const;
@@ -91,8 +96,11 @@ class EquationRecorder {
     Expressions& graph_;
     Units units_;
     Scope scope_;
-    std::map<std::string, std::size_t> vectors_; // their sizes
-    int symbols_table_ = -2; // the scope as symbolic values, in the registry; LUA_NOREF: not made yet
+    std::unordered_map<Term, std::size_t> place_; // in the scope
+    std::map<std::string, std::size_t> vectors_;  // their sizes
+    // In the registry; LUA_NOREF: not made yet. The scope as symbolic values, at the first point of comparison, and as numbers_.
+    int symbols_table_ = -2, first_table_ = -2, numbers_table_ = -2;
+    std::shared_ptr<Numbers> numbers_;
 };
 
 } // namespace tribode
