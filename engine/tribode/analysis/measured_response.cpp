@@ -157,14 +157,7 @@ class SineWindow {
         output_fit_ = fit(signals.output);
         const std::vector<double> rest = rest_of(signals.output, output_fit_);
         output_lines_ = lines(rest);
-        constexpr std::size_t blocks = 8;
-        for (std::size_t b = 0; b < blocks; ++b) {
-            const std::size_t first = std::max<std::size_t>(b * rest.size() / blocks, 1);
-            const std::size_t end = (b + 1) * rest.size() / blocks;
-            double sum = 0;
-            for (std::size_t i = first; i < end; ++i) sum += (rest[i] - rest[i - 1]) * (rest[i] - rest[i - 1]) / 2;
-            if (end > first) sample_noise_.push_back(sum / static_cast<double>(end - first));
-        }
+        sample_noise_ = changes_by_block(rest, signals.sample_time, frequency, periods, harmonics);
         step_squared_ = signals.resolution * signals.resolution;
         if (signals.resolution > 0) {
             rounding_ = rounding(signals.resolution);
@@ -247,6 +240,27 @@ class SineWindow {
         return folded + 2 * gain * step * step / amplitude;
     }
 
+    // Variance of `rest` from sample to sample in each of up to eight blocks of the window, two periods long at least. Offset and
+    // harmonics are fitted anew in each: a transient at the beginning moves those of the whole window, and the difference, which is
+    // as periodic as the rounding, would be taken for noise in all blocks.
+    static std::vector<double> changes_by_block(const std::vector<double>& rest, double sample_time, double frequency,
+                                                long periods, int harmonics) {
+        const auto unknowns = static_cast<std::size_t>(1 + 2 * harmonics);
+        const std::size_t blocks = std::clamp<std::size_t>(
+            std::min(static_cast<std::size_t>(periods) / 2, rest.size() / (4 * unknowns)), 1, 8);
+        std::vector<double> variances;
+        for (std::size_t b = 0; b < blocks; ++b) {
+            const std::size_t first = b * rest.size() / blocks, end = (b + 1) * rest.size() / blocks;
+            const auto block = std::span(rest).subspan(first, end - first);
+            const SineFit own = SineBasis(block.size(), sample_time, frequency, 0, harmonics).fit(block);
+            const std::vector<double> left = residual(block, own, frequency * sample_time, 0);
+            double sum = 0;
+            for (std::size_t i = 1; i < left.size(); ++i) sum += (left[i] - left[i - 1]) * (left[i] - left[i - 1]) / 2;
+            variances.push_back(sum / static_cast<double>(std::max<std::size_t>(left.size() - 1, 1)));
+        }
+        return variances;
+    }
+
     // Largest mean square of the change of the rounding error of the fitted signal from sample to sample, halved as the noise
     // is, in steps squared: over offsets, of which the fit knows only a part.
     double pattern_changes(std::span<const double> output, const std::vector<double>& rest, double step) const {
@@ -285,7 +299,7 @@ class SineWindow {
     std::vector<int> distance_;
     SineFit output_fit_;
     Spectrum output_lines_;
-    // Variance of what the harmonics leave of the output, from sample to sample, in each eighth of the window.
+    // Variance of what the harmonics leave of the output, from sample to sample, in each block of the window.
     std::vector<double> sample_noise_;
     double rounding_ = 0; // variance of the output's phasor, without noise, as much as it is in the ratio to the input
     double step_squared_ = 0;
