@@ -596,30 +596,6 @@ if not joint.converged and option.iterations > few_iterations then
 end
 for _, note in ipairs(joint.notes) do print(note) end
 identified = joint.machine
--- The shares of GMS elements only count beside the level: that their sum is one says which level is meant.
-if structure.name == "GMS" then
-  local law = identified.effects[1].parameters
-  local sum, relative = 0, {} -- of the sum by each parameter
-  for _, element in ipairs(law.elements) do sum = sum + element.share end
-  for i, one in ipairs(joint.parameters) do
-    relative[i] = one.name:find "share$" and 1 / sum or 0
-  end
-  for _, element in ipairs(law.elements) do element.share = element.share / sum end
-  for i, one in ipairs(joint.parameters) do
-    local key = one.name:match "parameters%.(%w+)$"
-    if key == "F" or key == "Fs" or key == "attraction" then
-      local variance = 0 -- of the logarithm of the level times the sum
-      for j, a in ipairs(relative) do
-        for k, b in ipairs(relative) do
-          local by_j, by_k = a + (j == i and 1 / one.value or 0), b + (k == i and 1 / one.value or 0)
-          variance = variance + by_j * by_k * joint.covariance[j][k]
-        end
-      end
-      one.value = one.value * sum
-      law[key], one.standard_error = one.value, one.value * math.sqrt(variance)
-    end
-  end
-end
 tb.write_json { file = "identified.json", value = identified }
 print(string.format("Friction model: %s; standard errors are %.2g times those of pure noise", structure.name,
   joint.excess))

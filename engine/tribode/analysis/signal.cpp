@@ -110,6 +110,28 @@ std::vector<double> central_differences(std::span<const double> values, double s
     return rates;
 }
 
+std::size_t clipped_samples(std::span<const double> x, double step) {
+    if (x.empty()) return 0;
+    const auto [low, high] = std::ranges::minmax(x);
+    std::size_t stands = 0, samples = 0;
+    for (std::size_t first = 0, k = 1; k <= x.size(); ++k) {
+        if (k < x.size() && x[k] == x[first]) continue;
+        const std::size_t count = k - first;
+        if (count >= 4 && first >= 3 && (x[first] == low || x[first] == high)) {
+            const double slope = x[first - 1] - x[first - 2];
+            const double bend = slope - (x[first - 2] - x[first - 3]);
+            const double ratio = std::abs(slope / bend);
+            const bool outward = slope * (x[first] == high ? 1 : -1) > 6 * step;
+            if (outward && ratio > 1.5 && ratio < 1e4) {
+                ++stands;
+                samples += count;
+            }
+        }
+        first = k;
+    }
+    return stands < 3 ? 0 : samples;
+}
+
 LinearFit linear_fit(const std::vector<std::vector<double>>& columns, std::span<const double> values) {
     const auto rows = static_cast<Eigen::Index>(values.size()), count = static_cast<Eigen::Index>(columns.size());
     if (count == 0 || rows <= count) {

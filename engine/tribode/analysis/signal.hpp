@@ -1,4 +1,5 @@
 #pragma once
+#include <cstddef>
 #include <span>
 #include <vector>
 
@@ -21,6 +22,11 @@ std::vector<double> decimated(std::span<const double> values, int factor);
 
 // Central differences, at both ends one-sided. Throws InputError for fewer than two values.
 std::vector<double> central_differences(std::span<const double> values, double sample_time);
+
+// Samples in which a signal seems clipped: stretches of four equal values or more at an end of its range that a smooth curve
+// breaks off at, in steps above `step` of rounding. A signal made for the record may stand there as designed, after a jump or in a
+// straight line. Zero where there are fewer than three stretches.
+std::size_t clipped_samples(std::span<const double> values, double step);
 
 // values = sum of coefficients times columns, in the sense of least squares.
 struct LinearFit {

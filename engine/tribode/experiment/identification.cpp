@@ -1,4 +1,5 @@
 #include "tribode/experiment/identification.hpp"
+#include "tribode/analysis/signal.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/field_path.hpp"
 #include "tribode/experiment/simulation.hpp"
@@ -124,6 +125,44 @@ std::vector<Moved> moved_numbers(const MachineModel& machine, std::vector<std::s
     return moved;
 }
 
+// The shares of the elements of one generalized Maxwell-slip friction. Their sum is 1: those that are not moved take up what the others
+// leave, each in proportion.
+struct Shares {
+    std::vector<std::size_t> moved, others; // places in MachineModel::numbers()
+
+    void complete(const std::vector<double*>& numbers) const {
+        double left = 1, sum = 0;
+        for (const std::size_t place : moved) left -= *numbers[place];
+        for (const std::size_t place : others) sum += *numbers[place];
+        for (const std::size_t place : others) *numbers[place] *= left / sum;
+    }
+};
+
+// Where all shares would be moved, the last one is taken from `moved`.
+std::vector<Shares> tied_shares(const MachineModel& machine, std::vector<Moved>& moved) {
+    const std::vector<Number> numbers = numbers_of(machine);
+    std::vector<Shares> tied;
+    for (std::size_t i = 0; i < machine.effects.size(); ++i) {
+        if (machine.effects[i].kind().name != "gms_friction") continue;
+        const std::string around = fmt::format("effects[{}].parameters.elements[", i + 1);
+        Shares shares;
+        for (std::size_t place = 0; place < numbers.size(); ++place) {
+            const std::string& path = numbers[place].path;
+            if (!path.starts_with(around) || !path.ends_with("].share")) continue;
+            const bool is_moved = std::ranges::find(moved, path, &Moved::name) != moved.end();
+            (is_moved ? shares.moved : shares.others).push_back(place);
+        }
+        if (shares.moved.empty()) continue;
+        if (shares.others.empty()) {
+            shares.others = {shares.moved.back()};
+            shares.moved.pop_back();
+            std::erase_if(moved, [&](const Moved& one) { return one.name == numbers[shares.others[0]].path; });
+        }
+        tied.push_back(std::move(shares));
+    }
+    return tied;
+}
+
 // The largest length up to `count` whose Fourier transform is quick.
 std::size_t quick_length(std::size_t count) {
     for (std::size_t n = count;; --n) {
@@ -182,6 +221,8 @@ class Fit {
         machine_.noise_rms = 0;
         machine_.process_noise_rms = 0;
         moved = moved_numbers(machine_, options.parameters);
+        shares_ = tied_shares(machine_, moved);
+        if (moved.empty()) throw InputError("the only share of gms_friction is 1, there is nothing to be fitted");
         const double mass = machine.rigid_gain > 0 ? 1 / machine.rigid_gain : 0; // without one it comes back by itself
         const double omega = 2 * std::numbers::pi * options.observer;
         observer_ = PidController{
@@ -192,8 +233,8 @@ class Fit {
         // the levels of a Stribeck curve, are not.
         const auto n = static_cast<Eigen::Index>(moved.size());
         const MachineModel elsewhere = at(Eigen::VectorXd::LinSpaced(n, 0.01, 0.02));
-        exact_ = resolved(Method::automatic, elsewhere) == Method::exact && machine_.input == InputKind::hold &&
-                 machine_.initial == InitialKind::rest;
+        exact_ = !refused(elsewhere, message) && resolved(Method::automatic, elsewhere) == Method::exact &&
+                 machine_.input == InputKind::hold && machine_.initial == InitialKind::rest;
     }
 
     void add(FittedRecord record, const IdentifyOptions& options) {
@@ -233,6 +274,7 @@ class Fit {
                 *numbers[moved[j].places[i]] = start_[j][i] * factor;
             }
         }
+        for (const auto& one : shares_) one.complete(numbers);
         return machine;
     }
 
@@ -250,8 +292,10 @@ class Fit {
         return ServoRun(machine, ClosedLoop{input, 0}, options);
     }
 
-    // Measured less simulated position; none where the run ends early.
-    std::optional<std::vector<double>> residual(const MachineModel& machine, const FittedRecord& record) const {
+    // Measured less simulated position; none where there is no such machine or the run ends early.
+    std::optional<std::vector<double>> residual(const MachineModel& machine, const FittedRecord& record,
+                                                std::string& why) const {
+        if (refused(machine, why)) return std::nullopt;
         ServoRunOptions options;
         // Exact machines ignore it. A step ends with the sample at the latest, so errors are far below these bounds: they must
         // not count beside what a long record averages.
@@ -260,7 +304,7 @@ class Fit {
         ServoRun run = this->run(machine, record, options);
         const RunOutcome outcome = run.advance_to(static_cast<long>(record.drive.t.size()) - 1);
         if (!outcome.ok()) {
-            message = record.source + ": " + outcome.message;
+            why = record.source + ": " + outcome.message;
             return std::nullopt;
         }
         std::vector<double> rest = record.drive.measured;
@@ -272,7 +316,7 @@ class Fit {
     std::optional<std::vector<std::vector<double>>> residuals(const Eigen::VectorXd& logarithm) const {
         std::vector<std::vector<double>> all;
         for (const auto& record : records) {
-            auto one = residual(at(logarithm, record), record);
+            auto one = residual(at(logarithm, record), record, message);
             if (!one) return std::nullopt;
             all.push_back(std::move(*one));
         }
@@ -342,7 +386,8 @@ class Fit {
             Eigen::VectorXd there = logarithm;
             const auto place = static_cast<Eigen::Index>(j);
             there[place] += step;
-            const auto rest = residual(at(there, record), record);
+            std::string why;
+            const auto rest = residual(at(there, record), record, why);
             if (rest) {
                 columns.col(place) = (record.spectrum(*rest) - here) / step;
             } else {
@@ -368,9 +413,28 @@ class Fit {
         if (control_.stop_requested()) throw EndedEarly("an identification was interrupted");
     }
 
-    mutable std::string message; // of a run that ended early
+    mutable std::string message; // of a run that ended early, or of a machine that is none
+
+    // Numbers that are tied to moved ones.
+    std::vector<std::size_t> tied_places() const {
+        std::vector<std::size_t> places;
+        for (const auto& one : shares_) places.insert(places.end(), one.others.begin(), one.others.end());
+        return places;
+    }
 
   private:
+    // Where parameters bound one another, a step may leave what they allow.
+    static bool refused(const MachineModel& machine, std::string& why) {
+        try {
+            for (const auto& effect : machine.effects) effect.require_allowed();
+            machine.with_fields(Json::object(), Json::object(), "the machine"); // checks all
+        } catch (const InputError& error) {
+            why = error.what();
+            return true;
+        }
+        return false;
+    }
+
     static std::vector<double> numbers_at(const std::vector<double*>& numbers, const std::vector<std::size_t>& places) {
         std::vector<double> values;
         for (const std::size_t place : places) values.push_back(*numbers[place]);
@@ -379,6 +443,7 @@ class Fit {
 
     MachineModel machine_;
     const RunControl& control_;
+    std::vector<Shares> shares_;
     std::vector<std::vector<double>> start_;
     PidController observer_;
     bool exact_ = false;
@@ -510,6 +575,24 @@ FittedRecord prepared(const MachineModel& machine, const GivenRecord& given, con
     }
     const auto [low, high] = std::ranges::minmax(record.drive.measured);
     if (low == high) throw InputError(record.source + ": y is constant: nothing moves in this record");
+    const double duration = static_cast<double>(record.drive.t.size()) * machine.sample_time;
+    if (const double delay = machine.input_delay + machine.output_delay; delay >= duration) {
+        throw InputError(fmt::format("{}: the delay of {:.6g} s is longer than the record of {:.6g} s", record.source,
+                                     delay, duration));
+    }
+    const auto is_zero = [](const std::vector<double>& x) {
+        return std::ranges::all_of(x, [](double value) { return value == 0; });
+    };
+    if (is_zero(record.drive.u) && is_zero(record.drive.reference) && is_zero(record.drive.excitation)) {
+        throw InputError(fmt::format("{}: {} throughout: a record with an excitation is needed", record.source,
+                                     record.drive.closed_loop() ? "r and exc are zero" : "u is zero"));
+    }
+    if (const std::size_t samples = clipped_samples(record.drive.measured, machine.encoder_resolution)) {
+        throw InputError(
+            fmt::format("{}: y stands at its largest values ({:.6g} and {:.6g}) in {} samples and breaks off on "
+                        "the way there: it seems clipped, a record below the limit is needed",
+                        record.source, low, high, samples));
+    }
     const double middle = mean_of(record.drive.measured);
     for (const double y : record.drive.measured) record.floor += (y - middle) * (y - middle);
     constexpr double exactness = 1e-7; // of an encoder, relative to the motion
@@ -611,11 +694,21 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
         found.parameters.push_back({one.name, one.unit, *starts[one.shown], *values[one.shown], 0});
         free.push_back(std::abs(at[j]) < 0.999 * farthest);
     }
+    for (const std::size_t place : fit.tied_places()) *results[place] = *values[place];
     if (corrected) calculate_again();
     const Normal normal(fit, derivatives, spectra, powers);
     put_covariance(found, normal, free);
     found.residuals = std::move(*residuals);
     found.objective = now;
+    for (const auto& record : fit.records) {
+        // A drive may limit the thrust, and then it is right.
+        if (const std::size_t samples = clipped_samples(record.drive.u, 0)) {
+            found.notes.push_back(
+                fmt::format("{}: u stands at its largest values in {} samples; that is right only if the "
+                            "drive limited it, not the log.",
+                            record.source, samples));
+        }
+    }
     if (!found.converged) {
         found.notes.push_back(fmt::format("Not converged after {} iterations.", found.iterations));
     }

@@ -39,32 +39,14 @@ double delay_of(const MachineModel& machine) {
     return hold + lag + machine.input_delay + machine.output_delay;
 }
 
-// Stretches of equal values at an end of the range, of `least` samples and more, that a smooth curve runs into. A signal made
-// for the record may stand there as designed: after a step, or in a straight line.
 void refuse_clipped(const std::vector<double>& x, double step, const std::string& name, const std::string& where) {
+    const std::size_t samples = clipped_samples(x, step);
+    if (samples == 0) return;
     const auto [low, high] = std::minmax_element(x.begin(), x.end());
-    const double bottom = *low, top = *high;
-    std::size_t stands = 0, samples = 0;
-    for (std::size_t first = 0, k = 1; k <= x.size(); ++k) {
-        if (k < x.size() && x[k] == x[first]) continue;
-        const std::size_t count = k - first;
-        if (count >= 4 && first >= 3 && (x[first] == bottom || x[first] == top)) {
-            const double slope = x[first - 1] - x[first - 2];
-            const double bend = slope - (x[first - 2] - x[first - 3]);
-            const double ratio = std::abs(slope / bend);
-            const bool outward = slope * (x[first] == top ? 1 : -1) > 6 * step;
-            if (outward && ratio > 1.5 && ratio < 1e4) {
-                ++stands;
-                samples += count;
-            }
-        }
-        first = k;
-    }
-    if (stands < 3) return;
     throw InputError(
-        fmt::format("{}: {} stands at its largest values ({} and {}) in {} samples and breaks off on the way "
+        fmt::format("{}: {} stands at its largest values ({:.6g} and {:.6g}) in {} samples and breaks off on the way "
                     "there: it seems clipped, a record below the limit is needed",
-                    where, name, to_text(bottom), to_text(top), samples));
+                    where, name, *low, *high, samples));
 }
 
 // A record with the signals of all analyses.
@@ -132,6 +114,11 @@ void choose_excitation(const MachineModel& machine, const Table& table, FraRecor
             record.excited_by = "r";
             return;
         }
+        // Y/U would be the inverse of the controller.
+        throw InputError(record.source + (rest.empty()
+                                              ? ": exc is constant: a record with an excitation is needed"
+                                              : ": neither r nor exc changes and u is what the controller makes of "
+                                                "y: a record with an excitation is needed"));
     }
     record.excitation = record.thrust;
     record.excited_by = "u";
@@ -401,13 +388,9 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
             only_sines = false;
             if (record.loop_closed) {
                 fra.notes.push_back(
-                    record.excitation_is_thrust
-                        ? record.source +
-                              ": the loop is closed and the record has neither r nor exc, so noise that goes "
-                              "round the loop biases the cross spectra."
-                        : fmt::format("{}: the loop is closed; the response is that of the joint input-output method, "
-                                      "with {} as reference.",
-                                      record.source, record.excited_by));
+                    fmt::format("{}: the loop is closed; the response is that of the joint input-output method, "
+                                "with {} as reference.",
+                                record.source, record.excited_by));
             }
         }
         fra.records.push_back(describe(record, excitation, found, machine.sample_time));

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <numbers>
 
@@ -148,6 +149,37 @@ TEST(Identification, FindsAStribeckCurve) {
     }
 }
 
+// The shares of a level stay one level: what is found is a machine.
+TEST(Identification, FindsSharesWhoseSumStaysOne) {
+    Json d = description();
+    const auto law = [](double first, double second) {
+        return Json::parse(fmt::format(R"([{{"name": "gms_friction", "parameters": {{"F": 3, "Fs": 4, "velocity": 0.01,
+            "attraction": 300, "elements": [{{"K": 3e5, "share": {}}}, {{"K": 3e4, "share": {}}}, {{"K": 1e4, "share": {}}}]}}}}])",
+                                       first, second, 1 - first - second));
+    };
+    d["friction"] = {{"viscous", 8.0}};
+    d["effects"] = law(0.4, 0.4);
+    const MachineModel truth = machine_of(d);
+    d["effects"] = law(0.6, 0.2);
+    IdentifyOptions options;
+    const std::string path = "effects[1].parameters.elements";
+    options.parameters = {path + "[*].share"}; // the last one follows
+    options.f_max = 300;
+    const Identification found = identify(machine_of(d), {log_of(truth, 9, {"u", "y"})}, {}, options, {.workers = 2});
+    ASSERT_EQ(found.parameters.size(), 2u);
+    double sum = 0;
+    for (const char* place : {"[1].share", "[2].share", "[3].share"}) {
+        sum += found.machine.field(path + place).get<double>();
+    }
+    EXPECT_NEAR(sum, 1, 1e-12);
+    EXPECT_NO_THROW(found.machine.with_fields(Json::object(), Json::object(), "found"));
+    for (const auto& parameter : found.parameters) {
+        const double wanted = truth.field(parameter.name).get<double>();
+        EXPECT_LT(std::abs(parameter.value - wanted), 4 * parameter.standard_error) << parameter.name;
+        EXPECT_LT(parameter.standard_error, 0.05 * wanted) << parameter.name;
+    }
+}
+
 // A machine whose friction the model has not: the standard errors are larger than those of noise, and the mode is still found.
 TEST(Identification, ShowsThatAModelIsWrong) {
     Json d = description();
@@ -203,6 +235,30 @@ TEST(Identification, RefusesWhatCannotBeFitted) {
     GivenRecord few = good;
     for (auto& column : few.table.columns) column.values.resize(100);
     expect_part(refusal(truth, {few}), "100 samples, must be 256 at least");
+    const auto with = [&](const char* name, auto change) {
+        GivenRecord other = good;
+        for (auto& column : other.table.columns) {
+            if (column.name == name) change(column.values);
+        }
+        return other;
+    };
+    const auto clip = [](auto& values) {
+        const double most = 0.6 * std::ranges::max(values);
+        for (double& value : values) value = std::min(value, most);
+    };
+    expect_part(refusal(truth, {with("u", [](auto& u) { std::ranges::fill(u, 0.0); })}), "u is zero throughout");
+    expect_part(refusal(truth, {with("y", clip)}), "y stands at its largest values");
+    MachineModel late = truth;
+    late.input_delay = 7;
+    expect_part(refusal(late, {good}), "s is longer than the record");
+    // A drive may limit the thrust: that is said, not refused.
+    IdentifyOptions options;
+    options.parameters = {"rigid_gain_per_kg"};
+    options.iterations = 1;
+    const auto notes = identify(truth, {with("u", clip)}, {}, options).notes;
+    EXPECT_TRUE(std::ranges::any_of(notes, [](const auto& note) {
+        return note.find("u stands at its largest values") != std::string::npos;
+    })) << (notes.empty() ? "no note" : notes.front());
 }
 
 } // namespace

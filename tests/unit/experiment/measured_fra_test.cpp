@@ -193,6 +193,11 @@ TEST(MeasuredFra, RefusesWhatCannotBeAnalyzed) {
         for (double& value : y) value = std::min(value, most);
     };
     expect_part(refusal(machine, with("y", clip)), "y stands at its largest values");
+    // What the controller makes of noise is no excitation: Y/U would be its inverse.
+    MachineModel noisy = machine;
+    noisy.noise_rms = 1e-6;
+    const Table idle = log_of(noisy, std::vector<double>(1000, 0.0));
+    expect_part(refusal(machine, idle), "neither r nor exc changes and u is what the controller makes of y");
     MeasuredFraOptions slow;
     slow.delay = 3;
     expect_part(refusal(machine, good, slow), "the delay of 3 s is longer than the record of 0.5 s");
