@@ -26,6 +26,37 @@ local loop = tb.loop_gain {
 }
 assert(#loop.real == 2)
 
+-- A cascade has margins too: its gain may be larger by the gain margin, and no more. Its loop gain is that of a sweep.
+local cascade = tb.with_fields(machine, { friction = { viscous = 20 } })
+cascade.controller = { type = "cascade", kp = 40, kv = 700, ki = 15 }
+local margin = tb.loop_margins { machine = tb.machine(cascade), amplitude_m = 0 }
+assert(margin.stable and margin.gain_margin > 1.5)
+local function last_motion(factor)
+  local other = tb.with_fields { machine = tb.machine(cascade), scale = { ["controller.kv"] = factor } }
+  other.encoder_resolution_m = 0
+  local kick = {}
+  for k = 1, 1500 do kick[k] = k <= 10 and 1e-3 or 0 end
+  local x = tb.simulate { machine = other, exc = kick }.x
+  local early, late = 0, 0
+  for k = 301, 500 do early, late = math.max(early, math.abs(x[k])), math.max(late, math.abs(x[k + 1000])) end
+  return late / early
+end
+assert(last_motion(0.97 * margin.gain_margin) < 0.5, "smaller than the margin")
+assert(last_motion(1.03 * margin.gain_margin) > 2, "beyond the margin")
+cascade.friction = machine.friction
+cascade = tb.machine(cascade)
+local measured = tb.sweep { machine = cascade, frequency_hz = { 20, 40 } }
+local response = measured.responses["FRA-1"]
+for i, f in ipairs { 20, 40 } do
+  -- y = Y/U U, U = A/(1 + L).
+  local real, imag = 1 + measured.loop_gain.real[i], measured.loop_gain.imag[i]
+  local amplitude = 15 / math.sqrt(real ^ 2 + imag ^ 2) * math.sqrt(response.real[i] ^ 2 + response.imag[i] ^ 2)
+  local described = tb.loop_gain { machine = cascade, frequency_hz = { f }, amplitude_m = { amplitude } }
+  local error = math.sqrt((described.real[1] + 1 - real) ^ 2 + (described.imag[1] - imag) ^ 2)
+  assert(error < 0.05 * math.sqrt(real ^ 2 + imag ^ 2), error)
+end
+assert(not tb.loop_margins { machine = cascade, friction_feedback = 2, amplitude_m = 1e-5 }.stable)
+
 local function refused(text, call, options)
   local ok, message = pcall(call, options)
   assert(not ok and tostring(message):find(text, 1, true), tostring(message))

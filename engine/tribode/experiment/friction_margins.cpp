@@ -47,12 +47,11 @@ std::complex<double> controller_response(const MachineModel& machine, double fre
 }
 
 FrictionLoop friction_loop_of(const MachineModel& machine) {
-    const auto* pid = std::get_if<PidController>(&machine.controller);
-    if (!pid) throw InputError("the machine has no PID controller, must have one (controller.type = \"pid\")");
+    if (!machine.has_controller()) throw InputError("the machine has no controller, must have one to close a loop");
     FrictionLoop loop;
     loop.plant = modal_model_of(machine);
     loop.delays = loop_delays_of(machine);
-    loop.controller = [pid = *pid, ts = machine.sample_time](double f) { return pid_response(pid, ts, f); };
+    loop.controller = [machine](double f) { return controller_response(machine, f); };
     loop.elements = machine.elements;
     loop.viscous = machine.viscous;
     const std::vector<Effect> laws = FrictionModel::of(machine).laws;

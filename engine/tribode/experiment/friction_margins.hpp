@@ -19,8 +19,8 @@ std::complex<double> pid_response(const PidController& pid, double sample_time, 
 // The same of the machine's controller, PID or cascade (for r = 0, without the limit of its output).
 std::complex<double> controller_response(const MachineModel& machine, double frequency_hz);
 
-// The machine's PID loop with its rolling and viscous friction and its friction laws; dry friction is not in it. Throws
-// InputError where the machine has no PID controller or a law whose friction grows with the load.
+// The machine's loop with its rolling and viscous friction and its friction laws; dry friction is not in it. Throws
+// InputError where the machine has no controller or a law whose friction grows with the load.
 FrictionLoop friction_loop_of(const MachineModel& machine);
 
 // The loop of a machine at one amplitude of the motion, with a share of the modeled friction fed back.

@@ -249,7 +249,7 @@ const std::vector<LuaFunction>& experiment_functions() {
                  {machine_row(), {"feedforward", "", "table", "required", "a table as `tb.feedforward` returns it"}});
          }},
         {"loop_margins", loop_margins, "`tb.loop_margins{ machine =, amplitude_m =, friction_feedback = 0 }`",
-         "margins of the PID loop, with an amplitude [m] including friction ([result](#stability-margins))"},
+         "margins of the loop, with an amplitude [m] including friction ([result](#stability-margins))"},
         {"loop_gain", loop_gain,
          "`tb.loop_gain{ machine =, frequency_hz = {…}, amplitude_m = {…}, friction_feedback = 0 }`",
          "the loop gain itself, a response without unit; `amplitude_m` has one entry (default 0) or one for each "
