@@ -2,7 +2,7 @@
 -- then? What does the distortion say of a friction model? By repetition, beside what is asked or was measured before.
 --
 --   tribode run benchmarks/fra_coverage.lua -D repetitions=40 -D seconds=4,0.8
---   tribode run benchmarks/fra_coverage.lua -D parts=dead,distortion
+--   tribode run benchmarks/fra_coverage.lua -D parts=weights,dead,distortion
 --
 -- Coverage and settling, on a table without friction. The truth of the parameters is the machine's, of the response it
 -- is what the same analysis finds without noise and rounding in a record that is long enough for every transient.
@@ -10,11 +10,13 @@
 -- the response), share of points called settled and largest error among them, in units of the larger of 0.2 % and two
 -- standard errors, share of points without a value, spread over the repetitions / mean standard error of each
 -- parameter.
+-- Weights: how much smaller the scatter of fitted parameters is where each point is weighted by its variance.
 -- Dead frequencies: a table with dry friction under sines that do not all move it.
 -- Distortion: multisines on the table with its friction, with friction models right and wrong.
 -- Results: coverage.json and the tables.
 
 local tb = require "tribode"
+local modal_parameters = dofile "scripts/lib/modal_parameters.lua"
 
 local option = tb.options {
   repetitions = { default = tb.quick and 3 or 40, help = "records of each row" },
@@ -23,7 +25,7 @@ local option = tb.options {
   method = { default = "improved", choices = { "fra1", "proposed", "improved" }, help = "the analysis" },
   rows = { default = "rounding,0.3,3", help = "noise in um rms, or rounding: of the encoder alone" },
   zeta2 = { default = 0.003, help = "damping ratio of the second mode" },
-  parts = { default = "coverage,dead,distortion", help = "of the benchmark" },
+  parts = { default = "coverage,weights,dead,distortion", help = "of the benchmark" },
 }
 
 local function machine_with(noise_m, step_m)
@@ -60,14 +62,6 @@ local function measured(machine, seconds, phase, seed)
   }
 end
 
-local function parameters(fit)
-  local values = { k0 = fit.k0 }
-  for j, mode in ipairs(fit.modes) do
-    values["k" .. j], values["f" .. j], values["zeta" .. j] = mode.gain, mode.freq_hz, mode.zeta
-  end
-  return values
-end
-
 local parts = {}
 for part in option.parts:gmatch "[^,]+" do parts[part] = true end
 local results = {}
@@ -97,7 +91,7 @@ if parts.coverage then
       for repetition = 1, option.repetitions do
         local fra = measured(machine, seconds, repetition / option.repetitions, repetition)
         local fit = fra.fits[option.method]
-        local found, bound = parameters(fit), parameters(fit.standard_errors)
+        local found, bound = modal_parameters(fit), modal_parameters(fit.standard_errors)
         for _, name in ipairs(names) do
           local error = found[name] - true_fit[name]
           values = values + 1
@@ -135,6 +129,42 @@ if parts.coverage then
     end
   end
   print("asked:           0.90-0.98  0.9-0.98        (once: settled 0.54 under 0.3 um, 0.03 under 3 um; error 6)")
+end
+
+-- ---- fits with and without weights ----------------------------------------------------------------------------------
+
+if parts.weights then
+  local function scatter(found, kind, name)
+    local sum, squares, n = 0, 0, #found
+    for _, one in ipairs(found) do sum, squares = sum + one[kind][name], squares + one[kind][name] ^ 2 end
+    return math.sqrt(math.max(squares / n - (sum / n) ^ 2, 0) * n / (n - 1))
+  end
+  local with_friction = tb.with_fields(tb.machine "models/linear_motor_table.lua", { noise_rms_m = 0.3e-6 })
+  print "\nScatter of a plain fit over that of the weighted one   (before)"
+  for _, row in ipairs {
+    { "table, 0.3 um", with_friction, k0 = 8.4, k1 = 2.3 },
+    { "without friction, 3 um", machine_with(3e-6, 1e-7), k0 = 18.6, k1 = 3.8 },
+  } do
+    for text in option.seconds:gmatch("[^,]+") do
+      local found = {}
+      for repetition = 1, option.repetitions do
+        local fra = measured(row[2], tonumber(text), repetition / option.repetitions, repetition)
+        local r = fra.responses[option.method]
+        local plain = tb.fit_modal {
+          response = { frequency_hz = r.frequency_hz, real = r.real, imag = r.imag }, modes = 2, f_min_hz = 15,
+          f_max_hz = 210,
+        }
+        found[repetition] = { plain = plain, weighted = modal_parameters(fra.fits[option.method]) }
+      end
+      local ratio = {}
+      for _, name in ipairs { "k0", "k1" } do
+        ratio[name] = scatter(found, "plain", name) / scatter(found, "weighted", name)
+      end
+      print(string.format("  %-24s %4s s per sine   k0 %5.1f (%.1f)   k1 %5.1f (%.1f)", row[1], text, ratio.k0, row.k0,
+        ratio.k1, row.k1))
+      results[#results + 1] = { weights = row[1], seconds = tonumber(text), k0 = ratio.k0, k1 = ratio.k1 }
+    end
+  end
 end
 
 -- ---- frequencies at which nothing moves ---------------------------------------------------------------------------

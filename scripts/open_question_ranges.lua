@@ -8,6 +8,7 @@
 -- Results: ranges.json, ranges.csv, ranges.txt and the plot ranges.
 
 local tb = require "tribode"
+local modal_parameters = require "lib.modal_parameters"
 
 local option = tb.options {
   grids = { default = tb.quick and 2 or 10, help = "neighboring grids of frequencies" },
@@ -184,14 +185,6 @@ local cases = {
 local names = { "k0", "k1", "f1", "zeta1", "k2", "f2", "zeta2" }
 local methods = { "proposed", "improved" }
 
-local function numbers_of(fit)
-  local values = { k0 = fit.k0 }
-  for j, mode in ipairs(fit.modes) do
-    values["k" .. j], values["f" .. j], values["zeta" .. j] = mode.gain, mode.freq_hz, mode.zeta
-  end
-  return values
-end
-
 local text = {}
 local function line(...)
   text[#text + 1] = string.format(...)
@@ -247,7 +240,7 @@ for _, index in ipairs(option.machines) do
       for _, method in ipairs(methods) do
         ranges[method] = ranges[method] or {}
         local fit = fra.fits[method]
-        for name, value in pairs(fit and numbers_of(fit) or {}) do
+        for name, value in pairs(fit and modal_parameters(fit) or {}) do
           local error = value / truth[name] - 1
           local range = ranges[method][name] or { error, error }
           ranges[method][name] = { math.min(range[1], error), math.max(range[2], error) }
@@ -269,7 +262,7 @@ for _, index in ipairs(option.machines) do
     local described = tb.with_fields(one.machine, { friction = plain.friction })
     described = with_delay_read(described, plain.sines[1], "friction")
     local start = tb.with_fields(described, {})
-    local fit = numbers_of(analyze(described, plain.sines[1]).fits.improved)
+    local fit = modal_parameters(analyze(described, plain.sines[1]).fits.improved)
     start.rigid_gain_per_kg = fit.k0
     for j = 1, 2 do start.modes[j] = { gain = fit["k" .. j], freq_hz = fit["f" .. j], zeta = fit["zeta" .. j] } end
     local found = tb.identify {

@@ -279,3 +279,23 @@ for i, value in ipairs { 0.1, 3, 1e5 } do
   close(one.value, value, math.max(4 * one.standard_error, 1e-4 * value), one.name)
   assert(one.standard_error < 0.02 * value)
 end
+
+-- By default all numbers of a law but its exponents and shares.
+for name, wanted in pairs {
+  bouc_wen_friction = "F reach beta", dahl_friction = "F K", lugre_friction = "F Fs velocity K D",
+  gms_friction = "elements[1].K elements[2].K F Fs velocity attraction",
+  leuven_friction = "elements[1].K elements[1].F elements[2].K elements[2].F F Fs velocity D viscous",
+} do
+  local machine = machine_with(name, laws[name].parameters)
+  local names = {}
+  for _, one in ipairs(tb.identify { machine = machine, records = { { u = thrust, y = log.y } },
+    iterations = 1 }.parameters) do
+    names[#names + 1] = one.name:match "^effects%[1%]%.parameters%.(.*)"
+  end
+  table.sort(names)
+  local sorted = {}
+  for one in wanted:gmatch "%S+" do sorted[#sorted + 1] = one end
+  table.sort(sorted)
+  print(name, table.concat(names, " "))
+  assert(table.concat(names, " ") == table.concat(sorted, " "), name .. ": " .. table.concat(names, " "))
+end

@@ -8,6 +8,7 @@
 #include <unsupported/Eigen/FFT>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <complex>
 #include <fmt/format.h>
@@ -103,8 +104,9 @@ std::vector<Moved> moved_numbers(const MachineModel& machine, std::vector<std::s
                                              path));
             }
             const std::string element = how == Match::itself ? "" : element_of(path);
-            // The shares of a level could be moved against it.
-            if (usual && (path.ends_with(".exponent") || path.ends_with("].share"))) continue;
+            // Exponents are chosen with the law, and shares could be moved against the level that they share.
+            const auto ends = [&path = path](const char* name) { return path.ends_with(name); };
+            if (usual && std::ranges::any_of(std::array{".exponent", ".transition", "].share"}, ends)) continue;
             if (!element.empty()) {
                 if (!known(element)) moved.push_back({element, "N", {}, i});
                 Moved& one = *std::ranges::find(moved, element, &Moved::name);

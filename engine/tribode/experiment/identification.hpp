@@ -28,7 +28,7 @@ struct IdentifyOptions {
     // Paths: of a number, "modes[1].freq_hz"; of a table or list, "modes" or "friction", for all numbers in it that are not zero;
     // [*] for every entry. An element of friction is one parameter, its level F with 2F/K fixed, unless its F or K is named.
     // The sum of the shares of gms_friction stays 1: those that are not named take up the rest, or the last one of all.
-    // Empty: rigid gain, modes, friction without the exponent of a Stribeck curve, and the input delay.
+    // Empty: rigid gain, modes, friction without exponents (transition) and shares, and the input delay.
     std::vector<std::string> parameters;
     double f_min = 0;    // lines below do not count [Hz]
     double f_max = 0;    // lines above do not count [Hz]; 0: all do
