@@ -6,6 +6,9 @@
 --   tribode run benchmarks/fra_round_trip.lua -D machines=20 -D friction=elements
 --
 -- The second form knows no friction but Maxwell-slip elements and dry friction, so that it cannot describe most laws.
+-- An interrupted run is continued with -D resume=true and the same folder: machines that are measured are not measured
+-- again, so program and options must be the same.
+--
 -- Machines can be measured by processes of their own, side by side, and summed up here:
 --
 --   tribode run scripts/measure_machine.lua -D hidden=7 -D periods=3 -D plots=false -o all/machine_7
@@ -20,6 +23,7 @@ local option = tb.options {
   first = { default = 1, help = "the first of them" },
   friction = { default = "any", choices = { "any", "elements" }, help = "models that the measurement knows" },
   periods = { default = 3, help = "of the multisine" },
+  resume = { default = false, help = "keep machines that the folder of the run already has" },
   measured = { default = "", help = "folder with the folders machine_1, ... of measurements; empty: measure" },
 }
 
@@ -44,14 +48,15 @@ line("%-3s %-20s %-4s %7s %-16s %-7s %8s %8s %8s %10s %8s %8s  %-9s %8s  %s", ""
   "identified as", "modes", "FRA-1 dB", "Impr. dB", "left dB", "friction %", "k, f %", "zeta %", "within 3", "move um",
   "it says")
 for hidden = option.first, option.first + option.machines - 1 do
-  local folder
-  if option.measured ~= "" then
-    folder = option.measured .. "/machine_" .. hidden
-  else
-    folder = tb.run {
-      script = "scripts/measure_machine.lua", folder = "machine_" .. hidden,
-      options = { hidden = hidden, plots = false, periods = option.periods, friction = option.friction },
-    }.folder
+  local folder = option.measured .. "/machine_" .. hidden
+  if option.measured == "" then
+    folder = "machine_" .. hidden
+    if not (option.resume and pcall(tb.read_json, { file = folder .. "/summary.json" })) then
+      folder = tb.run {
+        script = "scripts/measure_machine.lua", folder = folder,
+        options = { hidden = hidden, plots = false, periods = option.periods, friction = option.friction },
+      }.folder
+    end
   end
   local result = tb.read_json { file = folder .. "/summary.json" }
   local verdict = result.friction_model_is_good and "good" or "not good"

@@ -282,7 +282,7 @@ end
 
 -- By default all numbers of a law but its exponents and shares.
 for name, wanted in pairs {
-  bouc_wen_friction = "F reach beta", dahl_friction = "F K", lugre_friction = "F Fs velocity K D",
+  bouc_wen_friction = "F reach beta", dahl_friction = "F K", lugre_friction = "F Fs velocity K D viscous",
   gms_friction = "elements[1].K elements[2].K F Fs velocity attraction",
   leuven_friction = "elements[1].K elements[1].F elements[2].K elements[2].F F Fs velocity D viscous",
 } do

@@ -26,7 +26,7 @@ struct WeightedFit {
     int points = 0;
     std::string message; // empty, or what is wrong with the result
     // Most points are is_rounded. Errors of rounding have large ones among them, and the few points next to a resonance decide:
-    // the standard errors are then about half of what they should be.
+    // the standard errors may then be too small.
     bool rounding = false;
 };
 

@@ -444,8 +444,9 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
     }
     if (std::ranges::any_of(fra.analyses, [](const auto& a) { return a.fit && a.fit->rounding; })) {
         fra.notes.push_back(
-            "The noise is less than an eighth of an encoder step, so the rounding of the sines is not random: the "
-            "standard errors of the fits may be half of what they should be.");
+            "The noise is less than an eighth of an encoder step, so the rounding of the sines is not random: among "
+            "its errors are "
+            "a few large ones, and standard errors of the fits may be too small where such a frequency decides.");
     }
     if (fra.analyses.empty())
         throw InputError("none of the methods can be used with these records: " + fra.notes.back());
