@@ -25,6 +25,7 @@ local option = tb.options {
   method = { default = "improved", choices = { "fra1", "proposed", "improved" }, help = "the analysis" },
   rows = { default = "rounding,0.3,3", help = "noise in um rms, or rounding: of the encoder alone" },
   zeta2 = { default = 0.003, help = "damping ratio of the second mode" },
+  period_s = { default = 1, unit = "s", help = "of the multisines of 24 s, which have 71 lines with 1" },
   parts = { default = "coverage,weights,dead,distortion", help = "of the benchmark" },
 }
 
@@ -214,7 +215,8 @@ if parts.distortion then
       local log = logs[row[2]][repetition]
       if not log then
         local drive = tb.multisine {
-          sample_time_s = ts, period_s = 4, periods = 6, amplitude_N = 30, seed = repetition,
+          sample_time_s = ts, period_s = option.period_s, periods = 24 // option.period_s, amplitude_N = 30,
+          seed = repetition,
         }
         local run = tb.simulate { machine = row[2], exc = drive.values, seed = repetition }
         log = { exc = drive.values, u = run.u, y = run.y }
