@@ -12,18 +12,6 @@ constexpr std::size_t min_segment_samples = 20, samples_per_state = 6; // of a s
 constexpr double near_noise = 3, near_output = 0.02; // rms, over the noise and over the outputs' deviation
 constexpr int start_iterations = 6, all_iterations = 6;
 
-// The noise of the outputs, relative to their scale, rms.
-double noise_of(const SystemFit& fit) {
-    double sum = 0, count = 0;
-    for (const auto& record : fit.records()) {
-        for (std::size_t o = 0; o < record.outputs.size(); ++o, ++count) {
-            const double noise = white_noise(record.outputs[o]) / fit.scale()[o];
-            sum += noise * noise;
-        }
-    }
-    return std::sqrt(sum / std::max(count, 1.0));
-}
-
 class Cutter {
   public:
     Cutter(const SystemModel& model, const std::vector<double>& values, const SystemFit& fit,
@@ -130,7 +118,7 @@ std::optional<Segments> segmented(const SystemModel& model, const std::vector<do
     if (e.states.empty() || e.discrete.size() > e.contacts.size() || !e.whens.empty() || !e.clocks.empty()) {
         return std::nullopt;
     }
-    const double near = std::max(near_noise * noise_of(fit), near_output);
+    const double near = std::max(near_noise * fit.noise(), near_output);
     const Cutter cutter(model, values, fit, ended);
     const std::size_t shortest = std::max(min_segment_samples, samples_per_state * e.states.size());
     const std::size_t longest = *std::max_element(fit.used().begin(), fit.used().end());

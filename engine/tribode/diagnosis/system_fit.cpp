@@ -1,5 +1,7 @@
 #include "tribode/diagnosis/system_fit.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/diagnosis/fixed_steps.hpp"
+#include "tribode/diagnosis/lane_fit.hpp"
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/experiment/system_run.hpp"
 #include "tribode/system/contacts.hpp"
@@ -10,29 +12,12 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace tribode {
 
 namespace {
-
-// Samples of a clock at an even period, from values at instants that may be uneven.
-std::vector<double> resampled(const std::vector<double>& t, const std::vector<double>& values, double period,
-                              Interpolation between) {
-    const auto count = static_cast<std::size_t>(std::ceil((t.back() - t.front()) / period * (1 - 1e-12))) + 1;
-    std::vector<double> even(count);
-    std::size_t i = 0;
-    for (std::size_t k = 0; k < count; ++k) {
-        const double now = t.front() + static_cast<double>(k) * period;
-        while (i + 1 < t.size() && t[i + 1] <= now * (1 + 1e-12)) ++i;
-        if (between == Interpolation::hold || i + 1 == t.size()) {
-            even[k] = values[i];
-        } else {
-            even[k] = values[i] + (values[i + 1] - values[i]) * (now - t[i]) / (t[i + 1] - t[i]);
-        }
-    }
-    return even;
-}
 
 // By how much a value moves for a difference quotient: until the outputs move by this share of their scale, rms. That is far
 // above what the solver's errors add to a long run, and far below where equations bend. A value may move by so much of its
@@ -40,64 +25,12 @@ std::vector<double> resampled(const std::vector<double>& t, const std::vector<do
 constexpr double visible = 1e-3, max_step = 10;
 // The shortest beginning of the records that is fitted, and the samples of it for each value.
 constexpr std::size_t max_growth = 64, samples_per_value = 10;
-
-double median_step(const std::vector<double>& t) {
-    std::vector<double> steps;
-    for (std::size_t i = 1; i < t.size(); ++i) steps.push_back(t[i] - t[i - 1]);
-    std::nth_element(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2), steps.end());
-    return steps[steps.size() / 2];
-}
-
-bool is_even(const std::vector<double>& t, double period) {
-    for (std::size_t k = 0; k < t.size(); ++k) {
-        if (std::abs(t[k] - t.front() - static_cast<double>(k) * period) > 1e-3 * period) return false;
-    }
-    return true;
-}
+// Factors of the damping that are tried side by side.
+constexpr std::array side_by_side = {1.0 / 25, 1.0 / 5, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0};
+constexpr int stiff_iterations = 5;
+constexpr double agreed = 4; // times what is negligible: fixed steps and those of another solver
 
 } // namespace
-
-SystemRecord SystemRecord::part(std::size_t from, std::size_t samples) const {
-    from = std::min(from, size());
-    samples = std::min(samples, size() - from);
-    const auto cut = [&](const std::vector<double>& values) {
-        const auto begin = values.begin() + static_cast<std::ptrdiff_t>(from);
-        return values.empty() ? values : std::vector<double>(begin, begin + static_cast<std::ptrdiff_t>(samples));
-    };
-    SystemRecord part{.source = source, .t = cut(t)};
-    for (const auto& values : inputs) part.inputs.push_back(cut(values));
-    for (const auto& values : outputs) part.outputs.push_back(cut(values));
-    return part;
-}
-
-std::vector<double> SystemModel::values(std::size_t records) const {
-    std::vector<double> all;
-    for (const auto& parameter : parameters) all.push_back(equations.parameters[parameter.place].value);
-    for (std::size_t r = 0; r < records; ++r) {
-        for (const std::size_t state : starts) all.push_back(equations.states[state].start);
-    }
-    return all;
-}
-
-std::vector<double> SystemModel::values_of(const std::vector<double>& values, std::size_t record) const {
-    const auto shared = static_cast<std::ptrdiff_t>(parameters.size()),
-               own = static_cast<std::ptrdiff_t>(starts.size());
-    std::vector<double> one(values.begin(), values.begin() + shared);
-    const auto begin = values.begin() + shared + static_cast<std::ptrdiff_t>(record) * own;
-    one.insert(one.end(), begin, begin + own);
-    return one;
-}
-
-SystemModel SystemModel::with(const std::vector<double>& values) const {
-    SystemModel moved = *this;
-    for (std::size_t i = 0; i < parameters.size(); ++i) {
-        moved.equations.parameters[parameters[i].place].value = values[i];
-    }
-    for (std::size_t i = 0; i < starts.size(); ++i) {
-        moved.equations.states[starts[i]].start = values[parameters.size() + i];
-    }
-    return moved;
-}
 
 Eigen::MatrixXd basis_of(Eigen::MatrixXd columns) {
     for (Eigen::Index c = 0; c < columns.cols(); ++c) {
@@ -124,12 +57,6 @@ Eigen::MatrixXd inverse_of_normal(const Eigen::MatrixXd& columns) {
     const Eigen::VectorXd back = norm.unaryExpr([](double n) { return n > 0 ? 1 / n : 0; });
     return back.asDiagonal() * parts.eigenvectors() * inverse.asDiagonal() * parts.eigenvectors().transpose() *
            back.asDiagonal();
-}
-
-Equations deep_copy(const Equations& equations) {
-    Equations copy = equations;
-    copy.graph = std::make_shared<Expressions>(*equations.graph);
-    return copy;
 }
 
 namespace {
@@ -214,7 +141,6 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
         const double begin = record.t.front(), period = median_step(record.t);
         // What is measured at an instant is measured with the input of that instant, which acts from there on.
         const double after = 1e-7 * period;
-        const bool even = is_even(record.t, period);
         std::vector<std::string> by; // what the derivatives are by
         if (derivatives) {
             for (const auto& parameter : model.parameters) by.push_back(equations.parameters[parameter.place].name);
@@ -231,20 +157,20 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
                 }
                 continue;
             }
-            const auto held = even ? record.inputs[i] : resampled(record.t, record.inputs[i], period, between_);
             const auto place = std::find_if(equations.inputs.begin(), equations.inputs.end(),
                                             [&](const auto& one) { return one.symbol == inputs[i].symbol; });
             equations.inputs.erase(place);
-            const InputSamples pieces = input_samples(held, period, begin, between_);
+            const InputSamples pieces = input_of(record, i, between_);
             connect_samples(equations, inputs[i], pieces, begin);
             for (const auto& delayed : delays) {
                 if (delayed.input != inputs[i].symbol) continue;
                 InputSamples later = pieces;
                 later.offset = begin + delayed.delay;
                 // What came before the record is not known: its first value.
-                connect_samples(equations,
-                                {equations.graph->name(delayed.symbol), inputs[i].unit, held.front(), delayed.symbol},
-                                std::move(later), begin);
+                connect_samples(
+                    equations,
+                    {equations.graph->name(delayed.symbol), inputs[i].unit, record.inputs[i].front(), delayed.symbol},
+                    std::move(later), begin);
             }
         }
         close_contacts(equations);
@@ -258,7 +184,7 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
         options.solver.relative_tolerance = 1e-7;
         options.solver.absolute_tolerance = 1e-9;
         // Values far off make equations that take millions of steps; none that is near a measurement does.
-        options.solver.max_steps = 20'000 + 100 * static_cast<long>(samples);
+        options.solver.max_steps = 2'000 + 25 * static_cast<long>(samples);
         const SystemRun run = run_system(system, options);
         if (!run.outcome.ok()) return failed(run.outcome.message);
         for (std::size_t v = 0; derivatives && v < by.size(); ++v) {
@@ -288,7 +214,23 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
     }
 }
 
+double SystemFit::noise() const {
+    double sum = 0, count = 0;
+    for (const auto& record : records_) {
+        for (std::size_t o = 0; o < record.outputs.size(); ++o, ++count) {
+            const double noise = white_noise(record.outputs[o]) / scale_[o];
+            sum += noise * noise;
+        }
+    }
+    return std::sqrt(sum / std::max(count, 1.0));
+}
+
 std::vector<double> SystemFit::errors(const SystemModel& model, const std::vector<double>& values) const {
+    const auto lanes = LaneFit::of(*this, model, values);
+    return lanes ? lanes->errors({values})[0] : errors_by_runs(model, values);
+}
+
+std::vector<double> SystemFit::errors_by_runs(const SystemModel& model, const std::vector<double>& values) const {
     std::vector<double> all;
     for (std::size_t r = 0; r < records_.size(); ++r) {
         if (!append_errors(model, values, r, all)) return {};
@@ -345,7 +287,14 @@ std::optional<Eigen::MatrixXd> SystemFit::exact_jacobian(const SystemModel& mode
 }
 
 Eigen::MatrixXd SystemFit::jacobian(const SystemModel& model, const std::vector<double>& values,
-                                    const std::vector<double>& errors, std::vector<double>* steps) const {
+                                    const std::vector<double>& errors) const {
+    const auto lanes = LaneFit::of(*this, model, values);
+    return lanes ? lanes->jacobian(values, errors) : jacobian_by_runs(model, values, errors, nullptr);
+}
+
+// `steps`: by how much each value moves for a difference; the next call begins with them.
+Eigen::MatrixXd SystemFit::jacobian_by_runs(const SystemModel& model, const std::vector<double>& values,
+                                            const std::vector<double>& errors, std::vector<double>* steps) const {
     if (auto exact = exact_jacobian(model, values, errors)) return *std::move(exact);
     const auto rows = static_cast<Eigen::Index>(errors.size());
     Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(rows, static_cast<Eigen::Index>(values.size()));
@@ -410,20 +359,46 @@ Eigen::MatrixXd SystemFit::jacobian(const SystemModel& model, const std::vector<
 
 SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> start, int iterations,
                                  const std::function<bool()>& ended) const {
-    Result result{.values = std::move(start)};
-    const auto bounded = [&](std::vector<double>& values) {
-        for (std::size_t i = 0; i < model.parameters.size(); ++i) {
-            values[i] = std::clamp(values[i], model.parameters[i].low, model.parameters[i].high);
+    for (std::size_t i = 0; i < model.parameters.size(); ++i) {
+        start[i] = std::clamp(start[i], model.parameters[i].low, model.parameters[i].high);
+    }
+    auto lanes = LaneFit::of(*this, model, start);
+    Result result{.values = start};
+    while (lanes && result.iterations < iterations) {
+        const int before = result.iterations;
+        result = descend(model, std::move(result.values), iterations - before, ended, &*lanes);
+        result.iterations += before;
+        if (result.errors.empty()) break;
+        // What steps of one length make of the values that were found is compared with steps of the length that they need.
+        auto errors = errors_by_runs(model, result.values);
+        double sum = 0;
+        for (std::size_t k = 0; k < errors.size(); ++k) {
+            sum += (errors[k] - result.errors[k]) * (errors[k] - result.errors[k]);
         }
-    };
-    bounded(result.values);
-    result.errors = errors(model, result.values);
+        const double off = std::sqrt(sum / static_cast<double>(std::max<std::size_t>(errors.size(), 1)));
+        if (!errors.empty() && off < agreed * lanes->negligible(errors)) {
+            result.errors = std::move(errors);
+            result.sum = sum_of_squares(result.errors);
+            return result;
+        }
+        if (errors.empty() || !lanes->shorten(result.values)) break;
+    }
+    // What fixed steps cannot follow is stiff or runs away. A run takes long then, and what lies near a measurement is rarely so.
+    return descend(model, std::move(start), FixedSteps::of(model) ? std::min(iterations, stiff_iterations) : iterations,
+                   ended, nullptr);
+}
+
+SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<double> start, int iterations,
+                                     const std::function<bool()>& ended, const LaneFit* lanes) const {
+    Result result{.values = std::move(start)};
+    result.errors = lanes ? lanes->errors({result.values})[0] : errors_by_runs(model, result.values);
     result.sum = sum_of_squares(result.errors);
     if (result.errors.empty() || result.values.empty()) return result;
     double damping = 1e-3;
     std::vector<double> steps;
     for (; result.iterations < iterations && !ended(); ++result.iterations) {
-        Eigen::MatrixXd j = jacobian(model, result.values, result.errors, &steps);
+        Eigen::MatrixXd j = lanes ? lanes->jacobian(result.values, result.errors)
+                                  : jacobian_by_runs(model, result.values, result.errors, &steps);
         // Values may be of any unit: each column has norm one, and what keeps the matrix regular is a share of each.
         Eigen::VectorXd norm = j.colwise().norm();
         for (Eigen::Index i = 0; i < norm.size(); ++i) {
@@ -433,25 +408,50 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
         const Eigen::Map<const Eigen::VectorXd> e(result.errors.data(), j.rows());
         const Eigen::MatrixXd normal = j.transpose() * j;
         const Eigen::VectorXd gradient = j.transpose() * e;
-        const double before = result.sum;
-        bool improved = false;
-        for (int attempt = 0; attempt < 10 && !improved && !ended(); ++attempt) {
+        const auto moved = [&](double with_damping) {
             Eigen::MatrixXd damped = normal;
-            damped.diagonal().array() += damping + 1e-12;
+            damped.diagonal().array() += with_damping + 1e-12;
             const Eigen::VectorXd step = damped.ldlt().solve(gradient).cwiseQuotient(norm);
             std::vector<double> next = result.values;
             for (std::size_t i = 0; i < next.size(); ++i) next[i] += step[static_cast<Eigen::Index>(i)];
-            bounded(next);
-            const auto there = errors(model, next);
-            const double sum = sum_of_squares(there);
-            if (sum < result.sum) {
-                result.values = next;
-                result.errors = there;
-                result.sum = sum;
-                damping = std::max(damping / 5, 1e-9);
-                improved = true;
-            } else {
-                damping = std::max(damping * 6, 1e-6);
+            for (std::size_t i = 0; i < model.parameters.size(); ++i) {
+                next[i] = std::clamp(next[i], model.parameters[i].low, model.parameters[i].high);
+            }
+            return next;
+        };
+        const double before = result.sum;
+        const auto improves = [&](const std::vector<double>& values, std::vector<double> errors) {
+            const double sum = sum_of_squares(errors);
+            if (!(sum < result.sum)) return false;
+            result.values = values;
+            result.errors = std::move(errors);
+            result.sum = sum;
+            return true;
+        };
+        bool improved = false;
+        if (lanes) {
+            // Several dampings side by side cost no more than one: the best is taken.
+            for (int attempt = 0; attempt < 2 && !improved && !ended(); ++attempt) {
+                std::vector<std::vector<double>> sets;
+                std::vector<double> dampings;
+                for (const double factor : side_by_side) {
+                    dampings.push_back(std::max(damping * factor, 1e-9));
+                    sets.push_back(moved(dampings.back()));
+                }
+                auto errors = lanes->errors(sets);
+                const double present = damping;
+                for (std::size_t l = 0; l < sets.size(); ++l) {
+                    if (!improves(sets[l], std::move(errors[l]))) continue;
+                    improved = true;
+                    damping = dampings[l];
+                }
+                if (!improved) damping = std::max(present, 1e-6) * side_by_side.back() * 6;
+            }
+        } else {
+            for (int attempt = 0; attempt < 10 && !improved && !ended(); ++attempt) {
+                const auto next = moved(damping);
+                improved = improves(next, errors_by_runs(model, next));
+                damping = improved ? std::max(damping / 5, 1e-9) : std::max(damping * 6, 1e-6);
             }
         }
         if (!improved || before - result.sum < 1e-6 * before) break;

@@ -1,6 +1,5 @@
 #pragma once
-#include "tribode/experiment/input_samples.hpp"
-#include "tribode/system/equations.hpp"
+#include "tribode/diagnosis/system_model.hpp"
 
 #include <Eigen/Core>
 #include <cstddef>
@@ -12,41 +11,6 @@
 
 namespace tribode {
 
-// A measured record of a system of equations.
-struct SystemRecord {
-    std::string source;
-    std::vector<double> t;                    // [s], ascending; of a system without states the number of the row
-    std::vector<std::vector<double>> inputs;  // of each input of the equations; empty: the input has its own value
-    std::vector<std::vector<double>> outputs; // of each measured output
-
-    std::size_t size() const { return t.size(); }
-    SystemRecord head(std::size_t samples) const { return part(0, samples); } // its first samples
-    SystemRecord part(std::size_t from, std::size_t samples) const;           // at the instants that they have
-};
-
-// Equations of which some values may move: parameters, the same for all records, and start values, which each record has
-// of its own.
-struct SystemModel {
-    struct Parameter {
-        std::size_t place;                                     // among equations.parameters
-        double low = -std::numeric_limits<double>::infinity(); // bounds, in the unit of the parameter
-        double high = std::numeric_limits<double>::infinity();
-        double scale = 1; // a typical size, where the value is zero or near it
-    };
-    Equations equations;
-    std::vector<std::size_t> measured; // outputs of the equations, in the order of SystemRecord::outputs
-    std::vector<Parameter> parameters;
-    std::vector<std::size_t> starts; // states whose start values may move
-
-    // The values as they are now: parameters, then the start values of each record.
-    std::vector<double> values(std::size_t records) const;
-    // Of all values those that concern one record.
-    std::vector<double> values_of(const std::vector<double>& values, std::size_t record) const;
-    // With these values as its own; of the start values those of the first record.
-    SystemModel with(const std::vector<double>& values) const;
-    std::size_t value_count(std::size_t records) const { return parameters.size() + records * starts.size(); }
-};
-
 // Orthonormal, of all that the columns can do; columns that others nearly make up count for nothing.
 Eigen::MatrixXd basis_of(Eigen::MatrixXd columns);
 
@@ -54,14 +18,13 @@ Eigen::MatrixXd basis_of(Eigen::MatrixXd columns);
 // have large values.
 Eigen::MatrixXd inverse_of_normal(const Eigen::MatrixXd& columns);
 
-// A copy whose graph of expressions is its own, so that several threads may extend copies.
-Equations deep_copy(const Equations& equations);
-
 // What a simulation of a record gives: values of the measured outputs and, where asked for, of states and inputs.
 struct SystemTrace {
     std::vector<std::vector<double>> outputs;
     std::vector<std::vector<double>> states;
 };
+
+class LaneFit;
 
 // Fits values of models to records by full simulation: least squares of the outputs, each divided by `scale`, by
 // Levenberg and Marquardt's method with difference quotients.
@@ -82,15 +45,16 @@ class SystemFit {
                                         std::size_t samples, std::string* problem = nullptr) const;
 
     // Measured minus simulated over scale, record after record, output after output, over the samples that count.
-    // Empty where a run fails.
+    // Empty where a run fails. In fixed steps where these are exact enough.
     std::vector<double> errors(const SystemModel& model, const std::vector<double>& values) const;
     static double sum_of_squares(const std::vector<double>& errors);
 
-    // Columns: the change of simulated / scale by each value (rows: as errors), by the variational equations, or where these
-    // have no derivative by difference quotients. A column is zero where it cannot be had. `steps`: by how much each value
-    // moves for a difference; the next call begins with them.
+    // Columns: the change of simulated / scale by each value (rows: as errors). By differences in fixed steps, else by the
+    // variational equations, else by differences of runs. A column is zero where it cannot be had.
     Eigen::MatrixXd jacobian(const SystemModel& model, const std::vector<double>& values,
-                             const std::vector<double>& errors, std::vector<double>* steps = nullptr) const;
+                             const std::vector<double>& errors) const;
+
+    double noise() const; // of the outputs over their scale, rms
 
     struct Result {
         std::vector<double> values;
@@ -116,6 +80,13 @@ class SystemFit {
                                         const std::vector<double>& errors) const;
 
   private:
+    std::vector<double> errors_by_runs(const SystemModel& model, const std::vector<double>& values) const;
+    Eigen::MatrixXd jacobian_by_runs(const SystemModel& model, const std::vector<double>& values,
+                                     const std::vector<double>& errors, std::vector<double>* steps) const;
+    // Levenberg and Marquardt's method. `lanes`: by which it runs the model; else one run after the other.
+    Result descend(const SystemModel& model, std::vector<double> start, int iterations,
+                   const std::function<bool()>& ended, const LaneFit* lanes) const;
+
     // By the variational equations; nothing where a record has no derivative.
     std::optional<Eigen::MatrixXd> exact_jacobian(const SystemModel& model, const std::vector<double>& values,
                                                   const std::vector<double>& errors) const;

@@ -13,7 +13,10 @@ namespace {
 
 class Shifting {
   public:
-    explicit Shifting(const Equations& equations) : equations_(equations), graph_(*equations.graph) {
+    Shifting(const Equations& equations, bool as_numbers)
+        : equations_(equations),
+          graph_(*equations.graph),
+          as_numbers_(as_numbers) {
         for (const auto& parameter : equations.parameters) {
             numbers_[parameter.symbol] = graph_.constant(parameter.value);
         }
@@ -25,19 +28,17 @@ class Shifting {
     }
 
     // The term `delay` seconds earlier.
-    Term earlier(Term root, double delay) {
+    Term earlier(Term root, Term delay) {
         std::map<Term, Term> made;
         const auto order = graph_.reachable(std::span(&root, 1));
         // Below a delay its own holds.
         Expressions::Replacement moved;
         for (const Term term : order) {
             const auto node = graph_[term];
-            if (node.op == Op::delay) moved[term] = earlier(node.a, delay + seconds(term));
-            if (delay > 0 && term == equations_.time) {
-                moved[term] = graph_.make(Op::subtract, term, graph_.constant(delay));
-            }
+            if (node.op == Op::delay) moved[term] = earlier(node.a, graph_.make(Op::add, delay, seconds(term)));
+            if (term == equations_.time) moved[term] = graph_.make(Op::subtract, term, delay);
         }
-        if (delay == 0) return graph_.substitute(std::span(&root, 1), moved)[0];
+        if (graph_.is_constant(delay, 0)) return graph_.substitute(std::span(&root, 1), moved)[0];
         for (const Term term : outside_delays(root)) {
             if (const auto input = inputs_.find(term); input != inputs_.end()) {
                 moved[term] = delayed(term, input->second, delay);
@@ -59,19 +60,21 @@ class Shifting {
         return text.size() <= 60 ? text : text.substr(0, 57) + "...";
     }
 
-    double seconds(Term delay) {
-        const Term term = graph_[delay].b;
-        const Term number = graph_.substitute(std::span(&term, 1), numbers_)[0];
+    // Of a delay, as a number or as it is written.
+    Term seconds(Term delay) {
+        const Term term = graph_[delay].b, number = numbered(term);
         if (graph_[number].op != Op::constant) {
             throw InputError(
                 fmt::format("{}: the delay {} must be a number or a parameter: it is constant during a run",
                             equations_.name, shown(term)));
         }
         const double value = graph_[number].value;
-        if (value >= 0 && std::isfinite(value)) return value;
+        if (value >= 0 && std::isfinite(value)) return as_numbers_ ? number : term;
         throw InputError(fmt::format("{}: the delay {} is {} s, must be finite and not negative", equations_.name,
                                      shown(term), to_text(value)));
     }
+
+    Term numbered(Term term) { return graph_.substitute(std::span(&term, 1), numbers_)[0]; }
 
     // The variables of a term that are not below a delay.
     std::vector<Term> outside_delays(Term root) const {
@@ -93,16 +96,18 @@ class Shifting {
         return list;
     }
 
-    Term delayed(Term input, const std::string& name, double delay) {
+    Term delayed(Term input, const std::string& name, Term delay) {
         for (const auto& known : found_) {
-            if (known.input == input && known.delay == delay) return known.symbol;
+            if (known.input == input && known.seconds == delay) return known.symbol;
         }
-        found_.push_back({graph_.variable(fmt::format("{}(t - {})", name, to_text(delay))), input, delay});
+        const double value = graph_[numbered(delay)].value;
+        found_.push_back({graph_.variable(fmt::format("{}(t - {})", name, to_text(value))), input, delay, value});
         return found_.back().symbol;
     }
 
     const Equations& equations_;
     Expressions& graph_;
+    bool as_numbers_;
     Expressions::Replacement numbers_;
     std::map<Term, std::string> inputs_, states_;
     std::vector<DelayedInput> found_;
@@ -110,20 +115,21 @@ class Shifting {
 
 } // namespace
 
-std::vector<DelayedInput> take_out_delays(Equations& equations) {
+std::vector<DelayedInput> take_out_delays(Equations& equations, bool as_numbers) {
     std::vector<Term> roots = equations.terms();
-    const auto& graph = *equations.graph;
-    Shifting shifting(equations);
+    auto& graph = *equations.graph;
+    Shifting shifting(equations, as_numbers);
+    const Term none = graph.constant(0);
     Expressions::Replacement replacement;
     for (const Term term : graph.reachable(roots)) {
-        if (graph[term].op == Op::delay) replacement[term] = shifting.earlier(term, 0);
+        if (graph[term].op == Op::delay) replacement[term] = shifting.earlier(term, none);
     }
     if (!replacement.empty()) equations.replace(replacement);
     return shifting.found();
 }
 
 Term delayed_in_time(const Equations& equations, Term function, double delay) {
-    return Shifting(equations).earlier(function, delay);
+    return Shifting(equations, true).earlier(function, equations.graph->constant(delay));
 }
 
 } // namespace tribode

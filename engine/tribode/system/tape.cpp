@@ -222,37 +222,63 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
     for (const Term output : outputs) outputs_.push_back(place[program.value_of(output)]);
 }
 
-void Tape::interpret(const std::array<const double*, 3>& inputs, double* outputs) const {
-    WorkSpace<double, 512> memory(register_count_);
+template <std::size_t lanes>
+inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* outputs) const {
+    WorkSpace<double, 512 * (lanes > 1 ? 4 : 1)> memory(register_count_ * lanes);
     double* registers = memory.data();
     double* next = registers;
-    *next++ = 1;
-    for (const auto& [part, index] : reads_) *next++ = inputs[part][index];
+    const auto fill = [&next](double value) {
+        for (std::size_t l = 0; l < lanes; ++l) *next++ = value;
+    };
+    fill(1);
+    for (const auto& [part, index] : reads_) {
+        for (std::size_t l = 0; l < lanes; ++l) *next++ = inputs[part][index * lanes + l];
+    }
     // A loop, because a call for a handful of numbers costs more than they do.
-    for (const double value : constants_) *next++ = value;
+    for (const double value : constants_) fill(value);
 
+    // The results of all lanes before one is written: what is written is none of the operands.
+    const auto write = [&](const auto& value) {
+        double results[lanes];
+        for (std::size_t l = 0; l < lanes; ++l) results[l] = value(l);
+        for (std::size_t l = 0; l < lanes; ++l) *next++ = results[l];
+    };
     const Operands* operands = operands_.data();
     const auto run = [&](std::uint32_t count, const auto& operation) {
         for (const Operands* end = operands + count; operands != end; ++operands) {
-            *next++ = operation(registers[operands->a], registers[operands->b], registers[operands->c]);
+            const double *a = registers + operands->a * lanes, *b = registers + operands->b * lanes,
+                         *c = registers + operands->c * lanes;
+            write([&](std::size_t l) { return static_cast<double>(operation(a[l], b[l], c[l])); });
         }
     };
     const Summand* summands = summands_.data();
-    const auto product = [&](const Summand& s) { return s.factor * registers[s.a] * registers[s.b]; };
-    const auto add_up = [&]<std::size_t... i>(std::index_sequence<i...>) { return (... + product(summands[i])); };
+    const auto product = [&](const Summand& s, std::size_t l) {
+        return s.factor * registers[s.a * lanes + l] * registers[s.b * lanes + l];
+    };
+    const auto add_up = [&]<std::size_t... i>(std::index_sequence<i...>, std::size_t l) {
+        return (... + product(summands[i], l));
+    };
     // Sums of one length: a loop over the summands of each would cost more than they do.
     const auto sums = [&]<std::size_t... i>(std::uint32_t count, std::index_sequence<i...> all) {
-        for (; count > 0; --count, summands += sizeof...(i)) *next++ = add_up(all);
+        for (; count > 0; --count, summands += sizeof...(i)) {
+            write([&](std::size_t l) { return add_up(all, l); });
+        }
     };
     const auto long_sums = [&](std::uint32_t count, std::uint32_t length) {
         for (; count > 0; --count) {
             const Summand* end = summands + length;
-            double sum = add_up(std::make_index_sequence<few>());
+            double sum[lanes];
+            for (std::size_t l = 0; l < lanes; ++l) sum[l] = add_up(std::make_index_sequence<few>(), l);
             for (summands += few; end - summands > 1; summands += 2) {
-                sum = sum + product(summands[0]) + product(summands[1]);
+                for (std::size_t l = 0; l < lanes; ++l) {
+                    sum[l] = sum[l] + product(summands[0], l) + product(summands[1], l);
+                }
             }
-            if (summands != end) sum += product(*summands++);
-            *next++ = sum;
+            if (summands != end) {
+                for (std::size_t l = 0; l < lanes; ++l) sum[l] += product(*summands, l);
+                ++summands;
+            }
+            write([&](std::size_t l) { return sum[l]; });
         }
     };
 
@@ -303,7 +329,29 @@ void Tape::interpret(const std::array<const double*, 3>& inputs, double* outputs
         default: run(count, [op = static_cast<Op>(code)](double a, double b, double c) { return apply(op, a, b, c); });
         }
     }
-    for (std::size_t i = 0; i < outputs_.size(); ++i) outputs[i] = registers[outputs_[i]];
+    for (std::size_t i = 0; i < outputs_.size(); ++i) {
+        for (std::size_t l = 0; l < lanes; ++l) outputs[i * lanes + l] = registers[outputs_[i] * lanes + l];
+    }
+}
+
+void Tape::evaluate_one(const std::array<const double*, 3>& inputs, double* outputs) const {
+    interpret<1>(inputs, outputs);
+}
+
+// With the widest registers that the processor has; no operation is contracted, so the bits are the same on all of them.
+// For what the first condition says see solver/series_kernels.cpp.
+#if defined(__clang__) || defined(__SANITIZE_THREAD__)
+#define TRIBODE_LANES
+#else
+#define TRIBODE_LANES [[gnu::flatten, gnu::target_clones("avx512f", "avx2", "default")]]
+#endif
+
+TRIBODE_LANES void Tape::evaluate_four(const std::array<const double*, 3>& inputs, double* outputs) const {
+    interpret<4>(inputs, outputs);
+}
+
+TRIBODE_LANES void Tape::evaluate_eight(const std::array<const double*, 3>& inputs, double* outputs) const {
+    interpret<8>(inputs, outputs);
 }
 
 void Tape::enclose(const EnclosedInputs& inputs, std::span<Enclosure> outputs) const {

@@ -30,8 +30,18 @@ class Tape {
     void evaluate(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const {
         const auto part = [&](std::size_t i) { return i < inputs.size() ? inputs.begin()[i].data() : nullptr; };
         assert(outputs.size() == outputs_.size());
-        if (!function_) return interpret({part(0), part(1), part(2)}, outputs.data());
+        if (!function_) return evaluate_one({part(0), part(1), part(2)}, outputs.data());
         function_(part(0), part(1), part(2), function_constants_.data(), outputs.data());
+    }
+
+    // For several sets of inputs at once, 1, 4 or 8, and to the same bits as one by one: value i of set l stands in place
+    // i * lanes + l, of the inputs as of the outputs.
+    template <std::size_t lanes>
+    void evaluate_lanes(const std::array<const double*, 3>& inputs, double* outputs) const {
+        static_assert(lanes == 1 || lanes == 4 || lanes == 8);
+        if constexpr (lanes == 1) evaluate_one(inputs, outputs);
+        if constexpr (lanes == 4) evaluate_four(inputs, outputs);
+        if constexpr (lanes == 8) evaluate_eight(inputs, outputs);
     }
 
     // Bounds of the outputs and their rates of change from those of the inputs, part by part, by interval arithmetic. The
@@ -56,7 +66,11 @@ class Tape {
     std::size_t instruction_count() const { return instruction_count_; }
 
   private:
+    template <std::size_t lanes>
     void interpret(const std::array<const double*, 3>& inputs, double* outputs) const;
+    void evaluate_one(const std::array<const double*, 3>& inputs, double* outputs) const;
+    void evaluate_four(const std::array<const double*, 3>& inputs, double* outputs) const;
+    void evaluate_eight(const std::array<const double*, 3>& inputs, double* outputs) const;
 
     // Registers: the number 1, the inputs that are read, constants, then the results of all instructions, in order.
     static constexpr std::uint32_t one = 0;

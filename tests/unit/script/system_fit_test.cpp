@@ -1,3 +1,4 @@
+#include "tribode/diagnosis/lane_fit.hpp"
 #include "tribode/diagnosis/segments.hpp"
 #include "tribode/diagnosis/system_fit.hpp"
 #include "tribode/diagnosis/system_next_experiment.hpp"
@@ -174,6 +175,122 @@ TEST(SystemFit, AnInputThatActsLateIsSimulatedLate) {
         moved = std::max(moved, std::abs(a->outputs[0][k] - b->outputs[0][k]));
     }
     EXPECT_GT(moved, 0.1);
+}
+
+// Fixed steps against the solver that controls its error, which shares nothing with them: a kink, a lookup of the time, inputs that
+// hold or move between samples, one that is delayed by a parameter, instants that are uneven, two records.
+TEST(LaneFit, AgreesWithTheSolversThatControlTheirError) {
+    const TemporaryFolder folder;
+    const SystemModel model = model_of(folder, R"(
+        parameters = { a = 3, T = 0.123, c = 0.4 }, inputs = { u = 0, w = 0.3 }, states = { x = 0.5, v = 0 },
+        der = function(s)
+          return { x = s.v, v = tb.delay(s.u, s.T) * s.w - s.a * s.x - s.c * s.v * math.abs(s.v) + math.sin(s.t) }
+        end,
+        outputs = function(s) return { y = s.x + s.u, z = math.max(s.v, 0.1) } end)");
+    const auto u = [](double t) { return std::sin(2.3 * t) + 0.4 * std::cos(9 * t); };
+    const auto even = record_of(200, 0.05, {u});
+    auto uneven = record_of(150, 0.05, {u});
+    for (std::size_t k = 1; k < uneven.size(); ++k) uneven.t[k] += 0.02 * std::sin(static_cast<double>(k));
+    std::vector<SystemRecord> records = {even, uneven};
+    for (auto& record : records) {
+        record.inputs.emplace_back(); // w has its own value
+        record.outputs.assign(2, {});
+        for (std::size_t k = 0; k < record.size(); ++k) {
+            record.outputs[0].push_back(u(record.t[k]));
+            record.outputs[1].push_back(0.2);
+        }
+    }
+    // Without noise the steps are as short as 1e-3 of the errors asks for.
+    for (const auto between : {Interpolation::hold, Interpolation::linear, Interpolation::band_limited}) {
+        const SystemFit fit(records, {1, 1}, between, {200, 150});
+        const auto values = model.values(2);
+        auto lanes = LaneFit::of(fit, model, values);
+        ASSERT_TRUE(lanes);
+        std::vector<std::vector<double>> sets(5, values);
+        for (std::size_t l = 0; l < sets.size(); ++l) {
+            for (double& value : sets[l]) value += 0.03 * static_cast<double>(l);
+        }
+        const auto errors = lanes->errors(sets);
+        for (std::size_t l = 0; l < sets.size(); ++l) {
+            std::size_t row = 0;
+            for (std::size_t r = 0; r < 2; ++r) {
+                const auto trace = fit.simulate(model, sets[l], r, records[r].size());
+                ASSERT_TRUE(trace);
+                for (std::size_t o = 0; o < 2; ++o) {
+                    for (std::size_t k = 0; k < records[r].size(); ++k, ++row) {
+                        EXPECT_NEAR(errors[l][row], records[r].outputs[o][k] - trace->outputs[o][k], 2e-4)
+                            << "set " << l << " record " << r << " output " << o << " sample " << k;
+                    }
+                }
+            }
+            ASSERT_EQ(row, errors[l].size());
+            // The same bits one by one.
+            EXPECT_EQ(errors[l], lanes->errors({sets[l]})[0]);
+        }
+        // Derivatives by the variational equations need no differences.
+        const SystemFit first(records, {1, 1}, between, {200, 0});
+        const auto some = LaneFit::of(first, model, values);
+        ASSERT_TRUE(some);
+        const auto by_lanes = some->jacobian(values, some->errors({values})[0]);
+        double largest = 0;
+        for (Eigen::Index i = 0; i < 5; ++i) {
+            std::vector<double> there = values, back = values;
+            there[static_cast<std::size_t>(i)] += 1e-3;
+            back[static_cast<std::size_t>(i)] -= 1e-3;
+            const auto a = first.simulate(model, there, 0, 200), b = first.simulate(model, back, 0, 200);
+            ASSERT_TRUE(a && b);
+            for (std::size_t k = 0; k < 200; ++k) {
+                const double slope = (a->outputs[0][k] - b->outputs[0][k]) / 2e-3;
+                largest = std::max(largest, std::abs(slope));
+                EXPECT_NEAR(by_lanes(static_cast<Eigen::Index>(k), i), slope, 3e-3) << i << " " << k;
+            }
+        }
+        EXPECT_GT(largest, 0.5);
+    }
+}
+
+// The steps are halved until the error of a stiff state does not count.
+TEST(LaneFit, StepsAreAsShortAsTheEquationsNeed) {
+    const TemporaryFolder folder;
+    const auto with = [&](const char* rate) {
+        std::string text = R"(parameters = { r = %s }, inputs = { u = 0 }, states = { x = 0 },
+            der = function(s) return { x = s.r * (s.u - s.x) } end, outputs = function(s) return { y = s.x } end)";
+        return model_of(folder, text.replace(text.find("%s"), 2, rate));
+    };
+    std::vector<SystemRecord> records = {record_of(100, 0.1, {[](double t) { return std::sin(t); }})};
+    records[0].outputs = {records[0].inputs[0]};
+    const SystemFit fit(records, {1}, Interpolation::hold, {100});
+    const auto exact = [](double rate) { // held inputs, in closed form
+        std::vector<double> x = {0};
+        for (std::size_t k = 0; k + 1 < 100; ++k) {
+            const double u = std::sin(0.1 * static_cast<double>(k));
+            x.push_back(u + (x.back() - u) * std::exp(-0.1 * rate));
+        }
+        return x;
+    };
+    for (const auto& [text, rate] : {std::pair("2", 2.0), std::pair("60", 60.0)}) {
+        const SystemModel model = with(text);
+        const auto lanes = LaneFit::of(fit, model, model.values(1));
+        ASSERT_TRUE(lanes) << rate;
+        const auto errors = lanes->errors({model.values(1)})[0];
+        const auto x = exact(rate);
+        for (std::size_t k = 0; k < 100; ++k) {
+            EXPECT_NEAR(errors[k], records[0].outputs[0][k] - x[k], 2e-4) << rate << " " << k;
+        }
+    }
+    const SystemModel stiff = with("1e5");
+    EXPECT_FALSE(LaneFit::of(fit, stiff, stiff.values(1)));
+    EXPECT_FALSE(fit.errors(stiff, stiff.values(1)).empty()); // solvers for stiff equations take it
+}
+
+// What has events stays with the solvers that locate them.
+TEST(LaneFit, EventsAreNoFixedSteps) {
+    const TemporaryFolder folder;
+    const SystemModel ball = model_of(folder, R"(
+        states = { h = 1, v = 0 }, der = function(s) return { h = s.v, v = -9.81 } end,
+        when = { { crossing = function(s) return s.h end, set = function(s) return { v = -0.8 * s.v } end } },
+        outputs = function(s) return { y = s.h } end)");
+    EXPECT_FALSE(FixedSteps::of(ball));
 }
 
 // A linear damping and a quadratic one agree at the small input of the record. What separates them is a larger range of

@@ -3,6 +3,7 @@
 #include "tribode/system/tape.hpp"
 #include "unit/system/random_expressions.hpp"
 
+#include <bit>
 #include <gtest/gtest.h>
 #include <limits>
 
@@ -173,6 +174,36 @@ TEST_F(ExpressionsTest, InputsComeInParts) {
     double found = 0;
     Tape(graph, inputs, {output}, {1, 0, 4}).evaluate({first, {}, third}, {&found, 1});
     EXPECT_EQ(found, 6.0 / 2 - 5);
+}
+
+// Several sets of inputs side by side are evaluated to the same bits as one by one.
+TEST_F(ExpressionsTest, LanesAreTheSameBitsAsOneByOne) {
+    RandomExpressions random(graph, {x, y, graph.variable("z")}, 5);
+    std::vector<Term> outputs;
+    for (int i = 0; i < 300; ++i) outputs.push_back(random.next());
+    const auto inputs = graph.variables_of(outputs);
+    Term sum = outputs[0]; // of more summands than are written out
+    for (std::size_t i = 1; i < 25; ++i)
+        sum = graph.make(Op::subtract, sum, graph.make(Op::multiply, outputs[i], outputs[i + 1]));
+    outputs.push_back(sum);
+    const Tape tape(graph, inputs, outputs);
+    const auto check = [&]<std::size_t lanes>(std::integral_constant<std::size_t, lanes>) {
+        std::vector<double> given(inputs.size() * lanes), found(outputs.size() * lanes);
+        for (std::size_t i = 0; i < given.size(); ++i) given[i] = std::sin(1.7 * static_cast<double>(i + lanes));
+        tape.evaluate_lanes<lanes>({given.data(), nullptr, nullptr}, found.data());
+        for (std::size_t l = 0; l < lanes; ++l) {
+            std::vector<double> own(inputs.size()), one(outputs.size());
+            for (std::size_t i = 0; i < own.size(); ++i) own[i] = given[i * lanes + l];
+            tape.evaluate({own}, one);
+            for (std::size_t i = 0; i < one.size(); ++i) {
+                EXPECT_EQ(std::bit_cast<std::uint64_t>(one[i]), std::bit_cast<std::uint64_t>(found[i * lanes + l]))
+                    << lanes << " " << l << " " << i;
+            }
+        }
+    };
+    check(std::integral_constant<std::size_t, 1>());
+    check(std::integral_constant<std::size_t, 4>());
+    check(std::integral_constant<std::size_t, 8>());
 }
 
 TEST_F(ExpressionsTest, ATapeOfManyRegistersAgreesWithASmallOne) {

@@ -1,0 +1,39 @@
+#pragma once
+#include "tribode/diagnosis/fixed_steps.hpp"
+#include "tribode/diagnosis/system_fit.hpp"
+
+namespace tribode {
+
+// Errors of a model and their derivatives by many runs side by side, in steps so short that halved ones change nothing that counts.
+class LaneFit {
+  public:
+    // Nothing where the model cannot be simulated so at these values. `fit` must outlive it.
+    static std::optional<LaneFit> of(const SystemFit& fit, const SystemModel& model, const std::vector<double>& values);
+
+    // As SystemFit::errors(), of each set of values; empty where a run is not finite.
+    std::vector<std::vector<double>> errors(const std::vector<std::vector<double>>& sets) const;
+
+    // As SystemFit::jacobian(), by differences: the steps are the same in all runs, so that they are as smooth as the equations.
+    Eigen::MatrixXd jacobian(const std::vector<double>& values, const std::vector<double>& errors) const;
+
+    // Halves the steps until that changes nothing that counts at these values. False where it does not come to that.
+    bool shorten(const std::vector<double>& values);
+
+    // Of a difference of errors, rms: a small part of the noise, or of the errors where these are larger.
+    double negligible(const std::vector<double>& errors) const;
+
+  private:
+    LaneFit(const SystemFit& fit, const SystemModel& model, FixedSteps steps);
+    std::vector<std::vector<double>> errors_of_record(std::size_t r, const std::vector<std::vector<double>>& sets,
+                                                      std::size_t substeps) const;
+    std::vector<double> errors_with(const std::vector<double>& values, std::size_t substeps) const;
+
+    const SystemFit& fit_;
+    const SystemModel& model_;
+    FixedSteps steps_;
+    std::vector<FixedSteps::Course> courses_; // of each record
+    double noise_ = 0;                        // of the outputs over their scale, rms
+    std::size_t substeps_ = 1;
+};
+
+} // namespace tribode

@@ -1,0 +1,100 @@
+#include "tribode/diagnosis/system_model.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+
+namespace tribode {
+
+namespace {
+
+// Samples of a clock at an even period, from values at instants that may be uneven.
+std::vector<double> resampled(const std::vector<double>& t, const std::vector<double>& values, double period,
+                              Interpolation between) {
+    const auto count = static_cast<std::size_t>(std::ceil((t.back() - t.front()) / period * (1 - 1e-12))) + 1;
+    std::vector<double> even(count);
+    std::size_t i = 0;
+    for (std::size_t k = 0; k < count; ++k) {
+        const double now = t.front() + static_cast<double>(k) * period;
+        while (i + 1 < t.size() && t[i + 1] <= now * (1 + 1e-12)) ++i;
+        if (between == Interpolation::hold || i + 1 == t.size()) {
+            even[k] = values[i];
+        } else {
+            even[k] = values[i] + (values[i + 1] - values[i]) * (now - t[i]) / (t[i + 1] - t[i]);
+        }
+    }
+    return even;
+}
+
+bool is_even(const std::vector<double>& t, double period) {
+    for (std::size_t k = 0; k < t.size(); ++k) {
+        if (std::abs(t[k] - t.front() - static_cast<double>(k) * period) > 1e-3 * period) return false;
+    }
+    return true;
+}
+
+} // namespace
+
+SystemRecord SystemRecord::part(std::size_t from, std::size_t samples) const {
+    from = std::min(from, size());
+    samples = std::min(samples, size() - from);
+    const auto cut = [&](const std::vector<double>& values) {
+        const auto begin = values.begin() + static_cast<std::ptrdiff_t>(from);
+        return values.empty() ? values : std::vector<double>(begin, begin + static_cast<std::ptrdiff_t>(samples));
+    };
+    SystemRecord part{.source = source, .t = cut(t)};
+    for (const auto& values : inputs) part.inputs.push_back(cut(values));
+    for (const auto& values : outputs) part.outputs.push_back(cut(values));
+    return part;
+}
+
+std::vector<double> SystemModel::values(std::size_t records) const {
+    std::vector<double> all;
+    for (const auto& parameter : parameters) all.push_back(equations.parameters[parameter.place].value);
+    for (std::size_t r = 0; r < records; ++r) {
+        for (const std::size_t state : starts) all.push_back(equations.states[state].start);
+    }
+    return all;
+}
+
+std::vector<double> SystemModel::values_of(const std::vector<double>& values, std::size_t record) const {
+    const auto shared = static_cast<std::ptrdiff_t>(parameters.size()),
+               own = static_cast<std::ptrdiff_t>(starts.size());
+    std::vector<double> one(values.begin(), values.begin() + shared);
+    const auto begin = values.begin() + shared + static_cast<std::ptrdiff_t>(record) * own;
+    one.insert(one.end(), begin, begin + own);
+    return one;
+}
+
+SystemModel SystemModel::with(const std::vector<double>& values) const {
+    SystemModel moved = *this;
+    for (std::size_t i = 0; i < parameters.size(); ++i) {
+        moved.equations.parameters[parameters[i].place].value = values[i];
+    }
+    for (std::size_t i = 0; i < starts.size(); ++i) {
+        moved.equations.states[starts[i]].start = values[parameters.size() + i];
+    }
+    return moved;
+}
+
+Equations deep_copy(const Equations& equations) {
+    Equations copy = equations;
+    copy.graph = std::make_shared<Expressions>(*equations.graph);
+    return copy;
+}
+
+double median_step(const std::vector<double>& t) {
+    std::vector<double> steps;
+    for (std::size_t i = 1; i < t.size(); ++i) steps.push_back(t[i] - t[i - 1]);
+    std::nth_element(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2), steps.end());
+    return steps[steps.size() / 2];
+}
+
+InputSamples input_of(const SystemRecord& record, std::size_t input, Interpolation between) {
+    const double period = median_step(record.t);
+    const auto& values = record.inputs[input];
+    return input_samples(is_even(record.t, period) ? values : resampled(record.t, values, period, between), period,
+                         record.t.front(), between);
+}
+
+} // namespace tribode

@@ -1,0 +1,56 @@
+#pragma once
+#include "tribode/experiment/input_samples.hpp"
+#include "tribode/system/equations.hpp"
+
+#include <cstddef>
+#include <limits>
+#include <string>
+#include <vector>
+
+namespace tribode {
+
+// A measured record of a system of equations.
+struct SystemRecord {
+    std::string source;
+    std::vector<double> t;                    // [s], ascending; of a system without states the number of the row
+    std::vector<std::vector<double>> inputs;  // of each input of the equations; empty: the input has its own value
+    std::vector<std::vector<double>> outputs; // of each measured output
+
+    std::size_t size() const { return t.size(); }
+    SystemRecord head(std::size_t samples) const { return part(0, samples); } // its first samples
+    SystemRecord part(std::size_t from, std::size_t samples) const;           // at the instants that they have
+};
+
+// Equations of which some values may move: parameters, the same for all records, and start values, which each record has
+// of its own.
+struct SystemModel {
+    struct Parameter {
+        std::size_t place;                                     // among equations.parameters
+        double low = -std::numeric_limits<double>::infinity(); // bounds, in the unit of the parameter
+        double high = std::numeric_limits<double>::infinity();
+        double scale = 1; // a typical size, where the value is zero or near it
+    };
+    Equations equations;
+    std::vector<std::size_t> measured; // outputs of the equations, in the order of SystemRecord::outputs
+    std::vector<Parameter> parameters;
+    std::vector<std::size_t> starts; // states whose start values may move
+
+    // The values as they are now: parameters, then the start values of each record.
+    std::vector<double> values(std::size_t records) const;
+    // Of all values those that concern one record.
+    std::vector<double> values_of(const std::vector<double>& values, std::size_t record) const;
+    // With these values as its own; of the start values those of the first record.
+    SystemModel with(const std::vector<double>& values) const;
+    std::size_t value_count(std::size_t records) const { return parameters.size() + records * starts.size(); }
+};
+
+// A copy whose graph of expressions is its own, so that several threads may extend copies.
+Equations deep_copy(const Equations& equations);
+
+// An input of a record as it runs between its samples; at an even period, also where the instants of the record are uneven.
+InputSamples input_of(const SystemRecord& record, std::size_t input, Interpolation between);
+
+// The median of the steps between instants [s].
+double median_step(const std::vector<double>& t);
+
+} // namespace tribode
