@@ -181,8 +181,8 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
         options.end = instants.back() + 2 * after;
         options.output_times = instants;
         for (double& t : options.output_times) t += after;
-        options.solver.relative_tolerance = 1e-7;
-        options.solver.absolute_tolerance = 1e-9;
+        options.solver.relative_tolerance = 1e-9;
+        options.solver.absolute_tolerance = 1e-11;
         // Values far off make equations that take millions of steps; none that is near a measurement does.
         options.solver.max_steps = 2'000 + 25 * static_cast<long>(samples);
         const SystemRun run = run_system(system, options);
