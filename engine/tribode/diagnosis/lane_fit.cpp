@@ -11,7 +11,8 @@ namespace {
 constexpr std::size_t most_substeps = 32; // of a sample; where more are needed the equations are stiff
 // What steps may leave: of the noise, of the errors, and of the outputs' deviation, which is what other solvers leave.
 constexpr double of_noise = 0.02, of_errors = 1e-3, of_outputs = 1e-7;
-constexpr double difference_step = 1e-6; // of a value or its scale
+constexpr std::size_t most_thinned = 32, least_samples = 500; // of a record, where every n-th sample counts
+constexpr double difference_step = 1e-6;                      // of a value or its scale
 
 double rms_of_difference(const std::vector<double>& a, const std::vector<double>& b) {
     double sum = 0;
@@ -23,6 +24,25 @@ bool all_finite(const std::vector<double>& values) {
     return std::all_of(values.begin(), values.end(), [](double value) { return std::isfinite(value); });
 }
 
+// Every n-th sample; an input that holds its value between samples has its mean over those that are left out.
+SystemRecord thinned(const SystemRecord& record, std::size_t used, std::size_t n, Interpolation between) {
+    SystemRecord made{.source = record.source, .inputs = {}, .outputs = {}};
+    const auto each = [&](const std::vector<double>& values, bool mean) {
+        std::vector<double> some;
+        for (std::size_t k = 0; k < std::min(used, values.size()); k += n) {
+            double sum = 0;
+            const std::size_t end = mean ? std::min(k + n, used) : k + 1;
+            for (std::size_t i = k; i < end; ++i) sum += values[i];
+            some.push_back(sum / static_cast<double>(end - k));
+        }
+        return some;
+    };
+    made.t = each(record.t, false);
+    for (const auto& values : record.inputs) made.inputs.push_back(each(values, between == Interpolation::hold));
+    for (const auto& values : record.outputs) made.outputs.push_back(each(values, false));
+    return made;
+}
+
 } // namespace
 
 LaneFit::LaneFit(const SystemFit& fit, const SystemModel& model, FixedSteps steps)
@@ -30,8 +50,14 @@ LaneFit::LaneFit(const SystemFit& fit, const SystemModel& model, FixedSteps step
       model_(model),
       steps_(std::move(steps)),
       noise_(fit.noise()) {
-    for (std::size_t r = 0; r < fit.records().size(); ++r) {
-        courses_.push_back(steps_.course(fit.records()[r], fit.used()[r], fit.interpolation()));
+    lay_out();
+}
+
+void LaneFit::lay_out() {
+    courses_.clear();
+    for (std::size_t r = 0; r < fit_.records().size(); ++r) {
+        courses_.push_back(
+            steps_.course(record(r), thinned_.empty() ? fit_.used()[r] : thinned_[r].size(), fit_.interpolation()));
     }
 }
 
@@ -49,7 +75,7 @@ std::optional<LaneFit> LaneFit::of(const SystemFit& fit, const SystemModel& mode
 
 std::vector<std::vector<double>> LaneFit::errors_of_record(std::size_t r, const std::vector<std::vector<double>>& sets,
                                                            std::size_t substeps) const {
-    const auto& record = fit_.records()[r];
+    const auto& measured = record(r).outputs;
     const std::size_t samples = courses_[r].samples, outputs = steps_.measured();
     std::vector<std::vector<double>> all;
     for (std::size_t first = 0; first < sets.size(); first += FixedSteps::most_lanes) {
@@ -61,7 +87,7 @@ std::vector<std::vector<double>> LaneFit::errors_of_record(std::size_t r, const 
             const double* y = &simulated[l * outputs * samples];
             for (std::size_t o = 0; o < outputs; ++o) {
                 for (std::size_t k = 0; k < samples; ++k) {
-                    errors.push_back((record.outputs[o][k] - *y++) / fit_.scale()[o]);
+                    errors.push_back((measured[o][k] - *y++) / fit_.scale()[o]);
                 }
             }
             if (!all_finite(errors)) errors.clear();
@@ -111,6 +137,38 @@ bool LaneFit::shorten(const std::vector<double>& values) {
         if (!coarse.empty() && !fine.empty() && rms_of_difference(coarse, fine) < negligible(fine)) return true;
         coarse = std::move(fine);
     }
+    return false;
+}
+
+bool LaneFit::thin_out(const std::vector<double>& values) {
+    if (steps_.is_static()) return false;
+    const auto fine = errors_with(values, substeps_);
+    const std::size_t outputs = steps_.measured(), substeps = substeps_;
+    if (fine.empty()) return false;
+    for (std::size_t n = most_thinned; n > 1; n /= 2) {
+        std::vector<SystemRecord> some;
+        std::vector<double> common; // of the errors of all samples
+        std::size_t row = 0;
+        bool is_enough = true;
+        for (std::size_t r = 0; r < fit_.records().size(); ++r) {
+            const std::size_t used = fit_.used()[r];
+            is_enough = is_enough && (used == 0 || used / n >= least_samples);
+            some.push_back(thinned(fit_.records()[r], used, n, fit_.interpolation()));
+            for (std::size_t o = 0; o < outputs; ++o, row += used) {
+                for (std::size_t k = 0; k < used; k += n) common.push_back(fine[row + k]);
+            }
+        }
+        if (!is_enough) continue;
+        thinned_ = std::move(some);
+        lay_out();
+        for (substeps_ = 1; substeps_ < n * substeps; substeps_ *= 2) {
+            const auto errors = errors_with(values, substeps_);
+            if (!errors.empty() && rms_of_difference(errors, common) < negligible(errors)) return true;
+        }
+    }
+    thinned_.clear();
+    substeps_ = substeps;
+    lay_out();
     return false;
 }
 

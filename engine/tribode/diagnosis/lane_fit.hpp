@@ -19,6 +19,10 @@ class LaneFit {
     // Halves the steps until that changes nothing that counts at these values. False where it does not come to that.
     bool shorten(const std::vector<double>& values);
 
+    // Over every n-th sample only, n as large as steps of that length still agree with those of every sample at these values. For the
+    // long part of a fit; the errors are those of fewer samples then. False where all are needed.
+    bool thin_out(const std::vector<double>& values);
+
     // Of a difference of errors, rms: a small part of the noise, or of the errors where these are larger.
     double negligible(const std::vector<double>& errors) const;
 
@@ -28,9 +32,13 @@ class LaneFit {
                                                       std::size_t substeps) const;
     std::vector<double> errors_with(const std::vector<double>& values, std::size_t substeps) const;
 
+    const SystemRecord& record(std::size_t r) const { return thinned_.empty() ? fit_.records()[r] : thinned_[r]; }
+    void lay_out();
+
     const SystemFit& fit_;
     const SystemModel& model_;
     FixedSteps steps_;
+    std::vector<SystemRecord> thinned_;       // empty: every sample counts
     std::vector<FixedSteps::Course> courses_; // of each record
     double noise_ = 0;                        // of the outputs over their scale, rms
     std::size_t substeps_ = 1;

@@ -17,7 +17,7 @@ constexpr double infinity = std::numeric_limits<double>::infinity();
 // Above a level a store spills: what is spilt is lost, or falls into another one in part.
 void add_overflows(TermLibrary& library) {
     for (const TermTarget& own : library.targets) {
-        if (own.is_output || !own.position.empty()) continue;
+        if (own.is_output || own.is_inner || !own.position.empty()) continue;
         const auto from = std::find_if(library.variables.begin(), library.variables.end(),
                                        [&](const auto& one) { return one.state == own.place; });
         if (from == library.variables.end()) continue;
@@ -35,7 +35,7 @@ void add_overflows(TermLibrary& library) {
             rate.high = 2 / step;
             const Parameter height{"level", level, from->low, from->high + 0.5 * span, span, from->unit};
             for (const TermTarget& other : library.targets) {
-                if (other.is_output || !other.position.empty() || other.place == own.place) continue;
+                if (other.is_output || other.is_inner || !other.position.empty() || other.place == own.place) continue;
                 Parameter caught = rate;
                 caught.name = "caught";
                 caught.unit.clear();
@@ -129,6 +129,21 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
                        equations.states.push_back(behind);
                        return behind.symbol;
                    });
+    // A play before what the input drives: it holds its place until the input has moved by the width to either side, and follows
+    // as fast as the samples show.
+    for (const double share : {0.05, 0.2}) {
+        add_input_path(library, input, "play", {{"width", share * size, 0, size, size, unit}}, {0},
+                       [name = input.name, unit](const TermArithmetic& m, Equations& equations, Term u, const auto& p) {
+                           Equations::State held{.name = name + "_play", .unit = unit};
+                           held.symbol = equations.graph->variable(held.name);
+                           const Term ahead = m.subtract(u, held.symbol);
+                           const Term within = m.clip(ahead, m.negate(p[0]), p[0]);
+                           held.rate = m.divide(m.subtract(ahead, within), p[1]);
+                           equations.states.push_back(held);
+                           return m.subtract(u, within);
+                       },
+                       {{.name = "time", .start = 0.5 * step, .unit = "s"}});
+    }
     add_input_path(
         library, input, "delay", {{"time", lag, 0, 0.25 * library.duration, lag, "s"}}, {0},
         [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.g.make(Op::delay, u, p[0]); });
@@ -167,6 +182,69 @@ void add_output_paths(TermLibrary& library, std::size_t o) {
     }
     add("clipping", {"limit", high - 0.05 * span, low, high + 0.05 * span, span, output.unit}, high + 0.05 * span,
         [](const TermArithmetic& m, Term y, Term p) { return m.where(m.less(p, y), p, y); });
+    if (!library.model.equations.states.empty() && library.duration > 0) {
+        const double step = library.duration / std::max<double>(1, static_cast<double>(library.errors.size()));
+        const double lag = std::max(2 * step, 1e-3 * library.duration);
+        SystemTerm made{.name = "lag", .equation = "output " + output.name};
+        made.parameters = {{"time", lag, 0.02 * step, 0.5 * library.duration, lag, "s"}};
+        made.neutral = {0.02 * step};
+        made.apply = [place, first = library.fit.records()[0].outputs[o][0]](Equations& equations,
+                                                                             const std::vector<Term>& p) {
+            const TermArithmetic m{*equations.graph};
+            Equations::Output& shown = equations.outputs[place];
+            Equations::State behind{.name = shown.name + "_behind", .unit = shown.unit, .start = first};
+            behind.symbol = equations.graph->variable(behind.name);
+            behind.rate = m.divide(m.subtract(shown.value, behind.symbol), p[0]);
+            equations.states.push_back(behind);
+            shown.value = behind.symbol;
+            return behind.symbol;
+        };
+        library.terms.push_back(std::move(made));
+    }
+    // A sensor that does not tell the direction.
+    if (low > -0.05 * span) {
+        add("magnitude", {"share", 0.1, 0, 1, 1}, 0,
+            [](const TermArithmetic& m, Term y, Term p) { return m.add(y, m.multiply(p, m.subtract(m.abs(y), y))); });
+    }
+}
+
+// What an error of a loop, a deflection or another inner signal goes through.
+void add_inner_paths(TermLibrary& library, const SystemModel::InnerSignal& signal) {
+    const auto& output = library.model.equations.outputs[signal.output];
+    const auto values = library.values_of(output.value);
+    double size = 0;
+    for (const double value : values) size = std::max(size, std::abs(value));
+    if (!(size > 0) || !std::isfinite(size)) return;
+    // Of two states it is the deflection of what is between them: a dead zone of that is a backlash.
+    const auto node = (*library.model.equations.graph)[signal.term];
+    const bool is_deflection = node.op == Op::subtract && library.is_state(node.a) && library.is_state(node.b);
+    const auto add = [&](const std::string& name, const Parameter& parameter, double neutral, auto change) {
+        SystemTerm made{.name = name, .equation = output.name};
+        made.parameters = {parameter};
+        made.neutral = {neutral};
+        made.apply = [place = signal.output, change](Equations& equations, const std::vector<Term>& p) {
+            const TermArithmetic m{*equations.graph};
+            const Term changed = change(m, equations.outputs[place].value, p[0]);
+            replace_inner(equations, place, changed);
+            return changed;
+        };
+        library.terms.push_back(std::move(made));
+    };
+    const auto& unit = output.unit;
+    for (const double share : {0.03, 0.15, 0.4}) {
+        add(is_deflection ? "backlash" : "dead_zone", {"width", share * size, 0, size, size, unit}, 0,
+            [](const TermArithmetic& m, Term d, Term p) { return m.subtract(d, m.clip(d, m.negate(p), p)); });
+    }
+    for (const double share : {0.9, 0.6, 0.3}) {
+        add("saturation", {"limit", share * size, 0.02 * size, 1.2 * size, size, unit}, 1.2 * size,
+            [](const TermArithmetic& m, Term d, Term p) { return m.clip(d, m.negate(p), p); });
+    }
+    const double small = 0.01 / (size * size);
+    add(is_deflection ? "cubic_stiffness" : "cubic",
+        {"a", small, -infinity, infinity, 100 * small, unit.empty() ? "" : "1/(" + unit + ")^2"}, 0,
+        [](const TermArithmetic& m, Term d, Term p) {
+            return m.add(d, m.multiply(p, m.multiply(d, m.multiply(d, d))));
+        });
 }
 
 } // namespace
@@ -176,6 +254,9 @@ void add_paths(TermLibrary& library) {
         if (!variable.state) add_input_paths(library, variable);
     }
     for (std::size_t o = 0; o < library.model.measured.size(); ++o) add_output_paths(library, o);
+    for (const auto& signal : library.model.inner) {
+        if (signal.kind == SystemModel::InnerSignal::Kind::difference) add_inner_paths(library, signal);
+    }
 }
 
 } // namespace tribode

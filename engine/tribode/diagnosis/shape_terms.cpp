@@ -42,10 +42,11 @@ class Shapes {
                 powers(variable);
                 if (changes_sign(variable)) dry_friction(variable);
                 if (changes_sign(variable) && variable.state && variable.name == target_->velocity) sticking(variable);
+                if (target_->is_inner) continue;
                 thresholds(variable);
                 hysteresis(variable, nullptr);
             }
-            for (std::size_t i = 0; i < library_.variables.size(); ++i) {
+            for (std::size_t i = 0; i < library_.variables.size() && !target_->is_inner; ++i) {
                 for (std::size_t j = i + 1; j < library_.variables.size(); ++j) {
                     product(library_.variables[i], library_.variables[j]);
                     if (!with_nameless) continue;
@@ -53,7 +54,11 @@ class Shapes {
                     nameless(library_.variables[j], library_.variables[i]);
                 }
             }
-            load_dependent_friction();
+            if (!target_->is_inner) load_dependent_friction();
+            for (const auto& difference : library_.differences) {
+                powers(difference);
+                if (changes_sign(difference)) dry_friction(difference);
+            }
         }
     }
 

@@ -1,5 +1,6 @@
 #include "tribode/diagnosis/system_diagnosis.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/diagnosis/inner_signals.hpp"
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/diagnosis/processor_time.hpp"
 #include "tribode/diagnosis/system_record.hpp"
@@ -63,7 +64,7 @@ class Diagnoser {
   public:
     Diagnoser(const SystemModel& model, std::vector<SystemRecord> records, std::vector<SystemRecord> validation,
               const SystemDiagnosisOptions& options, const RunControl& control)
-        : model_(model),
+        : model_(with_inner_signals(model)),
           records_(std::move(records)),
           validation_(std::move(validation)),
           options_(options),
@@ -399,8 +400,8 @@ class Diagnoser {
             uncertainty_of(steps_.back().candidate.model, whole, current.validation_values);
         const auto& first = steps_.front().candidate;
         const auto& last = steps_.back().candidate;
-        result_.before = first.model.with(baseline_values_);
-        result_.after = last.model.with(final_values_);
+        result_.before = shown(first.model.with(baseline_values_));
+        result_.after = shown(last.model.with(final_values_));
         result_.fitted.clear();
         for (std::size_t r = 0; r < records_.size(); ++r) {
             result_.fitted.push_back(against_first(records_[r], 0, final_values_, r, last));
@@ -409,6 +410,13 @@ class Diagnoser {
         result_.validation_gap = total_gap(result_.validation);
         result_.explained = 1 - std::pow(result_.validation_gap.after / result_.validation_gap.before, 2);
         return kept + 1 == all;
+    }
+
+    // Without the outputs that only the search needs.
+    static SystemModel shown(SystemModel model) {
+        model.equations = without_inner_signals(model);
+        model.inner.clear();
+        return model;
     }
 
     double uncertainty_of(const SystemModel& model, const SystemFit& whole,
@@ -526,7 +534,7 @@ class Diagnoser {
         }
     }
 
-    const SystemModel& model_;
+    const SystemModel model_;
     std::vector<SystemRecord> records_, validation_;
     std::optional<SystemRecord> divided_; // the first record with its last third
     std::size_t divided_at_ = 0;

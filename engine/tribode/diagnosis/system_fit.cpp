@@ -364,6 +364,14 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
     }
     auto lanes = LaneFit::of(*this, model, start);
     Result result{.values = start};
+    if (lanes && iterations > 1) {
+        // Most of the way over fewer samples, where steps of their length do.
+        if (LaneFit coarse = *lanes; coarse.thin_out(start)) {
+            const Result there = descend(model, start, iterations, ended, &coarse);
+            const auto before = lanes->errors({start, there.values});
+            if (sum_of_squares(before[1]) < sum_of_squares(before[0])) result.values = there.values;
+        }
+    }
     while (lanes && result.iterations < iterations) {
         const int before = result.iterations;
         result = descend(model, std::move(result.values), iterations - before, ended, &*lanes);

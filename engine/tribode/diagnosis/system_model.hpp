@@ -34,6 +34,13 @@ struct SystemModel {
     std::vector<std::size_t> measured; // outputs of the equations, in the order of SystemRecord::outputs
     std::vector<Parameter> parameters;
     std::vector<std::size_t> starts; // states whose start values may move
+    struct InnerSignal {
+        enum class Kind { difference, shared };
+        std::size_t output; // its place among the outputs
+        Term term;          // as the model was given
+        Kind kind;
+    };
+    std::vector<InnerSignal> inner = {}; // see with_inner_signals()
 
     // The values as they are now: parameters, then the start values of each record.
     std::vector<double> values(std::size_t records) const;

@@ -24,7 +24,7 @@ constexpr std::size_t followed_terms = 6;
 constexpr int segment_iterations = 8;
 // A second term is sought beside so many single terms that fit best, and as many of those with one parameter; so many of each
 // are fitted.
-constexpr std::size_t deepened_singles = 2, fitted_seconds = 8;
+constexpr std::size_t deepened_singles = 3, fitted_seconds = 8;
 constexpr double negligible = 0.02; // of what the best single term explains to first order
 // Iterations of a fit at first, of the best and of those that begin anew, and of those that promise most; and how many go on.
 constexpr int first_iterations = 6, iterations = 20, last_iterations = 60;
@@ -395,12 +395,19 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
         kinds.insert(one->terms.back().kind());
         const auto screening =
             screened_terms(one->model, one->values, one->fitted, terms, fit_of_first_part(), control_, late_);
+        const SystemTerm& first = one->terms.back();
         std::set<std::string> seconds;
+        std::size_t best = 0;
         for (const auto& single : screening.singles) {
             const SystemTerm& second = terms[single.terms[0]];
-            if (seconds.size() == fitted_seconds) break;
             // Two of a kind say little, and a pair is the same in either order.
-            if (!kinds.contains(second.kind()) && seconds.insert(second.form()).second) list.push_back({*one, single});
+            if (kinds.contains(second.kind()) || seconds.contains(second.form())) continue;
+            // Functions of the same variable make up a curve together that none of them is, as drag and dry friction do.
+            const bool is_same_variable = second.equation == first.equation && second.of == first.of;
+            if (best == fitted_seconds && !is_same_variable) continue;
+            if (best < fitted_seconds) ++best;
+            seconds.insert(second.form());
+            list.push_back({*one, single});
         }
     }
     return list;

@@ -1,5 +1,6 @@
 #include "tribode/diagnosis/system_terms.hpp"
 #include "tribode/diagnosis/term_library.hpp"
+#include "tribode/system/tape.hpp"
 #include "tribode/system/units.hpp"
 
 #include <algorithm>
@@ -19,7 +20,21 @@ std::string unit_of_quotient(const std::string& a, const std::string& b) {
 
 } // namespace
 
+void replace_inner(Equations& equations, std::size_t output, Term changed) {
+    const Term now = equations.outputs[output].value;
+    std::vector<std::size_t> shown;
+    for (std::size_t o = 0; o < output; ++o) {
+        if (equations.outputs[o].value == now) shown.push_back(o);
+    }
+    equations.replace({{now, changed}});
+    for (const std::size_t o : shown) equations.outputs[o].value = now;
+}
+
 void TermTarget::add(Equations& equations, Term term) const {
+    if (is_inner) {
+        const Term now = equations.outputs[place].value;
+        return replace_inner(equations, place, equations.graph->make(Op::add, now, term));
+    }
     Term& own = is_output ? equations.outputs[place].value : equations.states[place].rate;
     own = equations.graph->make(Op::add, own, term);
 }
@@ -79,6 +94,85 @@ TermLibrary::TermLibrary(const SystemModel& m, std::size_t n, const SystemFit& f
         }
         targets.push_back(std::move(target));
     }
+    add_inner();
+}
+
+void TermLibrary::add_inner() {
+    const auto& graph = *model.equations.graph;
+    const auto variable_of = [&](Term symbol) {
+        return std::find_if(variables.begin(), variables.end(), [&](const auto& one) { return one.symbol == symbol; });
+    };
+    const auto rate_of = [&](const SystemVariable& variable) -> std::optional<Term> {
+        if (!variable.state || !is_definition(model.equations.states[*variable.state].rate)) return std::nullopt;
+        return model.equations.states[*variable.state].rate;
+    };
+    const auto add_difference = [&](const SystemVariable& a, const SystemVariable& b, Term term) {
+        SystemVariable difference{.name = a.name + " - " + b.name, .unit = a.unit, .symbol = term};
+        for (std::size_t k = 0; k < a.values.size(); ++k) difference.values.push_back(a.values[k] - b.values[k]);
+        const auto [low, high] = std::minmax_element(difference.values.begin(), difference.values.end());
+        difference.low = *low;
+        difference.high = *high;
+        if (*high > *low) differences.push_back(std::move(difference));
+    };
+    std::string position, velocity; // of a coupling
+    for (const auto& signal : model.inner) {
+        const auto node = graph[signal.term];
+        if (signal.kind != SystemModel::InnerSignal::Kind::difference || node.op != Op::subtract) continue;
+        const auto a = variable_of(node.a), b = variable_of(node.b);
+        if (a == variables.end() || b == variables.end()) continue;
+        add_difference(*a, *b, signal.term);
+        const auto va = rate_of(*a), vb = rate_of(*b);
+        if (!va || !vb || !position.empty()) continue;
+        const auto one = variable_of(*va), other = variable_of(*vb);
+        if (one == variables.end() || other == variables.end()) continue;
+        position = a->name + " - " + b->name;
+        velocity = one->name + " - " + other->name;
+    }
+    for (const auto& signal : model.inner) {
+        const auto& output = model.equations.outputs[signal.output];
+        if (signal.kind != SystemModel::InnerSignal::Kind::shared) continue;
+        const double scale = rms_of_values(values_of(output.value));
+        if (!(scale > 0) || !std::isfinite(scale)) continue;
+        targets.push_back({.name = output.name,
+                           .unit = output.unit,
+                           .is_output = false,
+                           .is_inner = true,
+                           .place = signal.output,
+                           .scale = scale,
+                           .position = position,
+                           .velocity = velocity});
+    }
+}
+
+std::vector<double> TermLibrary::values_of(Term term) const {
+    std::vector<Term> symbols;
+    std::vector<double> at;
+    const auto add = [&](Term symbol, double value) {
+        symbols.push_back(symbol);
+        at.push_back(value);
+    };
+    for (const auto& variable : variables) add(variable.symbol, 0);
+    const auto is_moving = [&](Term symbol) {
+        return std::any_of(variables.begin(), variables.end(), [&](const auto& one) { return one.symbol == symbol; });
+    };
+    const auto& e = model.equations;
+    for (const auto& parameter : e.parameters) add(parameter.symbol, parameter.value);
+    for (const auto& state : e.states) {
+        if (!is_moving(state.symbol)) add(state.symbol, state.start);
+    }
+    for (const auto& input : e.inputs) {
+        if (!is_moving(input.symbol)) add(input.symbol, input.value);
+    }
+    for (const auto& one : e.discrete) add(one.symbol, one.start);
+    for (const auto& contact : e.contacts) add(contact.force, 0);
+    add(e.time, 0);
+    const Tape tape(*e.graph, symbols, {term});
+    std::vector<double> values(variables.empty() ? 0 : variables.front().values.size());
+    for (std::size_t k = 0; k < values.size(); ++k) {
+        for (std::size_t v = 0; v < variables.size(); ++v) at[v] = variables[v].values[k];
+        tape.evaluate({at}, std::span(&values[k], 1));
+    }
+    return values;
 }
 
 bool TermLibrary::is_state(Term term) const {

@@ -27,11 +27,12 @@ struct TermArithmetic {
     }
 };
 
-// A derivative or an output to which a term may be added.
+// A derivative, an output or an inner signal to which a term may be added.
 struct TermTarget {
-    std::string name; // "der(v)", "output y"
+    std::string name; // "der(v)", "output y", "what der(v) and der(w) share"
     std::string unit;
     bool is_output = false;
+    bool is_inner = false; // an output that stands for an inner signal
     std::size_t place = 0; // of the state or the output
     double scale = 0;      // how much it moves, in its unit
     // Where it is an acceleration, or a force over an imposed motion: the names of position and velocity. Else empty.
@@ -49,14 +50,19 @@ struct TermLibrary {
     const std::vector<double>& errors;
     double duration = 0; // of the longest record [s]
     std::vector<TermTarget> targets;
+    std::vector<SystemVariable> differences; // of two states or inputs, which are in the equations
     std::vector<SystemTerm> terms;
 
     TermLibrary(const SystemModel& model, std::size_t states, const SystemFit& fit,
                 const std::vector<SystemVariable>& variables, const std::vector<double>& errors);
 
+    void add_inner(); // differences, and targets that several derivatives share
+
     bool is_state(Term term) const;
     // Whether a rate is nothing but another variable or a number: the definition of a velocity, which lacks nothing.
     bool is_definition(Term rate) const;
+    // Values of a term of the model over the samples of the records, from its variables.
+    std::vector<double> values_of(Term term) const;
     // Typical rate of change of a state over the samples of the records [1/s].
     double rate_scale(const std::vector<double>& values) const;
     // An amplitude that moves the target by a hundredth of what it does, of a factor of this rms and unit.
@@ -71,6 +77,9 @@ void add_shapes(TermLibrary& library,
                 bool with_nameless);      // functions of one variable or two in a derivative or an output
 void add_periodic(TermLibrary& library);  // in a variable, or in time
 void add_overflows(TermLibrary& library); // of one state, or of one into another
-void add_paths(TermLibrary& library);     // of inputs and outputs
+void add_paths(TermLibrary& library);     // of inputs, outputs and inner signals
+
+// Puts something else in the place of an inner signal, in all equations. An output that shows the signal itself goes on doing so.
+void replace_inner(Equations& equations, std::size_t output, Term changed);
 
 } // namespace tribode

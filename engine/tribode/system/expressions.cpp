@@ -509,6 +509,20 @@ Notation notation_of(Op op) {
 
 } // namespace
 
+// "max", "min" or "abs" of a branch that is one of these, of the operands of its condition; else nothing.
+const char* Expressions::continuous_name(Term select) const {
+    const Node& node = nodes_[select];
+    if (node.op != Op::select) return nullptr;
+    const Node& relation = nodes_[node.a];
+    if (relation.op != Op::less && relation.op != Op::less_equal) return nullptr;
+    if (node.b == relation.b && node.c == relation.a) return "max";
+    if (node.b == relation.a && node.c == relation.b) return "min";
+    const Node& below = nodes_[node.b];
+    const bool is_abs =
+        node.c == relation.a && is_constant(relation.b, 0) && below.op == Op::negate && below.a == node.c;
+    return is_abs ? "abs" : nullptr;
+}
+
 std::string Expressions::text(Term root) const {
     // Bottom up; a text longer than this is of no use to a reader, and shared terms may make it huge.
     constexpr std::size_t longest = 2000;
@@ -530,6 +544,13 @@ std::string Expressions::text(Term root) const {
             text = fmt::format("{}({}", table_of(term)->name(), texts[node.a]);
             if (table_of(term)->variables() == 2) text += ", " + texts[node.b];
             text += ")";
+        } else if (const auto* name = continuous_name(term)) {
+            const Node& relation = nodes_[node.a];
+            text = fmt::format("{}({}", name, texts[relation.a]);
+            if (std::string_view(name) != "abs") text += ", " + texts[relation.b];
+            text += ")";
+        } else if (node.op == Op::no_event && continuous_name(node.a)) {
+            text = texts[node.a];
         } else if (notation.strength == 0) {
             text = fmt::format("{}({}", notation.text, texts[node.a]);
             if (operand_count(node.op) > 1) text += ", " + texts[node.b];

@@ -124,6 +124,8 @@ class Expressions {
     std::vector<Derivative> jacobian(std::span<const Term> roots, std::span<const Term> variables);
 
   private:
+    const char* continuous_name(Term select) const;
+
     struct Hash {
         std::size_t operator()(const Node& node) const;
     };

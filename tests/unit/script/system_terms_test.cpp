@@ -1,9 +1,11 @@
+#include "tribode/diagnosis/inner_signals.hpp"
 #include "tribode/diagnosis/system_record.hpp"
 #include "tribode/diagnosis/system_terms.hpp"
 #include "tribode/script/system_file.hpp"
 #include "tribode/system/equations_lua.hpp"
 #include "unit/script/temporary_folder.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <gtest/gtest.h>
 #include <set>
@@ -34,7 +36,7 @@ struct Case {
                     "\n";
         }
         const auto file = folder.write("record.csv", rows);
-        model = system_model_of(read_system(folder, text), {}, {}, {file});
+        model = with_inner_signals(system_model_of(read_system(folder, text), {}, {}, {file}));
         records.push_back(read_system_record(file, model, {}));
         scale.assign(model.measured.size(), 1);
         const auto trace = fit().simulate(model, model.values(1), 0, 150);
@@ -134,9 +136,78 @@ TEST(SystemTerms, EachOfADrivenVehicleRunsAndCanBeWritten) {
                  "gain",
                  "power_law",
                  "lag",
+                 "play",
                  "delay",
                  "resonant_mode",
                  "clipping"});
+}
+
+// Two masses behind a coupling, under a controller of their difference to a reference: what is between them acts on both.
+TEST(SystemTerms, EachOfACouplingRunsAndCanBeWritten) {
+    check_terms(R"(
+        local tb = require "tribode"
+        return tb.system {
+            parameters = { k = { value = 50, unit = "1/s2" }, d = { value = 0.5, unit = "1/s" }, m = 2, kp = 20 },
+            inputs = { r = { unit = "m" } },
+            states = { x1 = { start = 1.5, unit = "m" }, v1 = { start = 0, unit = "m/s" },
+              x2 = { start = 0, unit = "m" }, v2 = { start = 0, unit = "m/s" } },
+            der = function(s)
+              local spring = s.k * (s.x1 - s.x2) + s.d * (s.v1 - s.v2)
+              return { x1 = s.v1, v1 = s.kp * (s.r - s.x2) - spring, x2 = s.v2, v2 = s.m * spring }
+            end,
+            outputs = function(s) return { bend = { s.x1 - s.x2, unit = "m" } } end,
+            free = { "d", "x1.start" },
+        })",
+                "t,r,bend",
+                {"backlash", "saturation", "dead_zone", "cubic_stiffness", "coulomb_friction", "quadratic_drag"});
+}
+
+TEST(InnerSignals, ATermOfWhatIsSharedActsOnBothSides) {
+    const TemporaryFolder folder;
+    const auto with = [&](const std::string& spring) {
+        return R"(
+        local tb = require "tribode"
+        return tb.system {
+            parameters = { k = 50, m = 2, a = 300, gap = 0.02 }, inputs = { u = 0 },
+            states = { x1 = 0.1, v1 = 0, x2 = 0, v2 = 0 },
+            der = function(s)
+              local bend = s.x1 - s.x2
+              local spring = )" +
+               spring + R"(
+              return { x1 = s.v1, v1 = s.u - spring, x2 = s.v2, v2 = s.m * spring }
+            end,
+            outputs = function(s) return { bend = s.x1 - s.x2 } end,
+        })";
+    };
+    const Case plain(folder, with("s.k * bend"), "t,u,bend");
+    const auto wanted = [&](const std::string& spring) {
+        const Case c(folder, with(spring), "t,u,bend");
+        return c.outputs(c.model, c.model.values(1));
+    };
+    struct Pair {
+        std::string kind, spring;
+        double value;
+    };
+    for (const auto& [kind, spring, value] :
+         {Pair{"cubic_stiffness in x1 - x2", "s.k * (bend + 6 * bend ^ 3)", 6},
+          Pair{"backlash in x1 - x2", "s.k * (bend - math.min(math.max(bend, -s.gap), s.gap))", 0.02},
+          Pair{"cubic_stiffness in what der(v1) and der(v2) share of x1 - x2", "s.k * bend + s.a * bend ^ 3", 300}}) {
+        const auto term = std::find_if(plain.terms.begin(), plain.terms.end(),
+                                       [&, name = kind](const auto& one) { return one.kind() == name; });
+        ASSERT_NE(term, plain.terms.end()) << kind;
+        const std::vector<double> own = {value};
+        const auto found =
+            plain.outputs(extended(plain.model, *term, own), more_values(plain.model, plain.model.values(1), own));
+        const auto there = wanted(spring), without = plain.outputs(plain.model, plain.model.values(1));
+        double moved = 0;
+        for (std::size_t k = 0; k < there[0].size(); ++k) {
+            ASSERT_NEAR(found[0][k], there[0][k], 1e-7) << kind;
+            moved = std::max(moved, std::abs(there[0][k] - without[0][k]));
+        }
+        EXPECT_GT(moved, 1e-3) << kind;
+    }
+    // What only the search needs is not shown.
+    EXPECT_EQ(without_inner_signals(plain.model).outputs.size(), 1u);
 }
 
 TEST(SystemTerms, EachOfAnImposedMotionRunsAndCanBeWritten) {
