@@ -1,9 +1,11 @@
 #include "tribode/diagnosis/system_search.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/diagnosis/lane_fit.hpp"
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/diagnosis/segments.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <fmt/format.h>
 #include <map>
@@ -22,6 +24,9 @@ constexpr std::size_t fitted_singles = 8, fitted_of_a_kind = 2, fitted_pairs = 5
 // Over segments: how many of the best are then fitted to the records.
 constexpr std::size_t followed_terms = 6;
 constexpr int segment_iterations = 8;
+// Of a term, relative to what moves its derivative as much as all else does.
+constexpr std::array sizes = {0.03, -0.03, 0.1, -0.1, 0.3, -0.3, 1.0, -1.0};
+constexpr std::size_t shortest_beginning = 60; // samples
 // A second term is sought beside so many single terms that fit best, and as many of those with one parameter; so many of each
 // are fitted.
 constexpr std::size_t deepened_singles = 3, fitted_seconds = 8;
@@ -75,7 +80,9 @@ double SystemCandidate::score() const {
     if (is_noise) {
         const double samples = static_cast<double>(fitted.size() + predicted.size());
         return std::sqrt((SystemFit::sum_of_squares(fitted) + SystemFit::sum_of_squares(predicted)) / samples *
-                         std::exp(static_cast<double>(parameters) * std::log(samples) / samples));
+                         std::exp((static_cast<double>(parameters) * std::log(samples) +
+                                   2 * static_cast<double>(terms.size()) * std::log(static_cast<double>(library))) /
+                                  samples));
     }
     const double independent = static_cast<double>(fitted.size()) / correlation_length(fitted);
     const double taken = 1 + 2 * static_cast<double>(parameters) / std::max(independent, 1.0);
@@ -210,9 +217,11 @@ std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening,
     std::map<std::string, std::size_t> count, named;
     std::size_t further = 0;
     for (const auto& single : screening.singles) {
-        if (single.explained < negligible * screening.singles.front().explained) break;
         const SystemTerm& term = terms[single.terms[0]];
         const bool is_first = named[term.name]++ == 0;
+        // A term of one value is quickly fitted, and one that turns the motion into another one explains little to first order.
+        const bool is_quick = is_first && term.parameters.size() == 1;
+        if (!is_quick && single.explained < negligible * screening.singles.front().explained) continue;
         if (!is_first && (further == fitted_singles || count[term.kind()] == fitted_of_a_kind)) continue;
         ++count[term.kind()];
         if (!is_first) ++further;
@@ -416,7 +425,11 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
 SystemCandidate SystemSearch::started(const Hypothesis& hypothesis, const std::vector<SystemTerm>& terms) const {
     const SystemCandidate& from = hypothesis.from;
     const ScreenedTerms& added = hypothesis.terms;
-    SystemCandidate candidate{.model = from.model, .values = {}, .terms = from.terms, .texts = from.texts};
+    SystemCandidate candidate{.model = from.model,
+                              .values = {},
+                              .terms = from.terms,
+                              .texts = from.texts,
+                              .library = std::max<std::size_t>(1, terms.size())};
     for (std::size_t i = 0; i < added.terms.size(); ++i) {
         std::string text;
         candidate.model = extended(candidate.model, terms[added.terms[i]], added.starts[i], &text);
@@ -445,6 +458,35 @@ SystemCandidate SystemSearch::started(const Hypothesis& hypothesis, const std::v
     return candidate;
 }
 
+// With the size of its last term, where that is one value, which suits the beginnings of the records best. To first order a term that
+// turns the motion into another one says nothing about its size.
+std::optional<SystemCandidate> SystemSearch::sized(SystemCandidate candidate) const {
+    const SystemTerm& term = candidate.terms.back();
+    if (term.amplitudes != 1) return std::nullopt;
+    std::vector<std::size_t> beginning;
+    for (const std::size_t used : used_) beginning.push_back(std::min(used, std::max(used / 8, shortest_beginning)));
+    const SystemFit fit(records_, scale_, between_, beginning);
+    const std::size_t place = candidate.model.parameters.size() - term.parameters.size();
+    const auto& amplitude = term.parameters.front();
+    std::vector<std::vector<double>> sets;
+    for (const double share : sizes) {
+        sets.push_back(candidate.values);
+        sets.back()[place] = std::clamp(term.neutral[0] + share * amplitude.scale, amplitude.low, amplitude.high);
+    }
+    const auto lanes = LaneFit::of(fit, candidate.model, sets.front());
+    if (!lanes) return std::nullopt;
+    double best = std::numeric_limits<double>::infinity();
+    const auto errors = lanes->errors(sets);
+    for (std::size_t l = 0; l < sets.size(); ++l) {
+        const double sum = SystemFit::sum_of_squares(errors[l]);
+        if (sum >= best) continue;
+        best = sum;
+        candidate.values = sets[l];
+    }
+    if (!std::isfinite(best)) return std::nullopt;
+    return candidate;
+}
+
 std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>& list,
                                                   const std::vector<SystemTerm>& terms) const {
     std::vector<SystemCandidate> start(list.size()), found(list.size());
@@ -468,6 +510,8 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
     fit_each(all, "fitting", [&](std::size_t c) {
         start[c] = started(list[c], terms);
         if (!late()) improve(c, start[c], first_iterations, false);
+        if (late() || list[c].is_followed || list[c].terms.terms.size() > 1 || found[c].is_noise) return;
+        if (auto other = sized(start[c])) improve(c, *std::move(other), first_iterations, true);
     });
     // The best go on. Of the others those of which screening promised most, and which fell short of it, begin anew.
     const auto go_on = best_of(all, gone_on);
@@ -514,7 +558,7 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
 SystemCandidate SystemSearch::pruned(SystemCandidate candidate) const {
     for (std::size_t i = 0; candidate.terms.size() > 1 && i < candidate.terms.size() && !late();) {
         // Built again from the first model without the term, its values where they are.
-        SystemCandidate without{.model = first_};
+        SystemCandidate without{.model = first_, .library = candidate.library};
         const auto place = [&](std::size_t term) {
             std::size_t begin = first_.parameters.size();
             for (std::size_t t = 0; t < term; ++t) begin += candidate.terms[t].parameters.size();

@@ -3,6 +3,7 @@
 #include "tribode/diagnosis/system_screening.hpp"
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -16,6 +17,7 @@ struct SystemCandidate {
     std::vector<std::string> texts;
     std::vector<double> fitted;    // errors over the fitted part
     std::vector<double> predicted; // over the rest
+    std::size_t library = 1;       // from how many terms these were chosen
     // Whether the fitted part leaves nothing but white noise, and the whole records, to which it is fitted then, too. What
     // it would predict beyond them is off by what its values are, and not by what it lacks.
     bool is_noise = false;
@@ -25,7 +27,8 @@ struct SystemCandidate {
 
     std::string names_from(std::size_t term) const; // "overflow in der(x1) of x1 and lag in input u"
     // What its errors would be on other records of this kind, rms: predicted errors as they are, fitted ones with what the
-    // parameters take out of them. Where all are fitted, by the Bayesian information criterion [Schwarz 1978].
+    // parameters take out of them. Where all are fitted, by the Bayesian information criterion [Schwarz 1978], extended by what
+    // the best of many terms explains by chance [Chen 2008].
     double score() const;
 };
 
@@ -70,6 +73,7 @@ class SystemSearch {
     bool fit(SystemCandidate& candidate, int iterations, bool growing = false) const;
     void fit_whole(SystemCandidate& candidate, int iterations) const; // where white noise is all that is left then
     SystemCandidate started(const Hypothesis& hypothesis, const std::vector<SystemTerm>& terms) const;
+    std::optional<SystemCandidate> sized(SystemCandidate candidate) const;
     std::vector<SystemCandidate> fitted(const std::vector<Hypothesis>& list,
                                         const std::vector<SystemTerm>& terms) const;
     std::vector<Hypothesis> deepened(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
