@@ -1,9 +1,10 @@
 -- Cases for the diagnosis, made by simulation: random machines with an effect hidden in them, with two, with none, or
--- with a force that is on no list. Some machines are known within their tolerance only, some have process noise.
+-- with a force that is on no list. Some machines are known within their tolerance only, some have process noise, and
+-- with -D model_error some have friction of a structure that their description lacks.
 -- Each case is a folder as scripts/diagnosis_score.lua takes it: nominal.json, ident.csv.gz, valid.csv.gz, truth.json.
 --
 --   tribode run scripts/diagnosis_cases.lua -o results/cases -D count=60 -D seed=7
---   tribode run scripts/diagnosis_cases.lua -D effects=backlash,none,two,unknown
+--   tribode run scripts/diagnosis_cases.lua -D effects=backlash,none,two,unknown -D model_error=0.5
 --
 -- The cases of a seed stay the same when more are asked for. Results: the folders cases/001, cases/002, ..., and
 -- cases.csv with what is hidden where.
@@ -18,6 +19,8 @@ local option = tb.options {
   tolerance = { default = 0.2, help = "share of the machines whose fields are off by their tolerance" },
   process_noise = { default = 0.2, help = "share of the machines with process noise" },
   more = { default = 0, help = "further records to fit, drawn anew, beside the first; the rest stays the same" },
+  model_error = { default = 0, help = "share of the cases whose model is wrong besides: friction of another structure, "
+    .. "fields off by their tolerance, process noise, one of them or more" },
   open_loop = { default = 0.1, help = "share of the machines without a controller" },
 }
 
@@ -239,10 +242,11 @@ local function draw_record(machine, level, kind)
   return record
 end
 
+-- With these effects, besides those that the machine has.
 local function run(machine, record, seed, effects)
   local with = copy(machine)
   if not seed then with.noise_rms_m, with.encoder_resolution_m, with.process_noise_rms_N = 0, 0, 0 end
-  with.effects = effects
+  with.effects = table.move(effects or {}, 1, #(effects or {}), #(with.effects or {}) + 1, copy(with.effects or {}))
   local result = tb.simulate { machine = with, r = record.r, exc = record.exc, u = record.u, seed = seed or 0 }
   return result.ok and result or nil
 end
@@ -455,6 +459,38 @@ local function is_double(machine, records, name, middle, reach, parameters)
   return math.min(at_c, at_d) < 0.15
 end
 
+-- ---- model error --------------------------------------------------------------------------------------------------
+
+-- Friction of another structure than the description says, of about the same level: as effects that nobody asks for.
+local function draw_structure(machine, level)
+  local coulomb = machine.friction.coulomb
+  local kind = pick(coulomb and { "presliding", "stribeck", "direction" } or { "stribeck", "direction" })
+  local effects
+  if kind == "presliding" then
+    local part = coulomb * uniform(0.1, 0.5)
+    effects = { { name = "presliding_hysteresis", parameters = { elements = elements(3, part) } },
+      { name = "coulomb_friction", parameters = { dF = -part } } }
+  elseif kind == "stribeck" then
+    if machine.friction.stribeck then return end
+    effects = { { name = "stribeck_friction",
+      parameters = { dFs = level * spread(0.01, 0.1), velocity = spread(2e-3, 2e-2), exponent = 1 } } }
+  else
+    effects = { { name = "asymmetric_friction", parameters = { dF_pos = level * spread(0.005, 0.05) } } }
+  end
+  return rounded(effects), kind
+end
+
+-- What the friction does to the records by itself, in units of their noise; nil where the machine does not bear it.
+local function structure_shows(machine, records, effects)
+  local shows = {}
+  for i, record in ipairs(records) do
+    local with = run(machine, record, nil, effects)
+    if not with then return end
+    shows[i] = rms(with.y, record.before.y) / record.floor
+  end
+  return shows
+end
+
 -- ---- a case -------------------------------------------------------------------------------------------------------
 
 -- Runs the machine under two records without effects; nil where it will not follow them.
@@ -488,16 +524,37 @@ local function names_of(kind)
   }
 end
 
+-- What is wrong with the model of a case besides its effects: { fields, force, friction }, one of them or more.
+local function draw_model_error(kind)
+  if option.model_error == 0 or not chance(option.model_error) then return {} end
+  -- Where nothing is hidden, a wrong friction would be what is missing.
+  local first = pick(kind == "none" and { "fields", "force" } or { "fields", "force", "friction" })
+  local wrong = { fields = chance(0.3), force = chance(0.3) }
+  wrong[first] = true
+  return wrong
+end
+
 -- One draw of all; nil where the effects do not show, or the machine does not bear them.
-local function attempt(kind)
+local function attempt(kind, wrong)
   local names = names_of(kind)
   local machine, level = draw_machine(pick { 0, 0, 0, 1, 1, 2 })
   if chance(option.tolerance) then machine.tolerance = draw_tolerance(machine) end
   if chance(option.process_noise) then machine.process_noise_rms_N = rounded(level * uniform(0.02, 0.08)) end
+  if wrong.fields then machine.tolerance = machine.tolerance or draw_tolerance(machine) end
+  if wrong.force then machine.process_noise_rms_N = rounded(level * uniform(0.02, 0.08)) end
   local real = true_machine(machine)
   local records = draw_records(real, level)
   if not records then return end
   local s = scales(real, level, records)
+  local model_error
+  if wrong.friction then
+    local friction, name = draw_structure(real, level)
+    local shows = friction and structure_shows(real, records, friction)
+    -- More than noise, and less than what is hidden.
+    if not shows or shows[1] < 1 or shows[1] > 6 or shows[2] > 10 then return end
+    real.effects = friction
+    model_error = { friction = name, ratio_y = rounded(shows) }
+  end
   local effects, truth = {}, {}
   for i, name in ipairs(names) do
     effects[i], truth[i] = draw_effect(name, s)
@@ -516,7 +573,7 @@ local function attempt(kind)
       local without = run(real, record, nil, others)
       if not without then return end
       local ratio = rms(record.after.y, without.y) / record.floor
-      if ratio < (number == 1 and 6 or 3) then return end
+      if ratio < (number == 1 and 6 or 3) * (model_error and 2 or 1) then return end
       truth[i].detectability = truth[i].detectability or {}
       truth[i].detectability[number == 1 and "ident" or "valid"] = { ratio_y = rounded(ratio) }
     end
@@ -539,7 +596,7 @@ local function attempt(kind)
     until record.measured and not (record.r and rms(record.measured.y, record.r) > 0.05)
     records[#records + 1] = record
   end
-  return machine, real, records, { effects = truth, accept = accept }
+  return machine, real, records, { effects = truth, accept = accept, model_error = model_error }
 end
 
 local function write(folder, machine, records, truth)
@@ -585,19 +642,20 @@ local function deck()
 end
 
 local cards = deck()
-local lines = { "case,hidden,accept,ident,valid,modes,closed_loop,tolerance,process_noise_N" }
+local lines = { "case,hidden,accept,ident,valid,modes,closed_loop,tolerance,process_noise_N,other_friction" }
 for i = 1, option.count do
   local kind, name = cards[(i - 1) % #cards + 1], string.format("%03d", i)
   math.randomseed(option.seed, i)
   local machine, real, records, truth
+  local wrong = draw_model_error(kind)
   for _ = 1, 400 do
-    machine, real, records, truth = attempt(kind)
+    machine, real, records, truth = attempt(kind, wrong)
     if machine then break end
   end
   if not machine then
     print(string.format("%s: no machine was drawn that shows %s; left out", name, kind))
   else
-    if machine.tolerance then truth.machine = real end
+    if machine.tolerance or real.effects then truth.machine = real end
     write("cases/" .. name, machine, records, truth)
     local hidden = {}
     for e, effect in ipairs(truth.effects) do
@@ -606,7 +664,8 @@ for i = 1, option.count do
     print(string.format("%s: %s (%s, %s)", name, table.concat(hidden, " + "), records[1].kind, records[2].kind))
     lines[#lines + 1] = table.concat({ name, table.concat(hidden, "+"), table.concat(truth.accept, "+"),
       records[1].kind, records[2].kind, machine.modes and #machine.modes or 0, machine.closed_loop and 1 or 0,
-      machine.tolerance and 1 or 0, machine.process_noise_rms_N or 0 }, ",")
+      machine.tolerance and 1 or 0, machine.process_noise_rms_N or 0,
+      truth.model_error and truth.model_error.friction or "" }, ",")
   end
 end
 tb.write_text { file = "cases.csv", text = table.concat(lines, "\n") .. "\n" }

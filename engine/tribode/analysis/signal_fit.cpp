@@ -105,30 +105,37 @@ std::vector<Sinusoid> sinusoids(const Signal& x, const Signal& target, const Sig
         std::sort(peaks.rbegin(), peaks.rend());
         for (std::size_t i = 0; i < std::min<std::size_t>(peaks.size(), 12); ++i) periods.push_back(peaks[i].second);
     }
+    const auto strongest_first = [](std::vector<Sinusoid>& list) {
+        std::sort(list.begin(), list.end(), [](const auto& a, const auto& b) { return a.explained > b.explained; });
+    };
+    // Of a list in that order: neighbors on one peak, whose width in frequency is 1/span, count once.
+    const auto distinct = [span](const std::vector<Sinusoid>& list, double share, std::size_t most) {
+        std::vector<Sinusoid> kept;
+        for (const auto& one : list) {
+            const bool known = std::any_of(kept.begin(), kept.end(), [&](const Sinusoid& other) {
+                return std::abs(1 / one.period - 1 / other.period) < share / span;
+            });
+            if (!known && kept.size() < most) kept.push_back(one);
+        }
+        return kept;
+    };
     std::vector<Sinusoid> found;
-    for (double period : periods) {
-        // To the top of the peak, whose width is period^2/span.
-        Sinusoid best = sinusoid_of(x, target, weight, period);
-        for (double width_left = 0.25 * period * period / span; width_left > 0.01 * period * period / span;
-             width_left /= 2) {
-            for (const double next : {best.period - width_left, best.period + width_left}) {
+    for (const double period : periods) found.push_back(sinusoid_of(x, target, weight, period));
+    strongest_first(found);
+    // The proposals lie on their peaks, if not on the tops: a few more than asked for are followed there.
+    found = distinct(found, 0.25, count + 3);
+    for (Sinusoid& best : found) {
+        const double peak = best.period * best.period / span;
+        for (double step = 0.25 * peak; step > 0.01 * peak; step /= 2) {
+            for (const double next : {best.period - step, best.period + step}) {
                 if (next < shortest || next > longest) continue;
                 const Sinusoid other = sinusoid_of(x, target, weight, next);
                 if (other.explained > best.explained) best = other;
             }
         }
-        found.push_back(best);
     }
-    std::sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.explained > b.explained; });
-    // Neighbors on one peak count once.
-    std::vector<Sinusoid> distinct;
-    for (const auto& one : found) {
-        const bool known = std::any_of(distinct.begin(), distinct.end(), [&](const Sinusoid& other) {
-            return std::abs(1 / one.period - 1 / other.period) < 0.5 / span;
-        });
-        if (!known && distinct.size() < count) distinct.push_back(one);
-    }
-    return distinct;
+    strongest_first(found);
+    return distinct(found, 0.5, count);
 }
 
 } // namespace tribode

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <numeric>
 
 namespace tribode {
 
@@ -25,8 +26,73 @@ Eigen::Map<const Eigen::VectorXd> mapped(const std::vector<double>& x) {
 
 // Numbers from which secants pay: below, differences cost no more than the steps they might spoil.
 constexpr Eigen::Index min_for_secants = 4;
+// A step that falls by less than this share of what the Jacobian promises shows that it is out of date.
+constexpr double kept_promise = 0.25;
+// Slopes of more entries are not kept [of 8 bytes].
+constexpr Eigen::Index max_kept = 4'000'000;
+constexpr std::size_t max_generations = 3; // of slopes: the first comes from the hypothesis without its last effect
 
 } // namespace
+
+struct SimulatedRecords {
+    struct Record {
+        std::size_t number;
+        std::shared_ptr<const std::vector<double>> position;
+    };
+    std::vector<std::shared_ptr<const Candidate>> effects;
+    std::vector<double> values, nominal;
+    std::vector<Record> records;
+};
+
+struct Slopes {
+    // Of samples of a record, whitened by the floor of this innovation.
+    struct Block {
+        std::size_t number, first, end;
+        double innovation;
+        Eigen::Index row;
+    };
+    // A parameter of an effect, or, without one, an uncertain field.
+    struct Column {
+        std::shared_ptr<const Candidate> effect;
+        std::size_t place;
+
+        bool operator==(const Column&) const = default;
+    };
+    std::vector<Block> blocks;
+    std::vector<Column> columns;
+    Eigen::MatrixXd jacobian;
+
+    // Whether these know all that others do.
+    bool replaces(const Slopes& other) const {
+        return std::ranges::equal(blocks, other.blocks,
+                                  [](const Block& a, const Block& b) {
+                                      return a.number == b.number && a.first == b.first && a.end == b.end;
+                                  }) &&
+               std::ranges::all_of(other.columns,
+                                   [&](const Column& one) { return std::ranges::find(columns, one) != columns.end(); });
+    }
+    // Writes a column for the records; false where it is not known for all of them.
+    bool recall(const Column& column, const std::vector<Evidence>& records, Eigen::Ref<Eigen::VectorXd> to) const {
+        const auto known = std::ranges::find(columns, column);
+        if (known == columns.end()) return false;
+        Eigen::Index row = 0;
+        for (const auto& record : records) {
+            const auto covers = [&](const Block& b) {
+                return b.number == record.number && b.first <= record.first && b.end >= record.measurement.size();
+            };
+            const auto block = std::ranges::find_if(blocks, covers);
+            if (block == blocks.end()) return false;
+            const auto samples = static_cast<Eigen::Index>(record.samples());
+            // A floor that was estimated anew differs in little but its size.
+            to.segment(row, samples) =
+                block->innovation / record.floor.innovation *
+                jacobian.col(known - columns.begin())
+                    .segment(block->row + static_cast<Eigen::Index>(record.first - block->first), samples);
+            row += samples;
+        }
+        return true;
+    }
+};
 
 double Hypothesis::sum_of_squares() const { return square_of(nominal); }
 
@@ -80,37 +146,76 @@ MachineModel ModelFit::machine(const Hypothesis& h) const {
     return machine.with_effects(std::move(effects));
 }
 
-std::vector<double> ModelFit::errors(const Hypothesis& h) const {
+std::vector<ModelFit::Position> ModelFit::positions(const Hypothesis& h) const {
     std::optional<MachineModel> machine;
-    try {
-        machine = this->machine(h);
-    } catch (const InputError&) {
-        return {}; // effects that cannot be together, as a delay below zero
+    const auto* known = h.simulated.get();
+    if (known && (known->effects != h.effects || known->values != h.values || known->nominal != h.nominal)) {
+        known = nullptr;
     }
-    std::vector<double> all;
-    all.reserve(sample_count() + h.nominal.size());
+    std::vector<Position> all;
     for (const auto& record : evidence_) {
+        const auto same = [&](const auto& one) {
+            return one.number == record.number && one.position->size() == record.measurement.size();
+        };
+        if (known) {
+            const auto it = std::ranges::find_if(known->records, same);
+            if (it != known->records.end()) {
+                all.push_back(it->position);
+                continue;
+            }
+        }
+        try {
+            if (!machine) machine = this->machine(h);
+        } catch (const InputError&) {
+            return {}; // effects that cannot be together, as a delay below zero
+        }
         auto position = simulated_position(*machine, record.measurement);
         if (!position) return {};
-        for (std::size_t k = 0; k < position->size(); ++k) {
-            (*position)[k] = record.measurement.position()[k] - (*position)[k];
-        }
-        const auto white = record.floor.whitened(*position);
+        all.push_back(std::make_shared<const std::vector<double>>(std::move(*position)));
+    }
+    return all;
+}
+
+std::vector<double> ModelFit::errors(const Hypothesis& h, const std::vector<Position>& positions) const {
+    std::vector<double> all;
+    if (positions.empty()) return all;
+    all.reserve(sample_count() + h.nominal.size());
+    for (std::size_t i = 0; i < evidence_.size(); ++i) {
+        const Evidence& record = evidence_[i];
+        std::vector<double> gap = record.measurement.position();
+        for (std::size_t k = 0; k < gap.size(); ++k) gap[k] -= (*positions[i])[k];
+        const auto white = record.floor.whitened(gap);
         all.insert(all.end(), white.begin() + static_cast<std::ptrdiff_t>(record.first), white.end());
     }
     all.insert(all.end(), h.nominal.begin(), h.nominal.end());
     return all;
 }
 
+std::vector<double> ModelFit::errors(const Hypothesis& h) const { return errors(h, positions(h)); }
+
 double ModelFit::chi_square(const Hypothesis& h) const {
     const auto all = errors(h);
     return all.empty() ? std::numeric_limits<double>::infinity() : square_of(all);
+}
+
+void ModelFit::evaluate(Hypothesis& h) const {
+    const auto path = positions(h);
+    const auto all = errors(h, path);
+    h.chi_square = all.empty() ? std::numeric_limits<double>::infinity() : square_of(all);
+    if (!path.empty()) remember(h, path);
+}
+
+void ModelFit::remember(Hypothesis& h, const std::vector<Position>& path) const {
+    auto simulated = std::make_shared<SimulatedRecords>(SimulatedRecords{h.effects, h.values, h.nominal, {}});
+    for (std::size_t i = 0; i < path.size(); ++i) simulated->records.push_back({evidence_[i].number, path[i]});
+    h.simulated = std::move(simulated);
 }
 
 // A number as the fit sees it: its logarithm where it is moved by factors, else in units of its difference step.
 struct ModelFit::Coordinate {
     bool field;
     std::size_t index;
+    Slopes::Column name;
     bool logarithmic;
     double unit, low, high; // value = unit coordinate; bounds of the coordinate
     double step;            // of differences
@@ -129,18 +234,19 @@ std::vector<ModelFit::Coordinate> ModelFit::coordinates(const Hypothesis& h, boo
     std::vector<Coordinate> list;
     std::size_t index = 0;
     for (const auto& effect : h.effects) {
-        for (const auto& p : effect->parameters) {
+        for (std::size_t place = 0; place < effect->parameters.size(); ++place, ++index) {
+            const FitParameter& p = effect->parameters[place];
+            const Slopes::Column name{effect, place};
             if (p.logarithmic) {
-                list.push_back({false, index, true, 1, std::log(p.low), std::log(p.high), p.step});
+                list.push_back({false, index, name, true, 1, std::log(p.low), std::log(p.high), p.step});
             } else {
                 const double unit = 100 * p.step;
-                list.push_back({false, index, false, unit, p.low / unit, p.high / unit, 0.01});
+                list.push_back({false, index, name, false, unit, p.low / unit, p.high / unit, 0.01});
             }
-            ++index;
         }
     }
     for (std::size_t i = 0; fields && i < h.nominal.size(); ++i) {
-        list.push_back({true, i, false, 1, -8, 8, 0.05});
+        list.push_back({true, i, {nullptr, i}, false, 1, -8, 8, 0.05});
     }
     return list;
 }
@@ -148,7 +254,8 @@ std::vector<ModelFit::Coordinate> ModelFit::coordinates(const Hypothesis& h, boo
 void ModelFit::fit(Hypothesis& h, const Options& options) const {
     const auto moved = coordinates(h, options.move_fields);
     const auto n = static_cast<Eigen::Index>(moved.size());
-    std::vector<double> e = errors(h);
+    auto path = positions(h);
+    std::vector<double> e = errors(h, path);
     h.converged = false;
     if (e.empty()) {
         h.chi_square = std::numeric_limits<double>::infinity();
@@ -164,8 +271,9 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
     const auto go_on = [&] {
         if (workers.stop_requested()) throw EndedEarly("a fit was interrupted");
     };
-    const auto differentiate = [&] {
-        for_each_index(moved.size(), workers, "", [&](std::size_t i) {
+    const auto differentiate = [&](const std::vector<std::size_t>& places) {
+        for_each_index(places.size(), workers, "", [&](std::size_t place) {
+            const std::size_t i = places[place];
             Hypothesis there = h;
             const double here = moved[i].read(h);
             // Away from a bound.
@@ -182,21 +290,46 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
         });
         go_on();
     };
+    std::vector<std::size_t> all_places(moved.size()), unknown, of_effects;
+    std::iota(all_places.begin(), all_places.end(), std::size_t{0});
+    std::ranges::copy_if(all_places, std::back_inserter(of_effects), [&](std::size_t i) { return !moved[i].field; });
+    const auto samples = static_cast<Eigen::Index>(sample_count());
+    for (const std::size_t i : all_places) {
+        auto column = jacobian.col(static_cast<Eigen::Index>(i));
+        const bool known = std::ranges::any_of(h.slopes, [&](const auto& slopes) {
+            return slopes->recall(moved[i].name, evidence_, column.head(samples));
+        });
+        if (!known) unknown.push_back(i);
+        // The fields count as errors of their own.
+        column.tail(column.size() - samples).setZero();
+        if (moved[i].field) column[samples + static_cast<Eigen::Index>(moved[i].index)] = 1;
+    }
     double damping = 1e-3;
     // Where there are many numbers, a Jacobian is carried on for a few steps by Broyden's secants.
     const int max_secants = n < min_for_secants ? 0 : static_cast<int>(n) / 2;
     int secants = max_secants; // steps since the Jacobian was differenced
     bool exact = false;        // it belongs to the present numbers
-    for (int iteration = 0; iteration < options.iterations && n > 0; ++iteration) {
+    // The columns of effects do: they change faster than those of the fields.
+    bool nearly_exact = false;
+    bool differenced = false; // there is one
+    for (int iteration = 0; iteration < options.iterations && n > 0;) {
         if (std::chrono::steady_clock::now() > options.deadline) break;
-        if (!exact && secants >= max_secants) {
-            differentiate();
-            exact = true;
+        if (!differenced && unknown.size() < moved.size()) {
+            // As an earlier fit left it: good for a few steps.
+            differentiate(unknown);
+            secants = max_secants - std::max(1, static_cast<int>(n) / 2);
+            nearly_exact = unknown == of_effects;
+        } else if (!exact && secants >= max_secants) {
+            const bool in_part = differenced && !nearly_exact && 2 * of_effects.size() <= moved.size();
+            differentiate(in_part ? of_effects : all_places);
+            exact = !in_part;
+            nearly_exact = true;
             secants = 0;
         }
+        differenced = true;
         const Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
         const Eigen::VectorXd gradient = jacobian.transpose() * mapped(e);
-        bool improved = false;
+        bool improved = false, kept = true;
         double fall = 0;
         for (int attempt = 0; attempt < (exact ? 7 : 2) && !improved; ++attempt) {
             Eigen::MatrixXd damped = normal;
@@ -215,41 +348,65 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
                 c.write(next, there);
                 step[i] = there - here;
             }
-            const auto there = errors(next);
+            // No step is worth a run where the Jacobian promises next to nothing.
+            const double promised = -2 * gradient.dot(step) - step.dot(normal * step);
+            if (promised < 0.01 * options.tolerance * h.chi_square) break;
+            auto next_path = positions(next);
+            const auto there = errors(next, next_path);
             const double chi = there.empty() ? std::numeric_limits<double>::infinity() : square_of(there);
             if (chi < h.chi_square) {
                 fall = (h.chi_square - chi) / chi;
+                kept = h.chi_square - chi > kept_promise * promised;
                 next.chi_square = chi;
                 const Eigen::VectorXd rest = mapped(there) - mapped(e) - jacobian * step;
                 jacobian.noalias() += rest * (step.transpose() / std::max(step.squaredNorm(), 1e-300));
                 h = std::move(next);
                 e = there;
+                path = std::move(next_path);
                 improved = true;
                 damping = std::max(damping / (attempt == 0 ? 8 : 2), 1e-9);
             } else {
                 damping = std::min(damping * 6, 1e9);
             }
         }
+        if (improved || exact) ++iteration; // else it is done again with another Jacobian
         const bool settled = !improved || fall < options.tolerance;
         if (settled && exact) {
             h.converged = true;
             break;
         }
-        if (improved) exact = false;
         // What a carried Jacobian finds no way down from is looked at anew.
-        secants = settled ? max_secants : secants + 1;
+        secants = settled || (!exact && !kept) ? max_secants : secants + 1;
+        if (improved) exact = nearly_exact = false;
     }
-    if (!options.standard_errors || n == 0) return;
-    if (!exact) differentiate();
-    const Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
-    // Columns that the record does not show have no finite error.
-    const Eigen::MatrixXd covariance = normal.completeOrthogonalDecomposition().pseudoInverse();
-    h.standard_errors.assign(h.values.size(), 0.0);
-    for (Eigen::Index i = 0; i < n; ++i) {
-        const auto& c = moved[static_cast<std::size_t>(i)];
-        if (c.field) continue;
-        const double deviation = std::sqrt(std::max(covariance(i, i), 0.0));
-        h.standard_errors[c.index] = c.logarithmic ? h.values[c.index] * deviation : c.unit * deviation;
+    if (options.standard_errors && n > 0) {
+        if (!exact) differentiate(all_places);
+        differenced = true;
+        const Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
+        // Columns that the record does not show have no finite error.
+        const Eigen::MatrixXd covariance = normal.completeOrthogonalDecomposition().pseudoInverse();
+        h.standard_errors.assign(h.values.size(), 0.0);
+        for (Eigen::Index i = 0; i < n; ++i) {
+            const auto& c = moved[static_cast<std::size_t>(i)];
+            if (c.field) continue;
+            const double deviation = std::sqrt(std::max(covariance(i, i), 0.0));
+            h.standard_errors[c.index] = c.logarithmic ? h.values[c.index] * deviation : c.unit * deviation;
+        }
+    }
+    remember(h, path);
+    if (differenced && jacobian.size() <= max_kept) {
+        auto own = std::make_shared<Slopes>();
+        Eigen::Index row = 0;
+        for (const auto& record : evidence_) {
+            own->blocks.push_back(
+                {record.number, record.first, record.measurement.size(), record.floor.innovation, row});
+            row += static_cast<Eigen::Index>(record.samples());
+        }
+        for (const auto& c : moved) own->columns.push_back(c.name);
+        own->jacobian = std::move(jacobian);
+        std::erase_if(h.slopes, [&](const auto& older) { return own->replaces(*older); });
+        h.slopes.insert(h.slopes.begin(), std::move(own));
+        if (h.slopes.size() > max_generations) h.slopes.erase(h.slopes.begin() + 1);
     }
 }
 

@@ -18,10 +18,14 @@ namespace tribode {
 struct Evidence {
     Measurement measurement;
     NoiseFloor floor = {};
-    std::size_t first = 0; // samples before this one only bring the machine to where it is
+    std::size_t first = 0;  // samples before this one only bring the machine to where it is
+    std::size_t number = 0; // of the record: that of a beginning is that of the whole
 
     std::size_t samples() const { return measurement.size() - first; }
 };
+
+struct SimulatedRecords; // with the numbers for which they were simulated
+struct Slopes;           // of the errors by the numbers of a hypothesis
 
 // A machine with effects that may be there, and the numbers of both.
 struct Hypothesis {
@@ -34,6 +38,10 @@ struct Hypothesis {
     bool settled = false;
     std::vector<double> standard_errors; // of values, where they were asked for
 
+    // What a fit has found at these numbers, or near them, and the next one need not find anew.
+    std::shared_ptr<const SimulatedRecords> simulated;
+    std::vector<std::shared_ptr<const Slopes>> slopes; // newest first
+
     std::size_t parameter_count() const { return values.size(); }
     double sum_of_squares() const; // sum of squares of the fields' standard deviations
     // Whether the fields lie as such tolerances let them, but once in a thousand machines: beyond, an effect is missing.
@@ -42,8 +50,10 @@ struct Hypothesis {
     void remove(std::size_t effect); // with its numbers
 };
 
-// Fits hypotheses to records by full simulation: least squares of whitened errors, Levenberg and Marquardt's method with
-// differences, within the bounds of each number.
+// Fits hypotheses to records by full simulation: least squares of whitened errors by Levenberg and Marquardt's method,
+// within the bounds of each number. Derivatives are differences; those that a fit has found go on to the next one by
+// Broyden's secants, from records to their beginnings and from a hypothesis to one with another effect, and are found anew
+// where they lead no further.
 class ModelFit {
   public:
     // The machine and the evidence must outlive it.
@@ -59,6 +69,7 @@ class ModelFit {
 
     // Chi square at the hypothesis' numbers: infinite where the machine cannot follow the record.
     double chi_square(const Hypothesis& h) const;
+    void evaluate(Hypothesis& h) const; // finds its chi square, and keeps what was simulated
     // Whitened errors, record after record, then the fields; empty where the machine cannot follow.
     std::vector<double> errors(const Hypothesis& h) const;
 
@@ -78,6 +89,11 @@ class ModelFit {
     double factor(const Hypothesis& h, std::size_t field) const;
     struct Coordinate; // one number as the fit moves it
     std::vector<Coordinate> coordinates(const Hypothesis& h, bool fields) const;
+    using Position = std::shared_ptr<const std::vector<double>>;
+    // Simulated, of each record; empty where the machine cannot follow.
+    std::vector<Position> positions(const Hypothesis& h) const;
+    std::vector<double> errors(const Hypothesis& h, const std::vector<Position>& positions) const;
+    void remember(Hypothesis& h, const std::vector<Position>& positions) const;
 
     const MachineModel& machine_;
     const std::vector<Evidence>& evidence_;

@@ -37,7 +37,7 @@ std::optional<SimulatedSignals> simulated_signals(const MachineModel& machine, c
     const double bound = 100 * std::max({std::abs(*low), std::abs(*high), *high - *low});
     // In parts, so that an unstable loop is left early, and one whose parameters make it far stiffer than a sampled loop.
     constexpr long part = 500;
-    constexpr long max_steps = 60; // per sample; machines as they are take one to ten
+    constexpr long max_steps = 25; // per sample; machines as they are take one to ten
     const auto last = static_cast<long>(measurement.size()) - 1;
     for (long k = 0; k != last;) {
         k = std::min(k + part, last);

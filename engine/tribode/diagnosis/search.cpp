@@ -38,6 +38,8 @@ constexpr double followed = 1.5;          // chi square per sample up to which a
 // Chi square per sample up to which noise explains the remaining error of a settled hypothesis: a few seeds show only
 // roughly how far noise spreads the simulated paths, and the beginning was followed.
 constexpr double settled_limit = 3;
+// Chi square by that of a hypothesis to which noise alone is left, above which another one is no rival.
+constexpr double hopeless = 1.5;
 constexpr double shows = 8; // whitened errors of noise alone are seldom half as large
 
 std::size_t count(const std::vector<Evidence>& records) {
@@ -62,6 +64,10 @@ class Search {
           control_(control) {
         result_.fitted = std::move(fitted);
         result_.validation = std::move(validation);
+        std::size_t number = 0;
+        for (auto* records : {&result_.fitted, &result_.validation}) {
+            for (auto& record : *records) record.number = number++;
+        }
     }
 
     SearchResult run() {
@@ -216,6 +222,14 @@ class Search {
 
     bool late() const { return std::chrono::steady_clock::now() > deadline_; }
 
+    // Chi square is that of noise: there is nothing to gain any more.
+    bool is_noise(const Scored& one) const {
+        double spread = 0;
+        for (const auto& record : all_) spread = std::max(spread, record.floor.spread);
+        const double n = static_cast<double>(count(all_));
+        return one.together.within_tolerance() && one.together.chi_square < n * (1 + 2 * std::sqrt(2 / n) + spread);
+    }
+
     bool adequate(const Scored& one) const { return result_.explained_by_noise(one); }
 
     void refine(Hypothesis& h, const std::vector<Evidence>& records, int iterations, unsigned workers,
@@ -331,10 +345,11 @@ class Search {
     // effect they may stay there, since the way back gains little or leads over a ridge. All is fitted again from the
     // user's values.
     void straighten(Scored& one) const {
-        if (one.together.sum_of_squares() == 0) return;
+        if (one.together.sum_of_squares() == 0 || is_noise(one)) return;
         Hypothesis again = one.together;
         std::ranges::fill(again.nominal, 0.0);
         again.converged = false;
+        again.slopes.clear();
         grow(again, control_.workers);
         Scored straight = scored(std::move(again));
         if (straight.score < one.score) one = std::move(straight);
@@ -360,12 +375,18 @@ class Search {
     void reassess(std::vector<Scored>& pool) const {
         RunControl quiet;
         quiet.workers = control_.workers;
+        for (auto& one : pool) one = scored(std::move(one.together)); // by the new floors
+        rank(pool);
+        const bool enough = adequate(pool.front());
+        const double far = hopeless * pool.front().together.chi_square;
         for_each_index(pool.size(), quiet, "", [&](std::size_t i) {
+            if (enough && pool[i].together.chi_square > far) return;
             refine(pool[i].together, all_, 6, 1);
             pool[i] = scored(std::move(pool[i].together));
         });
         rank(pool);
         for (std::size_t i = 0; i < std::min<std::size_t>(pool.size(), 2) && !late(); ++i) {
+            if (i > 0 && enough && pool[i].together.chi_square > far) break;
             straighten(pool[i]);
             prune(pool[i]);
         }
@@ -444,7 +465,7 @@ class Search {
             if (running.empty()) return {};
         }
         // On all records. A hypothesis that covers less than a tenth of its distance to the best one in a round is not
-        // refined further.
+        // refined further; nor one that is far from a best one to which noise alone is left, or only another way to it.
         std::vector<char> stalled(running.size(), false);
         for (int round = 0; round < 8; ++round) {
             std::vector<double> before;
@@ -455,12 +476,27 @@ class Search {
             go_on();
             if (late()) break;
             for (const auto& h : running) best = std::min(best, h.chi_square);
+            const auto first = std::ranges::min_element(running, {}, &Hypothesis::chi_square);
+            const bool enough = first != running.end() && adequate(scored(*first));
             bool moving = false;
             for (std::size_t i = 0; i < running.size(); ++i) {
                 const double distance = running[i].chi_square - best;
+                if (enough && &running[i] != &*first) {
+                    const bool far = running[i].chi_square > hopeless * first->chi_square;
+                    const bool same = &running[i].effects.back()->kind() == &first->effects.back()->kind() &&
+                                      running[i].parameter_count() >= first->parameter_count();
+                    stalled[i] = stalled[i] || far || same;
+                }
                 // The first round came from another set of records.
                 const bool slow = round > 0 && distance > 100 && before[i] - running[i].chi_square < 0.1 * distance;
                 stalled[i] = stalled[i] || running[i].converged || !std::isfinite(distance) || slow;
+                // Of an effect from several starts, one that stays behind is in a local minimum.
+                stalled[i] =
+                    stalled[i] || (round > 0 && std::ranges::any_of(running, [&](const Hypothesis& other) {
+                                       return &other.effects.back()->kind() == &running[i].effects.back()->kind() &&
+                                              other.parameter_count() <= running[i].parameter_count() &&
+                                              1.2 * other.chi_square < running[i].chi_square;
+                                   }));
                 moving = moving || !stalled[i];
             }
             if (!moving) break;
@@ -541,7 +577,7 @@ class Search {
             for (auto& h : points) {
                 go_on();
                 if (late()) return {};
-                h.chi_square = fit.chi_square(h);
+                fit.evaluate(h);
             }
             keep_best(points, count, 1e300);
             for (auto& h : points) refine(h, part, iterations, 1);
@@ -569,13 +605,13 @@ class Search {
                 for (std::size_t i = 0; i < before.size(); ++i) {
                     h.standard_errors[i] = std::hypot(h.standard_errors[i], h.values[i] - before[i]);
                 }
-                h.chi_square = lead.chi_square(h);
+                lead.evaluate(h);
                 h.settled = true;
                 return {h};
             }
             if (first + samples >= record.measurement.size()) break;
         }
-        for (auto& h : points) h.chi_square = lead.chi_square(h);
+        for (auto& h : points) lead.evaluate(h);
         keep_best(points, candidate->tried, 1e300);
         return points;
     }
@@ -594,7 +630,7 @@ class Search {
             for (auto& h : points) refine(h, part, 6, 1);
         }
         const ModelFit lead(machine_, lead_records_);
-        for (auto& h : points) h.chi_square = lead.chi_square(h);
+        for (auto& h : points) lead.evaluate(h);
         // A mode that is excited late only shows on the whole.
         for (auto& h : starts_of(base, candidate, lead)) points.push_back(std::move(h));
         std::erase_if(points, [](const Hypothesis& h) { return !std::isfinite(h.chi_square); });
@@ -630,21 +666,30 @@ class Search {
                     const auto there = fit.errors(h);
                     if (there.empty()) continue;
                     // The size that fits best if the response is in proportion to it.
-                    double across = 0, square = 0;
+                    double across = 0, square = 0, whole = 0;
                     for (std::size_t k = 0; k < gap.size(); ++k) {
                         const double response = gap[k] - there[k];
                         across += response * gap[k];
                         square += response * response;
+                        whole += gap[k] * gap[k];
                     }
                     if (!(square > 0) || across <= 0) continue;
                     const std::size_t index = base.values.size() + *candidate->size;
                     const FitParameter& p = candidate->parameters[*candidate->size];
-                    h.values[index] =
-                        std::clamp(h.values[index] * std::clamp(across / square, 0.01, 30.0), p.low, p.high);
+                    const double start = h.values[index];
+                    h.values[index] = std::clamp(start * std::clamp(across / square, 0.01, 30.0), p.low, p.high);
+                    const double times = h.values[index] / start;
+                    h.chi_square = whole - 2 * times * across + times * times * square;
+                } else {
+                    fit.evaluate(h);
                 }
-                h.chi_square = fit.chi_square(h);
                 if (std::isfinite(h.chi_square)) points.push_back(std::move(h));
             }
+        }
+        if (!gap.empty()) {
+            // The best of them by that, simulated.
+            keep_best(points, 2 * candidate->tried, 1e300);
+            for (auto& h : points) fit.evaluate(h);
         }
         keep_best(points, candidate->tried, 1e300);
         return points;
