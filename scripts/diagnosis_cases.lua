@@ -327,11 +327,19 @@ local draw = {
     end
     return { harmonics = list }
   end,
+  -- A turn within the stroke is that of a ripple, one of many strokes bends no more than a spring.
+  gravity = function(s)
+    return { F = s.level * uniform(0.5, 2), turn_m = s.stroke * uniform(1.2, 3), phase = phase() }
+  end,
   constant_force = function(s) return { F = either(s.level * uniform(0.15, 0.7)) } end,
   spring_force = function(s)
     return { k = s.level * uniform(0.3, 2) / s.stroke, y0 = chance(0.5) and 0.0 or uniform(s.low, s.high) }
   end,
   cubic_stiffness = function(s) return { k3 = s.level * uniform(0.5, 4) / (s.stroke / 2) ^ 3, y0 = 0.0 } end,
+  power_drag = function(s)
+    local exponent = pick { uniform(1.3, 1.7), uniform(2.5, 3.2) }
+    return { c = s.level * uniform(0.4, 2) / s.speed ^ exponent, exponent = exponent }
+  end,
   quadratic_drag = function(s) return { c = s.level * uniform(0.3, 2) / s.speed ^ 2 } end,
   periodic_disturbance = function(s)
     return { F = s.level * uniform(0.1, 0.5), freq_hz = spread(1, 60), phase = phase() }
@@ -342,6 +350,12 @@ local draw = {
       contact_zeta = uniform(0.05, 0.3), sensor = pick { "motor", "load" } }
   end,
   dead_zone = function(s) return { half_width = s.level * uniform(0.1, 0.4) } end,
+  thrust_power_law = function(s)
+    return { exponent = pick { uniform(0.7, 0.9), uniform(1.15, 1.5) }, size = s.thrust * uniform(0.7, 1.1) }
+  end,
+  load_dependent_friction = function(s)
+    return { share = uniform(0.08, 0.4), reach = s.stroke * spread(2e-3, 2e-2) }
+  end,
   thrust_saturation = function(s) return { limit = s.thrust * uniform(0.5, 0.85) } end,
   thrust_gain = function() return { gain = chance(0.5) and uniform(0.75, 0.92) or uniform(1.08, 1.25) } end,
   payload_mass = function() return { ratio = chance(0.7) and uniform(0.08, 0.6) or -uniform(0.08, 0.25) } end,

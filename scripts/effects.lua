@@ -25,9 +25,9 @@ local groups = {
     "presliding_hysteresis", "asymmetric_friction", "position_dependent_friction", "time_varying_friction" } },
   { name = "laws", thrust = true, effects = { "dahl_friction", "lugre_friction", "bouc_wen_friction",
     "gms_friction", "leuven_friction", "load_dependent_friction" } },
-  { name = "forces", thrust = true, effects = { "force_ripple", "constant_force", "spring_force", "cubic_stiffness",
-    "quadratic_drag", "periodic_disturbance" } },
-  { name = "amplifier", effects = { "dead_zone", "thrust_saturation", "thrust_gain" } },
+  { name = "forces", thrust = true, effects = { "force_ripple", "gravity", "constant_force", "spring_force",
+    "cubic_stiffness", "power_drag", "quadratic_drag", "periodic_disturbance" } },
+  { name = "amplifier", effects = { "dead_zone", "thrust_power_law", "thrust_saturation", "thrust_gain" } },
   { name = "dynamics", effects = { "backlash", "payload_mass", "input_delay", "actuator_lag", "resonant_mode" } },
   { name = "encoder", effects = { "encoder_quantization", "encoder_periodic_error" } },
 }

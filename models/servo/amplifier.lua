@@ -1,6 +1,7 @@
 -- The amplifier of a servo axis: its curve, the hold with the dead time before it, the current loop.
 --
---   w = clip(u, -limit, limit);  gain (w -+ half_width) beyond the dead zone, 0 in it
+--   w = clip(u, -limit, limit);  gain power(w -+ half_width) beyond the dead zone, 0 in it
+--   power(w) = size (abs(w)/size)^exponent sign(w)
 --   u[k] acts from k Ts + delay on;   thrust' = 2 pi lag_hz (held - thrust), or thrust = held
 --
 -- The dead time is the offset of the sample clock; whole samples of it are places in a row, u1, u2, … Without a hold
@@ -17,7 +18,8 @@ local function split(delay, period)
   return whole, delay - whole * period
 end
 
--- period [s], delay [s], lag_hz (0: none), limit [N] (nil: none), half_width [N], gain, continuous
+-- period [s], delay [s], lag_hz (0: none), limit [N] (nil: none), half_width [N], exponent and size [N] of the power
+-- law (nil: none), gain, continuous
 return function(settings)
   local whole, rest = split(settings.delay, settings.period)
   local function curve(u)
@@ -25,6 +27,9 @@ return function(settings)
     if settings.limit then w = math.max(-settings.limit, math.min(settings.limit, w)) end
     if settings.half_width > 0 then
       w = tb.where(tb.less(w, 0), -1, 1) * math.max(math.abs(w) - settings.half_width, 0)
+    end
+    if settings.exponent then
+      w = tb.where(tb.less(w, 0), -1, 1) * settings.size * (math.abs(w) / settings.size) ^ settings.exponent
     end
     return settings.gain * w
   end

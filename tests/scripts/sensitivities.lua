@@ -226,6 +226,7 @@ effect("resonant_mode", { gain = 0.01, freq_hz = 60, zeta = 0.02 }, { "gain", "f
 effect("spring_force", { k = 300 }, { "k" })
 effect("spring_force", { k = 0 }, { { "k", step = 10, two_sided = true } })
 effect("thrust_gain", { gain = 1.2 }, { "gain" })
+effect("thrust_power_law", { exponent = 1.3, size = 15 }, { "exponent", "size" })
 effect("thrust_saturation", { limit = 8 }, { "limit" })
 effect("viscous_friction", { dD = 40 }, { "dD" })
 for _, sensor in ipairs { "motor", "load" } do

@@ -69,7 +69,7 @@ void SensitiveServoSystem::add_group(std::vector<ServoDirection> directions) con
         group.has_noise = group.has_noise || numbers.noise_rms != 0;
         group.has_process_noise = group.has_process_noise || numbers.process_noise_rms != 0;
         group.is_amplified = group.is_amplified || amplifier_.shapes() || amplifier.limit != 0 ||
-                             amplifier.half_width != 0 || amplifier.gain != 0;
+                             amplifier.half_width != 0 || amplifier.gain != 0 || amplifier.exponent != 0;
     }
     group.by = std::move(directions);
     run_->groups.push_back(std::move(group));
@@ -389,8 +389,12 @@ double SensitiveServoSystem::amplified(const Amplifier& a_by, double u, double b
     const double w = std::clamp(u, -a.limit, a.limit), w_by = clipped(u, by, a.limit, a_by.limit);
     const double beyond = std::abs(w) - a.half_width;
     if (beyond <= 0) return 0;
-    const double towards = std::copysign(1.0, w);
-    return towards * (a_by.gain * beyond + a.gain * (towards * w_by - a_by.half_width));
+    const double towards = std::copysign(1.0, w), beyond_by = towards * w_by - a_by.half_width;
+    if (a.exponent == 1 && a_by.exponent == 0) return towards * (a_by.gain * beyond + a.gain * beyond_by);
+    const double share = beyond / a.size, power = std::pow(share, a.exponent);
+    const double power_by = a.exponent * power / share * beyond_by + a_by.size * (1 - a.exponent) * power +
+                            a.size * power * std::log(share) * a_by.exponent;
+    return towards * (a_by.gain * a.size * power + a.gain * power_by);
 }
 
 } // namespace tribode

@@ -24,7 +24,7 @@ struct ServoNumbers {
     static void each(auto& n, const auto& act) {
         for (auto* number : {&n.sample_time, &n.encoder_resolution, &n.output_delay, &n.input_delay, &n.noise_rms,
                              &n.process_noise_rms, &n.amplifier.limit, &n.amplifier.half_width, &n.amplifier.gain,
-                             &n.start.position, &n.start.velocity}) {
+                             &n.amplifier.exponent, &n.amplifier.size, &n.start.position, &n.start.velocity}) {
             act(*number);
         }
         for (auto& error : n.encoder_errors) {

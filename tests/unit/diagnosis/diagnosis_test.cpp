@@ -60,6 +60,30 @@ TEST(Diagnosis, AHiddenRippleIsNamedWithItsPitch) {
     EXPECT_NEAR(d.effects[0].parameters["harmonics"][0]["F"].get<double>(), 1.2, 0.02);
 }
 
+// Effects as rotary machines have them, and their neighbors, which have fewer parameters and so must come first.
+TEST(Diagnosis, AnArmAFanAValveAndAGearAreFoundAndNotTakenForTheirNeighbors) {
+    struct Case {
+        const char *name, *parameters;
+        std::vector<std::pair<const char*, double>> values;
+    };
+    for (const auto& [name, parameters, values] : std::vector<Case>{
+             {"gravity", R"({"F": 6, "turn_m": 0.03, "phase": 0.5})", {{"F", 6}, {"turn_m", 0.03}, {"phase", 0.5}}},
+             {"power_drag", R"({"c": 40, "exponent": 1.5})", {{"c", 40}, {"exponent", 1.5}}},
+             {"thrust_power_law", R"({"exponent": 1.3, "size": 12})", {{"exponent", 1.3}, {"size", 12}}},
+             {"load_dependent_friction", R"({"share": 0.2, "reach": 2e-4})", {{"share", 0.2}, {"reach", 2e-4}}},
+             {"spring_force", R"({"k": 300, "y0": 0.004})", {{"k", 300}, {"y0", 0.004}}},
+             {"quadratic_drag", R"({"c": 400})", {{"c", 400}}},
+             {"dead_zone", R"({"half_width": 0.6})", {{"half_width", 0.6}}},
+             {"constant_force", R"({"F": 1.5})", {{"F", 1.5}}}}) {
+        const Json hidden = {{"name", name}, {"parameters", Json::parse(parameters)}};
+        const Diagnosis d = diagnosed(Json::array({hidden}));
+        ASSERT_EQ(d.verdict, "effect_found") << name;
+        ASSERT_EQ(d.effects[0].name, name);
+        for (const auto& [parameter, truth] : values) expect_parameter(d.effects[0], parameter, truth);
+        EXPECT_LT(d.validation_gap.after, 1.2 * d.validation_gap.floor) << name;
+    }
+}
+
 TEST(Diagnosis, ABacklashIsFoundThoughNoiseDecidesWhereTheBodiesMeet) {
     Json truth = small_axis();
     truth["friction"]["coulomb"] = 0;

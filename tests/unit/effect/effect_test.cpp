@@ -148,6 +148,23 @@ TEST(Effect, saturation_dead_zone_and_gain_act_in_this_order) {
     EXPECT_EQ(axis.amplifier.slope(5), 2);
 }
 
+TEST(Effect, a_power_law_of_the_thrust_is_steep_as_it_says_and_there_once) {
+    ServoAxis axis;
+    const auto law = read(R"({"name": "thrust_power_law", "parameters": {"exponent": 2, "size": 10}})");
+    law.apply(axis);
+    EXPECT_DOUBLE_EQ(axis.amplifier(5), 2.5);
+    EXPECT_DOUBLE_EQ(axis.amplifier(-20), -40);
+    EXPECT_DOUBLE_EQ(axis.amplifier.slope(5), 1);
+    EXPECT_DOUBLE_EQ(axis.amplifier.slope(-5), 1);
+    EXPECT_THROW(law.apply(axis), InputError);
+    // Between dead zone and gain.
+    read(R"({"name": "thrust_gain", "parameters": {"gain": 3}})").apply(axis);
+    read(R"({"name": "dead_zone", "parameters": {"half_width": 1}})").apply(axis);
+    EXPECT_DOUBLE_EQ(axis.amplifier(6), 7.5);
+    EXPECT_DOUBLE_EQ(axis.amplifier.slope(6), 3);
+    EXPECT_EQ(axis.amplifier(0.5), 0);
+}
+
 // The page's tables stand between two lines of comments. The variable writes them anew.
 TEST(Effect, the_tables_of_its_page_are_those_of_the_code) {
     const std::string page = TRIBODE_SOURCE_DIR "/docs/effects.md";

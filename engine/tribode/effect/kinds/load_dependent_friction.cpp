@@ -1,6 +1,7 @@
 #include "tribode/effect/candidate.hpp"
 #include "tribode/effect/directed_law.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 
@@ -59,6 +60,17 @@ m.add_force {
   force = function(s, own) return -p.share * tb.no_event(math.abs(s.thrust)) * own.z / p.reach end,
 }
 )lua",
+    .forms = [](const Clues& c) -> std::vector<EffectForm> {
+        Signal shape(c.force.size());
+        for (std::size_t k = 0; k < shape.size(); ++k) shape[k] = -c.direction[k] * std::abs(c.residual.thrust[k]);
+        const double share = std::clamp(regress({shape}, c.force).coefficients[0], 0.01, 0.8);
+        // Shorter than what the axis moves in a sample, it is at once.
+        const double shortest = std::max(1e-7, 0.3 * c.max_speed * c.sample_time);
+        const auto reach_of = [&](double strokes) { return std::max(strokes * c.stroke, 2 * shortest); };
+        return {{.parameters = {factor("share", 1e-4, 2), factor("reach", shortest, std::max(c.stroke, 10 * shortest))},
+                 .starts = {{share, reach_of(0.003)}, {share, reach_of(0.03)}}}};
+    },
+    .fit_order = 55,
     .is_friction_law = true,
 };
 
