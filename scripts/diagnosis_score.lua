@@ -123,6 +123,9 @@ local function judge(name, failure)
   local truth = tb.read_json { file = folder .. "/" .. name .. "/truth.json" }
   local c = { case = name, truth = {}, accept = truth.accept, named = {}, rivals = {}, deviations = {} }
   for i, effect in ipairs(truth.effects) do c.truth[i] = effect.name end
+  -- Whether the description is wrong besides: friction of another structure, fields off, forces that are noise.
+  local nominal = tb.read_json { file = folder .. "/" .. name .. "/nominal.json" }
+  c.model_error = truth.model_error ~= nil or nominal.tolerance ~= nil or (nominal.process_noise_rms_N or 0) > 0
   c.known = c.truth[1] ~= "none" and c.truth[1] ~= "unknown"
   if failure then
     c.verdict, c.probability, c.right, c.failure = "refused", 0, false, failure
@@ -184,12 +187,14 @@ local function told(s) return s.of == 0 and "none to count" or string.format("%d
 
 local function summary_of(cases)
   local function named(c) return c.known and #c.named > 0 end
-  local numbers, within, largest = 0, 0, {}
+  local numbers, within, largest, covered = 0, 0, {}, { 0, 0 }
   local seconds = {}
   for _, c in ipairs(cases) do
     for _, z in ipairs(c.deviations) do
       numbers = numbers + 1
       if z <= 3 then within = within + 1 end
+      if z <= 1 then covered[1] = covered[1] + 1 end
+      if z <= 1.645 then covered[2] = covered[2] + 1 end
       if not largest[c] or z > largest[c] then largest[c] = z end
     end
     seconds[#seconds + 1] = c.seconds
@@ -201,9 +206,15 @@ local function summary_of(cases)
     nothing_missing = share(cases, function(c) return c.truth[1] == "none" end, function(c) return c.right end),
     unknown = share(cases, function(c) return c.truth[1] == "unknown" end, function(c) return c.right end),
     confident_wrong = share(cases, function() return true end, function(c) return c.wrong_and_sure end),
+    -- All kinds of answers, by whether the model is wrong besides.
+    exact_models = share(cases, function(c) return not c.model_error end, function(c) return c.right end),
+    wrong_models = share(cases, function(c) return c.model_error end, function(c) return c.right end),
     both = share(cases, function(c) return #c.truth == 2 end, function(c) return c.both end),
     gap = share(cases, named, function(c) return c.after <= 1.5 end),
     parameters = { count = within, of = numbers, share = numbers > 0 and within / numbers or nil },
+    -- Of normal errors 0.68 lie within one standard error and 0.90 within 1.645.
+    coverage = { of = numbers, one = numbers > 0 and covered[1] / numbers or nil,
+      ninety = numbers > 0 and covered[2] / numbers or nil },
     all_parameters = share(cases, function(c) return largest[c] end, function(c) return largest[c] <= 3 end),
     seconds = { median = seconds[(#seconds + 1) // 2], longest = seconds[#seconds],
       below_60 = share(cases, function(c) return c.seconds end, function(c) return c.seconds < 60 end) },
@@ -329,10 +340,14 @@ local function show(cases, summary, bins)
     "nothing missing, and said so: " .. told(summary.nothing_missing),
     "none of the known effects, and not named with one: " .. told(summary.unknown),
     "wrong name with a probability above 0.8: " .. told(summary.confident_wrong),
+    "right answers where the model is exact: " .. told(summary.exact_models) .. "; where it is wrong besides: "
+      .. told(summary.wrong_models),
     "both of two effects named: " .. told(summary.both),
     "gap at most 1.5 times the floor on the validation record, where an effect was named: " .. told(summary.gap),
     "parameters within three standard errors: " .. told(summary.parameters) .. "; all those of a case: "
       .. told(summary.all_parameters),
+    string.format("of %d parameters %.0f %% within one standard error (of normal errors 68), %.0f %% within 1.645 (90)",
+      summary.coverage.of, 100 * (summary.coverage.one or 0 / 0), 100 * (summary.coverage.ninety or 0 / 0)),
     string.format("time on one thread: %.0f s in the median, %.0f s at most; below a minute: %s",
       summary.seconds.median or 0 / 0, summary.seconds.longest or 0 / 0, told(summary.seconds.below_60)),
   }
