@@ -1,12 +1,14 @@
--- How often a diagnosis of a system is right: random systems of five kinds with a hidden term, with a hidden change of
+-- How often a diagnosis of a system is right: random systems of seven kinds with a hidden term, with a hidden change of
 -- the input's path, with none, or with a term that the library does not have. Records are simulated with noise; the
--- model that is diagnosed has parameters that are off by up to 20 %. Counts right names, false alarms, confident wrong
--- names, how far the gap shrinks, and how often answers of a probability are right. Where an answer is undecided the
--- record that it asks for is simulated, and the diagnosis repeated with it.
+-- model that is diagnosed has parameters that are off by up to 20 %, and a share of the systems (-D disturbed) is moved
+-- by a random force that the model does not have, by as much as the noise of the sensor. Counts right names, false
+-- alarms, confident wrong names, how far the gap shrinks, and how often answers of a probability are right. Where an
+-- answer is undecided the record that it asks for is simulated, and the diagnosis repeated with it.
 --
 -- A case counts only if what is hidden moves the output by six times the noise on the first record and three times on
--- the second one. A force that has no name is a polynomial, a product, a threshold or has memory; it is found if the
--- formula predicts the validation record with at most twice the noise.
+-- the second one. Gaps are relative to what the true system leaves of the record: noise, and what the random force
+-- does. A force that has no name is a polynomial, a product, a threshold or has memory; it is found if the formula
+-- leaves at most twice as much.
 --
 --   tribode run scripts/system_diagnosis_cases.lua -D count=50 -D seed=1 -o results/system_cases
 --
@@ -19,6 +21,8 @@ local option = tb.options {
   count = { default = tb.quick and 5 or 50, help = "how many cases" },
   seed = { default = 1, help = "of all random numbers" },
   only = { default = "all", help = "all, unknown (forces of no name), named or none" },
+  disturbed = { default = 0.5, help = "share of the systems with a random force" },
+  kind = { default = "", help = "only systems of this kind, e.g. coupling" },
   budget = { default = 120, help = "seconds of processor time for each diagnosis" },
   first = { default = 1, help = "the first case, to go on after an interruption; cases do not depend on each other" },
 }
@@ -61,6 +65,38 @@ local kinds = {
       { { "cubic_stiffness" }, function(s) return s.h * 2 * s.x ^ 3 end },
       { { "coulomb_friction" }, function(s) return s.h * 0.5 * tb.tanh(s.v / 0.02) end },
       { { "square" }, function(s) return s.h * 1.5 * s.x * s.x end },
+    },
+  },
+  {
+    -- Two masses; the load is measured. Hidden is a part of the coupling, or friction of the motor.
+    name = "coupling", period = 0.02, parameters = { k = 60, c = 0.6, i = 8, m = 0.7 },
+    states = { x1 = 0, v1 = 0, x2 = 0, v2 = 0 }, of = { "v1", "u" }, sizes = { 2, 1 }, force = 2, output = "x2",
+    der = function(s, hidden, change)
+      local bend = s.x1 - s.x2
+      local torque = s.k * (change and change(bend, s) or bend) + s.c * (s.v1 - s.v2)
+      return { x1 = s.v1, v1 = s.i * s.u - torque - 0.8 * s.v1 - 2 * s.x1 - hidden, x2 = s.v2, v2 = s.m * torque }
+    end,
+    hidden = {
+      { { "backlash" }, change = function(bend, s)
+        return bend - math.min(math.max(bend, -0.02 * s.h), 0.02 * s.h)
+      end },
+      { { "cubic_stiffness", "cubic" }, change = function(bend, s) return bend + s.h * 150 * bend ^ 3 end },
+      { { "coulomb_friction" }, function(s) return s.h * 1.2 * tb.tanh(s.v1 / 0.05) end },
+    },
+  },
+  {
+    -- A position loop; the error may be limited before it drives.
+    name = "loop", period = 0.02, parameters = { k = 60, d = 8 }, states = { q = 0, v = 0 },
+    of = { "q", "v" }, sizes = { 1, 4 }, force = 8, output = "q",
+    der = function(s, hidden, change)
+      local e = s.u - s.q
+      return { q = s.v, v = s.k * (change and change(e, s) or e) - s.d * s.v - hidden }
+    end,
+    hidden = {
+      { { "saturation" }, change = function(e, s) return math.min(math.max(e, -0.4 * s.h), 0.4 * s.h) end },
+      { { "dead_zone" }, change = function(e, s) return e - math.min(math.max(e, -0.1 * s.h), 0.1 * s.h) end },
+      { { "coulomb_friction" }, function(s) return s.h * 3 * tb.tanh(s.v / 0.03) end },
+      { { "gravity", "force_ripple" }, function(s) return s.h * 10 * math.sin(s.q) end },
     },
   },
   {
@@ -122,25 +158,29 @@ local paths = {
 }
 
 -- What is hidden is a path of the input, a named term, or `force` without a name.
-local function system_of(kind, parameters, hidden)
+local function system_of(kind, parameters, hidden, disturbed)
   local states = kind.states
   if hidden and hidden.force then
     states = { z = 0 } -- follows the first variable with a lag of ten samples
     for name, start in pairs(kind.states) do states[name] = start end
   end
+  local inputs = { u = 0 }
+  if disturbed then inputs.n = 0 end
   return tb.system {
-    name = kind.name, parameters = parameters, inputs = { u = 0 }, states = states,
+    name = kind.name, parameters = parameters, inputs = inputs, states = states,
     der = function(s)
-      if not hidden then return kind.der(s, 0) end
+      local force = disturbed and -s.n or 0
+      if not hidden then return kind.der(s, force) end
+      if hidden.change then return kind.der(s, force, hidden.change) end
       if hidden.force then
         local x, y = s[kind.of[1]] / kind.sizes[1], s[kind.of[2]] / kind.sizes[2]
-        local rates = kind.der(s, s.h * kind.force * hidden.force(s, x, y))
+        local rates = kind.der(s, force + s.h * kind.force * hidden.force(s, x, y))
         rates.z = (x - s.z) / (10 * kind.period)
         return rates
       end
-      if not hidden.path then return kind.der(s, hidden[2](s)) end
+      if not hidden.path then return kind.der(s, force + hidden[2](s)) end
       local u = hidden.path(s, kind)
-      return kind.der(setmetatable({}, { __index = function(_, name) return name == "u" and u or s[name] end }), 0)
+      return kind.der(setmetatable({}, { __index = function(_, name) return name == "u" and u or s[name] end }), force)
     end,
   }
 end
@@ -160,9 +200,10 @@ local function inputs_at_random(kind)
   return u
 end
 
-local function simulated(kind, system, u)
+local function simulated(kind, system, u, n)
   local run = tb.run_system { system = system, duration_s = (#u - 1) * kind.period, output_step_s = kind.period,
-    inputs = { u = { sample_time_s = kind.period, values = u } } }
+    inputs = { u = { sample_time_s = kind.period, values = u },
+      n = n and { sample_time_s = kind.period, values = n } } }
   return run.ok and run.values[kind.output] or nil, run
 end
 
@@ -182,9 +223,20 @@ local function is_visible(kind, truth, without, u, least)
   return high - low < 1e3 and rms_between(y, other) > least * (high - low)
 end
 
--- noise: of the output, negative relative to its range.
-local function record(kind, system, file, noise, stream, u)
-  local y, run = simulated(kind, system, u)
+-- A random force with a correlation of twenty samples.
+local function random_force(stream, size)
+  local n, now = {}, 0
+  for k = 1, samples do
+    now = 0.95 * now + 0.312 * tb.standard_normal(math.floor(option.seed), 500000 + stream, k)
+    n[k] = size * now
+  end
+  return n
+end
+
+-- noise: of the output, negative relative to its range. size: of the random force, 0: none. Returns the noise, and what
+-- the true system without the random force leaves of the record, rms.
+local function record(kind, system, file, noise, stream, u, size)
+  local y, run = simulated(kind, system, u, size > 0 and random_force(stream, size) or nil)
   if not y then error(run.message, 0) end
   if noise < 0 then
     local low, high = math.huge, -math.huge
@@ -194,7 +246,7 @@ local function record(kind, system, file, noise, stream, u)
   for k = 1, #u do y[k] = y[k] + noise * tb.standard_normal(math.floor(option.seed), stream, k) end
   tb.write_csv { file = file, columns = { { name = "t", unit = "s", values = run.t }, { name = "u", values = u },
     { name = kind.output, values = y } } }
-  return noise
+  return noise, rms_between(y, (simulated(kind, system, u)))
 end
 
 local function names_right(accept, result)
@@ -221,9 +273,13 @@ end
 local confusion, truths, answers = {}, {}, {}
 for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
   case, draws = n, 0
-  local kind, hidden, true_parameters, nominal, u, truth
+  local kind, hidden, true_parameters, nominal, u, truth, disturbed
   repeat -- until what is hidden shows
     kind = choice(kinds)
+    for _, one in ipairs(kinds) do
+      if one.name == option.kind then kind = one end
+    end
+    disturbed = random() < option.disturbed
     local fate = random()
     if option.only == "unknown" then fate = 0.9 end
     if option.only == "none" then fate = 0 end
@@ -247,13 +303,23 @@ for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
     end
     true_parameters.h = between(0.5, 1.5)
     u = { inputs_at_random(kind), inputs_at_random(kind) }
-    truth = system_of(kind, true_parameters, hidden)
+    truth = system_of(kind, true_parameters, hidden, disturbed)
     local without = system_of(kind, true_parameters)
   until not hidden or (is_visible(kind, truth, without, u[1], 6 * 0.003) and
     is_visible(kind, truth, without, u[2], 3 * 0.003))
   local folder = string.format("case_%03d", n)
-  local noise = record(kind, truth, folder .. "_ident.csv", -0.003, 10 * n, u[1])
-  record(kind, truth, folder .. "_valid.csv", noise, 10 * n + 1, u[2])
+  -- The force moves the first record by as much as the noise.
+  local size = 0
+  if disturbed then
+    local plain = simulated(kind, truth, u[1])
+    local low, high = math.huge, -math.huge
+    for k = 1, #plain do low, high = math.min(low, plain[k]), math.max(high, plain[k]) end
+    local small = 1e-3 * kind.force
+    local moved = rms_between(plain, simulated(kind, truth, u[1], random_force(10 * n, small)))
+    size = small * 0.003 * (high - low) / moved
+  end
+  local noise = record(kind, truth, folder .. "_ident.csv", -0.003, 10 * n, u[1], size)
+  local _, left = record(kind, truth, folder .. "_valid.csv", noise, 10 * n + 1, u[2], size)
   local common = { system = system_of(kind, nominal), data = { folder .. "_ident.csv" },
     validate = { folder .. "_valid.csv" }, budget_s = option.budget, folder = folder }
   local result = tb.diagnose_system(common)
@@ -262,25 +328,27 @@ for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
   local accept = hidden and hidden[1] or { "none" }
   local answer
   local gap = result.gap.validate
+  left = math.max(left, gap.floor)
   score.cases = score.cases + 1
   score.seconds = score.seconds + result.seconds
   score.out_of_time = score.out_of_time + (result.out_of_time and 1 or 0)
   if not hidden then
-    answer = result.verdict == "nothing_missing"
+    -- A random force is something missing; but it has no name.
+    answer = not effect and (disturbed or result.verdict == "nothing_missing")
     score.none, score.none_right = score.none + 1, score.none_right + (answer and 1 or 0)
   elseif accept[1] == "unknown" then
     -- A sum of terms that predicts is a formula, whatever its terms are called; or no answer.
-    local predicts = gap.after <= 2 * gap.floor
+    local predicts = gap.after <= 2 * left
     answer = predicts or result.verdict ~= "effect_found"
     score.unknown, score.unknown_right = score.unknown + 1, score.unknown_right + (answer and 1 or 0)
     score.unknown_modeled = score.unknown_modeled + (predicts and 1 or 0)
   else
     answer = names_right(accept, result)
     score.named, score.first_right = score.named + 1, score.first_right + (answer and 1 or 0)
-    score.gap_within = score.gap_within + (gap.after <= 1.5 * gap.floor and 1 or 0)
+    score.gap_within = score.gap_within + (gap.after <= 1.5 * left and 1 or 0)
   end
   if effect then
-    local right = accept[1] == "unknown" and gap.after <= 2 * gap.floor or
+    local right = accept[1] == "unknown" and gap.after <= 2 * left or
       names_right(accept, { verdict = "", effects = result.effects })
     for i = #bins, 1, -1 do
       if probability >= bins[i].low then
@@ -299,7 +367,7 @@ for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
     if type(result.next_experiment) == "string" and #result.next_experiment > 0 then
       score.asked = score.asked + 1
       local next_record = tb.read_record { file = folder .. "/next_experiment.csv", columns = { t = "t", u = "u" } }
-      record(kind, truth, folder .. "_next.csv", noise, 10 * n + 2, next_record.data.u)
+      record(kind, truth, folder .. "_next.csv", noise, 10 * n + 2, next_record.data.u, size)
       common.data, common.folder = { folder .. "_ident.csv", folder .. "_next.csv" }, folder .. "_again"
       local again = tb.diagnose_system(common)
       local decided = again.verdict ~= "undecided" and names_right(accept, again)
@@ -313,9 +381,9 @@ for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
   if not answers[first] then answers[first], answers[#answers + 1] = true, first end
   confusion[row][first] = (confusion[row][first] or 0) + 1
   rows[#rows + 1] = { n, kind.name, table.concat(accept, " or "), result.verdict, first, probability,
-    gap.before / gap.floor, gap.after / gap.floor, result.seconds, answer and 1 or 0 }
+    gap.before / left, gap.after / left, result.seconds, answer and 1 or 0 }
   row = rows[#rows]
-  print(string.format("%3d %-10s %-30s %-16s %-24s %.2f  gap %.1f -> %.2f floors, %.0f s%s", n, kind.name, row[3],
+  print(string.format("%3d %-10s %-30s %-16s %-24s %.2f  gap %.1f -> %.2f, %.0f s%s", n, kind.name, row[3],
     result.verdict, first, probability, row[7], row[8], result.seconds, answer and "" or "  WRONG"))
 end
 score.reliability = {}

@@ -147,6 +147,17 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
     add_input_path(
         library, input, "delay", {{"time", lag, 0, 0.25 * library.duration, lag, "s"}}, {0},
         [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.g.make(Op::delay, u, p[0]); });
+    // Before the record the input may have been what it is where nothing is connected, and not its first value.
+    const auto& inputs = library.model.equations.inputs;
+    const auto own =
+        std::find_if(inputs.begin(), inputs.end(), [&](const auto& one) { return one.symbol == input.symbol; });
+    if (own == inputs.end() || input.values.empty() || own->value == input.values.front()) return;
+    add_input_path(library, input, "delay", {{"time", lag, 0, 0.25 * library.duration, lag, "s"}}, {0},
+                   [time = library.model.equations.time, begin = library.fit.records()[0].t.front(),
+                    before = own->value](const TermArithmetic& m, Equations&, Term u, const auto& p) {
+                       return m.where(m.less(m.subtract(time, p[0]), m.number(begin)), m.number(before),
+                                      m.g.make(Op::delay, u, p[0]));
+                   });
 }
 
 // What a sensor does to what it shows.
