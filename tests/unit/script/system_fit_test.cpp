@@ -1,7 +1,9 @@
 #include "tribode/diagnosis/lane_fit.hpp"
 #include "tribode/diagnosis/segments.hpp"
+#include "tribode/diagnosis/system_comparison.hpp"
 #include "tribode/diagnosis/system_fit.hpp"
 #include "tribode/diagnosis/system_next_experiment.hpp"
+#include "tribode/diagnosis/system_search.hpp"
 #include "tribode/script/system_file.hpp"
 #include "unit/script/temporary_folder.hpp"
 
@@ -291,6 +293,54 @@ TEST(LaneFit, EventsAreNoFixedSteps) {
         when = { { crossing = function(s) return s.h end, set = function(s) return { v = -0.8 * s.v } end } },
         outputs = function(s) return { y = s.h } end)");
     EXPECT_FALSE(FixedSteps::of(ball));
+}
+
+// y = c u with white noise of deviation s: c is known to s / sqrt(sum u^2), and a prediction is off by that times the input.
+TEST(SystemComparison, NoiseInFittedValuesIsOffInPredictionsByClosedForm) {
+    const TemporaryFolder folder;
+    const SystemModel model = model_of(folder, R"(
+        parameters = { c = 2 }, inputs = { u = 0 }, states = {}, der = function() return {} end,
+        outputs = function(s) return { y = s.c * s.u } end)");
+    const auto with_outputs = [](SystemRecord record) {
+        record.outputs.emplace_back();
+        for (const double u : record.inputs[0]) record.outputs[0].push_back(2 * u);
+        return record;
+    };
+    const auto fitted = with_outputs(record_of(80, 0.1, {[](double t) { return std::sin(t); }}));
+    const auto predicted = with_outputs(record_of(50, 0.1, {[](double t) { return 3 + t; }}));
+    const std::vector<SystemRecord> records = {fitted};
+    const double scale = 5, noise = 0.02; // noise: relative to the scale
+    const SystemFit fit(records, {scale}, Interpolation::linear, {80});
+    const auto covariance = fit.covariance(model, {2}, fit.errors(model, {2}), noise);
+    double squares = 0, later = 0;
+    for (const double u : fitted.inputs[0]) squares += u * u;
+    for (const double u : predicted.inputs[0]) later += u * u;
+    EXPECT_NEAR(covariance(0, 0), std::pow(noise * scale, 2) / squares, 1e-9);
+    const double expected = noise * scale * std::sqrt(later / 50 / squares);
+    EXPECT_NEAR(prediction_uncertainty(model, {2}, predicted, 0, {scale}, Interpolation::linear, covariance, noise),
+                expected, 1e-6 * expected);
+}
+
+// Of two models that leave noise alone the richer one wins if it gains more than its parameters cost and more than the best of
+// so many terms does by chance: n ln(ratio of squares) > parameters ln n + 2 terms ln(library).
+TEST(SystemCandidate, ARicherModelOfNoiseMustGainMoreThanChance) {
+    const std::size_t n = 400, library = 100;
+    const auto candidate = [&](double gain, std::size_t terms) {
+        SystemCandidate one{.model = {}};
+        one.library = library;
+        one.is_noise = true;
+        const double e = std::sqrt(std::exp(-gain / static_cast<double>(n)));
+        one.fitted.assign(300, e);
+        one.predicted.assign(100, -e);
+        for (std::size_t i = 0; i < terms; ++i) {
+            one.terms.push_back({.name = "linear", .equation = "der(x)", .of = "x", .parameters = {{.name = "a"}}});
+        }
+        return one;
+    };
+    const double price = std::log(400.0) + 2 * std::log(100.0);
+    const auto plain = candidate(0, 1);
+    EXPECT_GT(candidate(0.98 * price, 2).score(), plain.score());
+    EXPECT_LT(candidate(1.02 * price, 2).score(), plain.score());
 }
 
 // A linear damping and a quadratic one agree at the small input of the record. What separates them is a larger range of
