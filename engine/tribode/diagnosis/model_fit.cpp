@@ -27,7 +27,7 @@ Eigen::Map<const Eigen::VectorXd> mapped(const std::vector<double>& x) {
 // Numbers from which secants pay: below, differences cost no more than the steps they might spoil.
 constexpr Eigen::Index min_for_secants = 4;
 // A step that falls by less than this share of what the Jacobian promises shows that it is out of date.
-constexpr double kept_promise = 0.25;
+constexpr double min_promise_kept = 0.25;
 // Slopes of more entries are not kept [of 8 bytes].
 constexpr Eigen::Index max_kept = 4'000'000;
 constexpr std::size_t max_generations = 3; // of slopes: the first comes from the hypothesis without its last effect
@@ -356,7 +356,7 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
             const double chi = there.empty() ? std::numeric_limits<double>::infinity() : square_of(there);
             if (chi < h.chi_square) {
                 fall = (h.chi_square - chi) / chi;
-                kept = h.chi_square - chi > kept_promise * promised;
+                kept = h.chi_square - chi > min_promise_kept * promised;
                 next.chi_square = chi;
                 const Eigen::VectorXd rest = mapped(there) - mapped(e) - jacobian * step;
                 jacobian.noalias() += rest * (step.transpose() / std::max(step.squaredNorm(), 1e-300));
