@@ -27,7 +27,7 @@ struct SystemTrace {
 class LaneFit;
 
 // Fits values of models to records by full simulation: least squares of the outputs, each divided by `scale`, by
-// Levenberg and Marquardt's method with difference quotients.
+// Levenberg and Marquardt's method: many sets of values side by side in fixed steps (LaneFit) where the equations allow it.
 class SystemFit {
   public:
     // `used`: of each record, how many of its samples count, from the first one. The records must outlive it.

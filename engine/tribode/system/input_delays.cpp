@@ -29,7 +29,6 @@ class Shifting {
 
     // The term `delay` seconds earlier.
     Term earlier(Term root, Term delay) {
-        std::map<Term, Term> made;
         const auto order = graph_.reachable(std::span(&root, 1));
         // Below a delay its own holds.
         Expressions::Replacement moved;

@@ -1,5 +1,6 @@
 #include "tribode/system/tape.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/base/lanes.hpp"
 #include "tribode/system/work_space.hpp"
 
 #include <algorithm>
@@ -339,18 +340,13 @@ void Tape::evaluate_one(const std::array<const double*, 3>& inputs, double* outp
 }
 
 // With the widest registers that the processor has; no operation is contracted, so the bits are the same on all of them.
-// For what the first condition says see solver/series_kernels.cpp.
-#if defined(__clang__) || defined(__SANITIZE_THREAD__)
-#define TRIBODE_LANES
-#else
-#define TRIBODE_LANES [[gnu::flatten, gnu::target_clones("avx512f", "avx2", "default")]]
-#endif
-
-TRIBODE_LANES void Tape::evaluate_four(const std::array<const double*, 3>& inputs, double* outputs) const {
+[[gnu::flatten]] TRIBODE_CLONES void Tape::evaluate_four(const std::array<const double*, 3>& inputs,
+                                                         double* outputs) const {
     interpret<4>(inputs, outputs);
 }
 
-TRIBODE_LANES void Tape::evaluate_eight(const std::array<const double*, 3>& inputs, double* outputs) const {
+[[gnu::flatten]] TRIBODE_CLONES void Tape::evaluate_eight(const std::array<const double*, 3>& inputs,
+                                                          double* outputs) const {
     interpret<8>(inputs, outputs);
 }
 
