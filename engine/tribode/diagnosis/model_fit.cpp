@@ -1,6 +1,7 @@
 #include "tribode/diagnosis/model_fit.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/normal.hpp"
+#include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/diagnosis/response.hpp"
 
 #include <Eigen/Dense>
@@ -384,12 +385,16 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
         differenced = true;
         const Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
         // Columns that the record does not show have no finite error.
-        const Eigen::MatrixXd covariance = normal.completeOrthogonalDecomposition().pseudoInverse();
+        const Eigen::MatrixXd inverse = normal.completeOrthogonalDecomposition().pseudoInverse();
+        // The floor's predictor leaves correlations where noise decides when an element slips.
+        std::vector<std::size_t> rows;
+        for (const auto& record : evidence_) rows.push_back(record.samples());
+        const Eigen::MatrixXd correlated = covariance_of_correlated_errors(inverse, jacobian, mapped(e), rows);
         h.standard_errors.assign(h.values.size(), 0.0);
         for (Eigen::Index i = 0; i < n; ++i) {
             const auto& c = moved[static_cast<std::size_t>(i)];
             if (c.field) continue;
-            const double deviation = std::sqrt(std::max(covariance(i, i), 0.0));
+            const double deviation = std::sqrt(std::max({inverse(i, i), correlated(i, i), 0.0}));
             h.standard_errors[c.index] = c.logarithmic ? h.values[c.index] * deviation : c.unit * deviation;
         }
     }

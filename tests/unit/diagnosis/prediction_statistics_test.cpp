@@ -62,5 +62,43 @@ TEST(PredictionStatistics, AGainIsSureOnlyWhereItIsMoreThanChance) {
     EXPECT_TRUE(std::isinf(rms_of_errors({})));
 }
 
+// The mean of correlated values has a variance that is known, and least squares with white errors gives a twentieth of it.
+TEST(PredictionStatistics, BoundsHoldForErrorsOfAnyCorrelation) {
+    for (const double memory : {0.0, 0.9}) {
+        const std::size_t n = 2000;
+        const double known = (1 + memory) / (1 - memory) / static_cast<double>(n);
+        double within = 0, variance = 0;
+        const std::uint64_t trials = 1000;
+        for (std::uint64_t seed = 1; seed <= trials; ++seed) {
+            const auto values = correlated(1000 + seed, n, memory);
+            const Eigen::Map<const Eigen::VectorXd> y(values.data(), static_cast<Eigen::Index>(n));
+            const double mean = y.mean();
+            const Eigen::MatrixXd jacobian = Eigen::MatrixXd::Ones(static_cast<Eigen::Index>(n), 1);
+            const Eigen::MatrixXd inverse = Eigen::MatrixXd::Constant(1, 1, 1 / static_cast<double>(n));
+            const auto covariance = covariance_of_correlated_errors(inverse, jacobian, y.array() - mean, {n})(0, 0);
+            variance += covariance / static_cast<double>(trials);
+            within += std::abs(mean) < 1.6449 * std::sqrt(covariance) ? 1 : 0;
+        }
+        EXPECT_GT(within / static_cast<double>(trials), 0.87) << memory;
+        EXPECT_LT(within / static_cast<double>(trials), 0.93) << memory;
+        EXPECT_NEAR(variance / known, 1.1, 0.2) << memory;
+    }
+}
+
+// Two records whose errors are the same: nothing is correlated across their border, and a row of its own adds its square.
+TEST(PredictionStatistics, RecordsAreCorrelatedEachWithinItself) {
+    Eigen::MatrixXd jacobian(21, 2);
+    Eigen::VectorXd errors(21);
+    for (Eigen::Index k = 0; k < 21; ++k) {
+        jacobian.row(k) << 1, std::sin(static_cast<double>(k % 10));
+        errors[k] = std::cos(0.7 * static_cast<double>(k % 10));
+    }
+    const Eigen::MatrixXd one = Eigen::MatrixXd::Identity(2, 2);
+    const auto both = covariance_of_correlated_errors(one, jacobian, errors, {10, 10});
+    const auto first = covariance_of_correlated_errors(one, jacobian.topRows(10), errors.head(10), {10});
+    const Eigen::MatrixXd last = jacobian.bottomRows(1).transpose() * jacobian.bottomRows(1);
+    EXPECT_LT((both - 2 * first - last).norm(), 1e-12);
+}
+
 } // namespace
 } // namespace tribode
