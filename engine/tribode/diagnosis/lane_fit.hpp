@@ -16,8 +16,8 @@ class LaneFit {
     // As SystemFit::jacobian(), by differences: the steps are the same in all runs, so that they are as smooth as the equations.
     Eigen::MatrixXd jacobian(const std::vector<double>& values, const std::vector<double>& errors) const;
 
-    // Halves the steps until that changes nothing that counts at these values. False where it does not come to that.
-    bool shorten(const std::vector<double>& values);
+    // Halves the steps, once and until that changes nothing that counts at these values. False where it does not come to that.
+    bool halve(const std::vector<double>& values);
 
     // Over every n-th sample only, n as large as steps of that length still agree with those of every sample at these values. For the
     // long part of a fit; the errors are those of fewer samples then. False where all are needed.
@@ -34,6 +34,7 @@ class LaneFit {
 
     const SystemRecord& record(std::size_t r) const { return thinned_.empty() ? fit_.records()[r] : thinned_[r]; }
     void lay_out();
+    bool shorten(const std::vector<double>& values); // as far as needed
 
     const SystemFit& fit_;
     const SystemModel& model_;

@@ -1,6 +1,7 @@
 #include "tribode/system/tape.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/lanes.hpp"
+#include "tribode/system/lane_functions.hpp"
 #include "tribode/system/work_space.hpp"
 
 #include <algorithm>
@@ -283,7 +284,22 @@ inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* 
         }
     };
 
+    const auto of_lanes = [&](std::uint32_t count, const auto& function) {
+        for (const Operands* end = operands + count; operands != end; ++operands, next += lanes) {
+            function(registers + operands->a * lanes, next);
+        }
+    };
+
     for (const auto& [code, count, length] : runs_) {
+        if constexpr (lanes > 1) {
+            switch (static_cast<Op>(code)) {
+            case Op::sin: of_lanes(count, lane_functions::sin<lanes>); continue;
+            case Op::cos: of_lanes(count, lane_functions::cos<lanes>); continue;
+            case Op::exp: of_lanes(count, lane_functions::exp<lanes>); continue;
+            case Op::tanh: of_lanes(count, lane_functions::tanh<lanes>); continue;
+            default: break;
+            }
+        }
         switch (code) {
         case sum_code: long_sums(count, length); break;
         case sum_code + 1: sums(count, std::make_index_sequence<1>()); break;

@@ -34,8 +34,8 @@ class Tape {
         function_(part(0), part(1), part(2), function_constants_.data(), outputs.data());
     }
 
-    // For several sets of inputs at once, 1, 4 or 8, and to the same bits as one by one: value i of set l stands in place
-    // i * lanes + l, of the inputs as of the outputs.
+    // For several sets of inputs at once, 1, 4 or 8: value i of set l stands in place i * lanes + l, of the inputs as of the
+    // outputs. To the same bits as one by one but for sine, cosine, exp and tanh, see lane_functions.hpp.
     template <std::size_t lanes>
     void evaluate_lanes(const std::array<const double*, 3>& inputs, double* outputs) const {
         static_assert(lanes == 1 || lanes == 4 || lanes == 8);

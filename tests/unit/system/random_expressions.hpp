@@ -12,15 +12,18 @@ namespace tribode {
 // are smooth: the test compares derivatives by another road.
 class RandomExpressions {
   public:
-    RandomExpressions(Expressions& graph, std::vector<Term> variables, std::uint64_t seed)
+    // `bounded`: the operation by which values are kept small; with another than sin there is no sin, cos, tanh or exp.
+    RandomExpressions(Expressions& graph, std::vector<Term> variables, std::uint64_t seed, Op bounded = Op::sin)
         : graph_(graph),
           pool_(std::move(variables)),
-          seed_(seed) {}
+          seed_(seed),
+          bounded_(bounded) {}
 
     Term next() {
         const Term a = pick(), b = pick();
-        const auto wave = [&](Term x) { return graph_.make(Op::sin, x); }; // into [-1, 1]
+        const auto wave = [&](Term x) { return graph_.make(bounded_, x); }; // into [-pi/2, pi/2]
         const auto number = [&](double value) { return graph_.constant(value); };
+        const auto other = [&](Op op, Term x) { return graph_.make(bounded_ == Op::sin ? op : bounded_, x); };
         const auto above = [&](double least, Term x) { return graph_.make(Op::add, number(least), wave(x)); };
         Term made = 0;
         switch (static_cast<int>(draw() * 16)) {
@@ -30,14 +33,14 @@ class RandomExpressions {
         case 3: made = graph_.make(Op::divide, a, above(2, b)); break;
         case 4: made = graph_.make(Op::negate, a); break;
         case 5: made = graph_.make(Op::power, above(1.5, a), wave(b)); break;
-        case 6: made = graph_.make(Op::cos, a); break;
+        case 6: made = other(Op::cos, a); break;
         case 7: made = graph_.make(Op::tan, wave(a)); break;
-        case 8: made = graph_.make(Op::asin, graph_.make(Op::multiply, number(0.9), wave(a))); break;
-        case 9: made = graph_.make(Op::acos, graph_.make(Op::multiply, number(0.9), wave(a))); break;
+        case 8: made = graph_.make(Op::asin, graph_.make(Op::multiply, number(0.6), wave(a))); break;
+        case 9: made = graph_.make(Op::acos, graph_.make(Op::multiply, number(0.6), wave(a))); break;
         case 10: made = graph_.make(Op::atan, a); break;
         case 11: made = graph_.make(Op::atan2, a, above(1.5, b)); break;
-        case 12: made = graph_.make(Op::tanh, a); break;
-        case 13: made = graph_.make(Op::exp, wave(a)); break;
+        case 12: made = other(Op::tanh, a); break;
+        case 13: made = other(Op::exp, wave(a)); break;
         case 14: made = graph_.make(Op::log, above(1.5, a)); break;
         default:
             made = graph_.make(Op::select, graph_.make(Op::less, a, b), graph_.make(Op::sqrt, above(1.5, a)),
@@ -54,6 +57,7 @@ class RandomExpressions {
     Expressions& graph_;
     std::vector<Term> pool_;
     std::uint64_t seed_, count_ = 0;
+    Op bounded_;
 };
 
 // The value of a term with complex variables, which shares nothing with tape or derivative. A condition asks the real
