@@ -2,8 +2,9 @@
 -- the input's path, with none, or with a term that the library does not have. Records are simulated with noise; the
 -- model that is diagnosed has parameters that are off by up to 20 %, and a share of the systems (-D disturbed) is moved
 -- by a random force that the model does not have, by as much as the noise of the sensor. Counts right names, false
--- alarms, confident wrong names, how far the gap shrinks, and how often answers of a probability are right. Where an
--- answer is undecided the record that it asks for is simulated, and the diagnosis repeated with it.
+-- alarms, confident wrong names, how far the gap shrinks, how often answers of a probability are right, and how often
+-- standard errors contain the true parameters. Where an answer is undecided the record that it asks for is simulated, and
+-- the diagnosis repeated with it.
 --
 -- A case counts only if what is hidden moves the output by six times the noise on the first record and three times on
 -- the second one. Gaps are relative to what the true system leaves of the record: noise, and what the random force
@@ -265,7 +266,7 @@ end
 
 local rows, score = {}, { cases = 0, named = 0, first_right = 0, none = 0, none_right = 0, unknown = 0,
   unknown_right = 0, unknown_modeled = 0, confident = 0, confident_wrong = 0, gap_within = 0, undecided = 0, asked = 0,
-  decided = 0, out_of_time = 0, seconds = 0 }
+  decided = 0, out_of_time = 0, seconds = 0, parameters = 0, within_1 = 0, within_1_645 = 0, within_3 = 0 }
 local bins = {}
 for i, low in ipairs { 0, 0.5, 0.8, 0.95 } do
   bins[i] = { low = low, answers = 0, probability = 0, right = 0 }
@@ -362,6 +363,17 @@ for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
       score.confident_wrong = score.confident_wrong + (right and 0 or 1)
     end
   end
+  -- The model's own parameters, where it has become the true one.
+  if accept[1] ~= "unknown" and first ~= "term" and result.verdict ~= "undecided" and
+    names_right(accept, { verdict = "", effects = effect and result.effects or { { name = "none" } } }) then
+    for name, value in pairs(result.free) do
+      local off = math.abs(value.value - true_parameters[name]) / value.standard_error
+      score.parameters = score.parameters + 1
+      score.within_1 = score.within_1 + (off < 1 and 1 or 0)
+      score.within_1_645 = score.within_1_645 + (off < 1.645 and 1 or 0)
+      score.within_3 = score.within_3 + (off < 3 and 1 or 0)
+    end
+  end
   if result.verdict == "undecided" then
     score.undecided = score.undecided + 1
     if type(result.next_experiment) == "string" and #result.next_experiment > 0 then
@@ -417,9 +429,10 @@ end
 tb.report {
   file = "report.html", title = "How often the diagnosis of a system is right",
   summary = string.format("Of %d hidden terms %d were named, of %d models that lacked nothing %d were left alone, of "
-    .. "%d forces without a name %d are predicted by a formula; %d of %d confident names were wrong.", score.named,
+    .. "%d forces without a name %d are predicted by a formula; %d of %d confident names were wrong. Where the model "
+    .. "became the true one, %d of %d parameters were within one standard error, %d within 1.645, %d within 3.", score.named,
     score.first_right, score.none, score.none_right, score.unknown, score.unknown_modeled, score.confident_wrong,
-    score.confident),
+    score.confident, score.within_1, score.parameters, score.within_1_645, score.within_3),
   sections = { { title = "All cases", content = {
     { plot = { panels = { { x_label = "Case", y_label = "Gap after / noise", y_log = true,
       series = { { name = "all", x = numbers, y = after, style = "points" } } } } } },

@@ -20,6 +20,7 @@ namespace {
 constexpr double temperature = 3;
 // What a right name has where noise explains the remaining error, and no rival comes near.
 constexpr double certain = 0.98;
+constexpr double of_a_part = 0.75; // where more than noise is left
 
 double rms_difference(const std::vector<double>& a, const std::vector<double>& b, std::size_t first) {
     double sum = 0;
@@ -143,7 +144,7 @@ class Verdict {
                 return 0;
             }
         }
-        return 0.75;
+        return of_a_part;
     }
 
     void name_all(double trust) {
@@ -372,7 +373,15 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     // A resolution is no gap of positions.
     const Gap& gap = d.validation_gap;
     d.explained = gap.before > 0 ? 1 - std::pow(gap.after / gap.before, 2) : 0;
-    if (d.verdict == "effect_found" && gap.after > little_left * gap.floor) d.verdict = "partial";
+    if (d.verdict == "effect_found" && gap.after > little_left * gap.floor) {
+        d.verdict = "partial";
+        // What is left may be what a force of no name leaves, of which the effect takes up a part.
+        for (auto& effect : d.effects) {
+            const double share = std::min(1.0, of_a_part * std::clamp(d.explained, 0.0, 1.0) / effect.probability);
+            effect.probability *= share;
+            for (auto& rival : effect.rivals) rival.probability *= share;
+        }
+    }
     d.where = where_they_disagree(d);
     RunControl whole = control; // with the verdict made, the rest takes moments
     whole.stop = nullptr;

@@ -386,10 +386,14 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
         const Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
         // Columns that the record does not show have no finite error.
         const Eigen::MatrixXd inverse = normal.completeOrthogonalDecomposition().pseudoInverse();
-        // The floor's predictor leaves correlations where noise decides when an element slips.
+        // The floor's predictor leaves correlations where noise decides when an element slips. A field that is moved is an
+        // error of variance one.
+        Eigen::VectorXd weight = mapped(e);
+        weight.tail(weight.size() - samples).setOnes();
         std::vector<std::size_t> rows;
         for (const auto& record : evidence_) rows.push_back(record.samples());
-        const Eigen::MatrixXd correlated = covariance_of_correlated_errors(inverse, jacobian, mapped(e), rows);
+        const Eigen::MatrixXd correlated =
+            covariance_of_correlated_errors(inverse, weight.asDiagonal() * jacobian, rows, 1);
         h.standard_errors.assign(h.values.size(), 0.0);
         for (Eigen::Index i = 0; i < n; ++i) {
             const auto& c = moved[static_cast<std::size_t>(i)];

@@ -94,31 +94,32 @@ double probability_of_gain(const std::vector<double>& first, const std::vector<d
     return static_cast<double>(better) / draws;
 }
 
-Eigen::MatrixXd covariance_of_correlated_errors(const Eigen::MatrixXd& inverse_of_normal,
-                                                const Eigen::MatrixXd& jacobian, const Eigen::VectorXd& errors,
-                                                const std::vector<std::size_t>& rows) {
-    constexpr double share = 0.1;
-    // The quantile of 95 % over that of a normal distribution, for a window of this share.
-    constexpr double enlarged = (1.6449 + share * (2.1859 + share * (0.3142 - 0.3427 * share))) / 1.6449;
-    const Eigen::Index n = jacobian.cols();
+Eigen::MatrixXd covariance_of_correlated_errors(const Eigen::MatrixXd& inverse_of_normal, const Eigen::MatrixXd& scores,
+                                                const std::vector<std::size_t>& rows, double correlation) {
+    const Eigen::Index n = scores.cols();
     Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(n, n);
     Eigen::Index row = 0;
     for (const std::size_t count : rows) {
+        const double length = static_cast<double>(count);
+        const double share = std::clamp(2 * correlation / length, 0.1, 0.5);
+        // The quantile of 95 % over that of a normal distribution, for a window of this share.
+        const double enlarged = 1 + share * (2.1859 + share * (0.3142 - 0.3427 * share)) / 1.6449;
         const auto samples = static_cast<Eigen::Index>(count);
-        const auto width = std::max<Eigen::Index>(1, std::lround(share * static_cast<double>(count)));
+        const auto width = std::max<Eigen::Index>(1, std::lround(share * length));
         // Bartlett's window is the mean of the squares of all sums over so many samples, those at both ends in part outside.
         Eigen::VectorXd within = Eigen::VectorXd::Zero(n);
         Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(n, n);
         for (Eigen::Index k = 0; k < samples + width - 1; ++k) {
-            if (k < samples) within += jacobian.row(row + k).transpose() * errors[row + k];
-            if (k >= width) within -= jacobian.row(row + k - width).transpose() * errors[row + k - width];
+            if (k < samples) within += scores.row(row + k).transpose();
+            if (k >= width) within -= scores.row(row + k - width).transpose();
             squares.selfadjointView<Eigen::Lower>().rankUpdate(within);
         }
-        sum += Eigen::MatrixXd(squares.selfadjointView<Eigen::Lower>()) / static_cast<double>(width);
+        sum +=
+            enlarged * enlarged / static_cast<double>(width) * Eigen::MatrixXd(squares.selfadjointView<Eigen::Lower>());
         row += samples;
     }
-    const auto rest = jacobian.bottomRows(jacobian.rows() - row);
-    return inverse_of_normal * (enlarged * enlarged * sum + rest.transpose() * rest) * inverse_of_normal;
+    const auto rest = scores.bottomRows(scores.rows() - row);
+    return inverse_of_normal * (sum + rest.transpose() * rest) * inverse_of_normal;
 }
 
 } // namespace tribode

@@ -14,6 +14,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 
 namespace tribode {
 
@@ -28,7 +29,8 @@ constexpr std::size_t max_growth = 64, samples_per_value = 10;
 // Factors of the damping that are tried side by side.
 constexpr std::array side_by_side = {1.0 / 25, 1.0 / 5, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0};
 constexpr int stiff_iterations = 5;
-constexpr double agreed = 4; // times what is negligible: fixed steps and those of another solver
+constexpr int iterations_of_all = 3; // over all samples, after a fit over some
+constexpr double agreed = 4;         // times what is negligible: fixed steps and those of another solver
 
 } // namespace
 
@@ -365,11 +367,15 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
     auto lanes = LaneFit::of(*this, model, start);
     Result result{.values = start};
     if (lanes && iterations > 1) {
-        // Most of the way over fewer samples, where steps of their length do.
+        // Most of the way over fewer samples, where steps of their length do. From there the noise of all samples moves the values
+        // a little.
         if (LaneFit coarse = *lanes; coarse.thin_out(start)) {
-            const Result there = descend(model, start, iterations, ended, &coarse);
+            const Result there = descend(model, start, 2 * iterations, ended, &coarse);
             const auto before = lanes->errors({start, there.values});
-            if (sum_of_squares(before[1]) < sum_of_squares(before[0])) result.values = there.values;
+            if (sum_of_squares(before[1]) < sum_of_squares(before[0])) {
+                result.values = there.values;
+                iterations = std::min(iterations, iterations_of_all);
+            }
         }
     }
     while (lanes && result.iterations < iterations) {
@@ -389,7 +395,7 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
             result.sum = sum_of_squares(result.errors);
             return result;
         }
-        if (errors.empty() || !lanes->shorten(result.values)) break;
+        if (errors.empty() || !lanes->halve(result.values)) break;
     }
     // What fixed steps cannot follow is stiff or runs away. A run takes long then, and what lies near a measurement is rarely so.
     return descend(model, std::move(start), FixedSteps::of(model) ? std::min(iterations, stiff_iterations) : iterations,
@@ -493,11 +499,29 @@ std::vector<double> SystemFit::standard_errors(const SystemModel& model, const s
                                                const std::vector<double>& errors) const {
     std::vector<double> deviation(values.size(), std::numeric_limits<double>::infinity());
     if (errors.empty() || values.empty()) return deviation;
-    const double independent = static_cast<double>(errors.size()) / correlation_length(errors);
-    const double variance = sum_of_squares(errors) / std::max(1.0, independent - static_cast<double>(values.size()));
-    const Eigen::MatrixXd matrix = covariance(model, values, errors, std::sqrt(variance));
+    const Eigen::MatrixXd slopes = jacobian(model, values, errors), inverse = inverse_of_normal(slopes);
+    const double variance =
+        sum_of_squares(errors) / std::max(1.0, static_cast<double>(errors.size()) - static_cast<double>(values.size()));
+    // The outputs of a sample together, as what moves one moves others.
+    std::vector<std::size_t> rows;
+    for (const std::size_t used : used_) rows.push_back(used);
+    Eigen::MatrixXd scores = Eigen::MatrixXd::Zero(
+        static_cast<Eigen::Index>(std::accumulate(rows.begin(), rows.end(), std::size_t{0})), slopes.cols());
+    Eigen::Index first = 0, begin = 0;
+    double correlation = 1;
+    for (std::size_t r = 0; r < rows.size(); ++r) {
+        const auto samples = static_cast<Eigen::Index>(rows[r]);
+        for (std::size_t o = 0; o < records_[r].outputs.size(); ++o, begin += samples) {
+            const Eigen::Map<const Eigen::VectorXd> e(errors.data() + begin, samples);
+            scores.middleRows(first, samples) += e.asDiagonal() * slopes.middleRows(begin, samples);
+            correlation = std::max(correlation, correlation_length({e.begin(), e.end()}));
+        }
+        first += samples;
+    }
+    const Eigen::MatrixXd correlated = covariance_of_correlated_errors(inverse, scores, rows, correlation);
     for (std::size_t i = 0; i < deviation.size(); ++i) {
-        const double own = matrix(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i));
+        const auto place = static_cast<Eigen::Index>(i);
+        const double own = std::max(variance * inverse(place, place), correlated(place, place));
         if (own > 0) deviation[i] = std::sqrt(own);
     }
     return deviation;

@@ -74,8 +74,8 @@ class SystemFit {
     // tell have large ones.
     Eigen::MatrixXd covariance(const SystemModel& model, const std::vector<double>& values,
                                const std::vector<double>& errors, double noise) const;
-    // Of the values, all that the errors leave open: they are no white noise, so as many samples count as are independent of
-    // one another. Infinite where the record does not tell. `errors`: at the values.
+    // Of the values, all that the errors leave open: they are no white noise, so correlations count. Infinite where the record
+    // does not tell. `errors`: at the values.
     std::vector<double> standard_errors(const SystemModel& model, const std::vector<double>& values,
                                         const std::vector<double>& errors) const;
 

@@ -73,9 +73,8 @@ TEST(PredictionStatistics, BoundsHoldForErrorsOfAnyCorrelation) {
             const auto values = correlated(1000 + seed, n, memory);
             const Eigen::Map<const Eigen::VectorXd> y(values.data(), static_cast<Eigen::Index>(n));
             const double mean = y.mean();
-            const Eigen::MatrixXd jacobian = Eigen::MatrixXd::Ones(static_cast<Eigen::Index>(n), 1);
             const Eigen::MatrixXd inverse = Eigen::MatrixXd::Constant(1, 1, 1 / static_cast<double>(n));
-            const auto covariance = covariance_of_correlated_errors(inverse, jacobian, y.array() - mean, {n})(0, 0);
+            const double covariance = covariance_of_correlated_errors(inverse, y.array() - mean, {n}, 1)(0, 0);
             variance += covariance / static_cast<double>(trials);
             within += std::abs(mean) < 1.6449 * std::sqrt(covariance) ? 1 : 0;
         }
@@ -85,19 +84,20 @@ TEST(PredictionStatistics, BoundsHoldForErrorsOfAnyCorrelation) {
     }
 }
 
-// Two records whose errors are the same: nothing is correlated across their border, and a row of its own adds its square.
+// Twice the same record: nothing is correlated across the border. An independent error adds its square.
 TEST(PredictionStatistics, RecordsAreCorrelatedEachWithinItself) {
-    Eigen::MatrixXd jacobian(21, 2);
-    Eigen::VectorXd errors(21);
-    for (Eigen::Index k = 0; k < 21; ++k) {
-        jacobian.row(k) << 1, std::sin(static_cast<double>(k % 10));
-        errors[k] = std::cos(0.7 * static_cast<double>(k % 10));
+    Eigen::MatrixXd scores(20, 2);
+    for (Eigen::Index k = 0; k < 20; ++k) {
+        scores.row(k) << std::cos(0.7 * static_cast<double>(k % 10)), std::sin(static_cast<double>(k % 10));
     }
     const Eigen::MatrixXd one = Eigen::MatrixXd::Identity(2, 2);
-    const auto both = covariance_of_correlated_errors(one, jacobian, errors, {10, 10});
-    const auto first = covariance_of_correlated_errors(one, jacobian.topRows(10), errors.head(10), {10});
-    const Eigen::MatrixXd last = jacobian.bottomRows(1).transpose() * jacobian.bottomRows(1);
-    EXPECT_LT((both - 2 * first - last).norm(), 1e-12);
+    for (const double correlation : {1.0, 2.0}) {
+        const auto both = covariance_of_correlated_errors(one, scores, {10, 10}, correlation);
+        const auto first = covariance_of_correlated_errors(one, scores.topRows(10), {10}, correlation);
+        EXPECT_LT((both - 2 * first).norm(), 1e-12);
+        const auto with_rest = covariance_of_correlated_errors(one, scores.topRows(11), {10}, correlation);
+        EXPECT_LT((with_rest - first - scores.row(10).transpose() * scores.row(10)).norm(), 1e-12);
+    }
 }
 
 } // namespace
