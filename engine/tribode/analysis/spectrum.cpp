@@ -1,5 +1,6 @@
 #include "tribode/analysis/spectrum.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/base/lanes.hpp"
 
 #include <bit>
 #include <cmath>
@@ -11,13 +12,40 @@
 
 namespace tribode {
 
+namespace {
+
+// z_k += turn z_{k + half} for k < half, real and imaginary parts apart.
+TRIBODE_CLONES void fold(double* real, double* imag, std::size_t half, double turn_real, double turn_imag) {
+    const double *far_real = real + half, *far_imag = imag + half;
+#pragma GCC ivdep
+    for (std::size_t k = 0; k < half; ++k) {
+        real[k] += turn_real * far_real[k] - turn_imag * far_imag[k];
+        imag[k] += turn_real * far_imag[k] + turn_imag * far_real[k];
+    }
+}
+
+// sum_k x_k e^{-j 2 pi cycles k} of 2^m numbers. The later half is added to the first, turned by the angle between them, and so on:
+// a few sines in place of one for each number, and each number is turned m times at most. work: room for as many complex numbers.
+std::complex<double> turned_sum(const std::vector<double>& x, double cycles, std::vector<double>& work) {
+    work.assign(2 * x.size(), 0.0);
+    std::copy(x.begin(), x.end(), work.begin());
+    double *real = work.data(), *imag = real + x.size();
+    for (std::size_t half = x.size() / 2; half > 0; half /= 2) {
+        const std::complex<double> turn = turned(-cycles * static_cast<double>(half));
+        fold(real, imag, half, turn.real(), turn.imag());
+    }
+    return {real[0], imag[0]};
+}
+
+} // namespace
+
 std::vector<double> amplitude_spectrum(const std::vector<double>& x, double sample_time,
                                        const std::vector<double>& frequency_hz) {
     using std::numbers::pi;
     if (x.size() < 4)
         throw InputError(fmt::format("a spectrum of {} samples was asked for, must be 4 or more", x.size()));
     const double mean = std::accumulate(x.begin(), x.end(), 0.0) / static_cast<double>(x.size());
-    std::vector<double> weighted(x.size());
+    std::vector<double> weighted(std::bit_ceil(x.size())), work;
     double weights = 0;
     for (std::size_t k = 0; k < x.size(); ++k) {
         const double w = 1 - std::cos(2 * pi * static_cast<double>(k) / static_cast<double>(x.size()));
@@ -26,11 +54,7 @@ std::vector<double> amplitude_spectrum(const std::vector<double>& x, double samp
     }
     std::vector<double> amplitude;
     for (const double f : frequency_hz) {
-        std::complex<double> sum = 0;
-        for (std::size_t k = 0; k < x.size(); ++k) {
-            sum += weighted[k] * std::polar(1.0, -2 * pi * f * sample_time * static_cast<double>(k));
-        }
-        amplitude.push_back(2 * std::abs(sum) / weights);
+        amplitude.push_back(2 * std::abs(turned_sum(weighted, f * sample_time, work)) / weights);
     }
     return amplitude;
 }

@@ -18,8 +18,8 @@ inline std::complex<double> turned(double cycles) {
 //     A(f) = 2 abs(sum_k w_k (x_k - mean) e^{-j 2 pi f k Ts}) / sum_k w_k.
 //
 // A lasting vibration shows with its amplitude at its frequency, in the unit of x; one that decays shows with a mean
-// over the window. Lines are 4/(n Ts) wide, whatever the grid of frequencies [Hz]. Throws InputError with less
-// than 4 samples.
+// over the window. Lines are 4/(n Ts) wide, whatever the grid of frequencies [Hz]. Rounding changes the sum by at most
+// (7 log2 2n + 4 f n Ts) eps of that of the sizes w_k abs(x_k - mean). Throws InputError with less than 4 samples.
 std::vector<double> amplitude_spectrum(const std::vector<double>& x, double sample_time,
                                        const std::vector<double>& frequency_hz);
 

@@ -31,6 +31,8 @@ struct LoopSignals {
         MeasuredFriction friction_model(model, machine);
         auto delay_model =
             DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time);
+        for (auto* signal : {&friction_estimate, &delayed_thrust, &before_feedback}) signal->reserve(trace.u.size());
+        for (auto& signal : input) signal.reserve(trace.u.size());
         for (std::size_t k = 0; k < trace.u.size(); ++k) {
             const double delayed = delay_model.step(trace.u[k]);
             const double friction = friction_model.step(trace.y[k], delayed);

@@ -912,7 +912,7 @@ void EquationSystem::make_consistent(Instant& now) const {
             if (relations_[i].of_algebraic && now.active[i] != 0 && side_of(i) < 0) list.push_back(i);
         }
         if (list.empty()) return;
-        enclose_margins(now, now.state->t, now.state->x, false);
+        enclose_margins(now, now.state->t, now.state->x, false, list);
         std::erase_if(list, [&](std::size_t i) {
             if (!now.bounds[i].value.contains(0)) return false;
             now.memory->slack[i] = std::max(now.memory->slack[i], -side_of(i));
@@ -946,9 +946,26 @@ void EquationSystem::find_rates(Instant& now, double t, std::span<const double> 
     if (!algebraic_.empty()) algebraic_rates(t, x, *now.memory, now.rates, now.rounding);
 }
 
-// The margins up to rounding of their terms, of the states and of the time: the states also move within it. With their
-// rates of change, rounding of dx/dt included.
-void EquationSystem::enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates) const {
+const EquationSystem::BoundedMargin& EquationSystem::bounded_margin(Instant& now, std::size_t relation) const {
+    now.bounded.resize(relations_.size());
+    auto& made = now.bounded[relation];
+    if (!made) {
+        BoundedMargin bounded{guard_.part(std::span(&relation, 1)), {}, {}};
+        for (std::size_t j = 0; j < variables_.size(); ++j) {
+            const auto& of_state = relations_of_[1 + j];
+            if (std::find(of_state.begin(), of_state.end(), relation) != of_state.end()) bounded.states.push_back(j);
+        }
+        bounded.rates = rate_.part(bounded.states);
+        made = std::make_unique<const BoundedMargin>(std::move(bounded));
+    }
+    return *made;
+}
+
+// The margins of these relations up to rounding of their terms, of the states and of the time: the states also move within it.
+// With their rates of change, rounding of dx/dt included.
+void EquationSystem::enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates,
+                                     std::span<const std::size_t> relations) const {
+    constexpr std::size_t few = 4; // relations: of more, all are bounded together
     const double ulps = 2 * std::numeric_limits<double>::epsilon(), t_rounding = ulps * std::abs(t);
     find_rates(now, t, x);
     const auto about = [](double value, double rounding) { return Interval{value - rounding, value + rounding}; };
@@ -959,17 +976,26 @@ void EquationSystem::enclose_margins(Instant& now, double t, std::span<const dou
         now.inputs.push_back({about(x[j], off + now.uncertain[j] + now.rounding.value[j]), {0, 0}});
     }
     const std::span states(now.inputs);
-    const std::span<const double> values(now.memory->values);
-    if (with_rates) {
-        now.rate_bounds.resize(x.size());
-        rate_.enclose({{std::span(&time, 1), states}, values}, now.rate_bounds);
-        for (const std::size_t j : algebraic_) {
-            now.rate_bounds[j].value = about(now.rates[j], now.rounding.rate[j]);
-        }
-        for (std::size_t j = 0; j < x.size(); ++j) states[j].rate = now.rate_bounds[j].value;
-    }
+    const Tape::EnclosedInputs inputs{{std::span(&time, 1), states}, std::span<const double>(now.memory->values)};
+    const auto set_rate = [&](std::size_t j, Interval rate) {
+        states[j].rate = variables_[j].is_algebraic() ? about(now.rates[j], now.rounding.rate[j]) : rate;
+    };
+    now.rate_bounds.resize(x.size());
     now.bounds.resize(relations_.size());
-    guard_.enclose({{std::span(&time, 1), states}, values}, now.bounds);
+    if (relations.size() <= few) {
+        for (const std::size_t relation : relations) {
+            const BoundedMargin& bounded = bounded_margin(now, relation);
+            if (with_rates) bounded.rates.enclose(inputs, now.rate_bounds);
+            for (std::size_t i = 0; with_rates && i < bounded.states.size(); ++i) {
+                set_rate(bounded.states[i], now.rate_bounds[i].value);
+            }
+            bounded.margin.enclose(inputs, std::span(&now.bounds[relation], 1));
+        }
+        return;
+    }
+    if (with_rates) rate_.enclose(inputs, now.rate_bounds);
+    for (std::size_t j = 0; with_rates && j < x.size(); ++j) set_rate(j, now.rate_bounds[j].value);
+    guard_.enclose(inputs, now.bounds);
 }
 
 // Its guard begins at zero or above.
@@ -1022,7 +1048,7 @@ void EquationSystem::take_anew(Instant& now, std::span<const std::size_t> writte
         now.counted.resize(list.size());
         if (list.empty()) return;
         const bool exact = std::all_of(list.begin(), list.end(), [&](std::size_t i) { return now.margins[i] == 0; });
-        if (!exact) enclose_margins(now, now.state->t, now.state->x, false);
+        if (!exact) enclose_margins(now, now.state->t, now.state->x, false, list);
         now.written.clear();
         for (std::size_t n = 0; n < list.size(); ++n) {
             const std::size_t i = list[n];
@@ -1083,7 +1109,7 @@ Interval EquationSystem::rate_ahead(Instant& now, std::size_t relation) const {
     if (!(time < Interval::infinity)) return {0, 0};
     now.ahead = x;
     for (std::size_t j = 0; j < x.size(); ++j) now.ahead[j] += time * now.rates[j];
-    enclose_margins(now, now.state->t + time, now.ahead, true);
+    enclose_margins(now, now.state->t + time, now.ahead, true, std::span(&relation, 1));
     return now.bounds[relation].rate;
 }
 
@@ -1092,7 +1118,7 @@ Interval EquationSystem::rate_ahead(Instant& now, std::size_t relation) const {
 bool EquationSystem::turn_back(Instant& now, std::span<const GuardId> guards) const {
     bool any = false;
     look(now);
-    enclose_margins(now, now.state->t, now.state->x, true);
+    enclose_margins(now, now.state->t, now.state->x, true, guards);
     const std::vector<Enclosure> after = now.bounds;
     for (const GuardId i : guards) {
         if (now.crossed[i] == Crossed::no || now.active[i] == 0 || !(now.touched[i] || now.turned[i])) continue;
@@ -1219,7 +1245,7 @@ EventEffect EquationSystem::carry_out_crossings(std::span<const GuardId> guards,
     }
     const bool may_turn = std::any_of(guards.begin(), guards.end(), [&](GuardId i) { return may_turn_[i] != 0; });
     look(now);
-    if (may_turn) enclose_margins(now, state.t, state.x, true);
+    if (may_turn) enclose_margins(now, state.t, state.x, true, guards);
     for (const GuardId i : guards) {
         const bool holds = now.memory->values[value_place(i)] == 0;
         // Below zero by rounding, while the motion leads away: that is no crossing.

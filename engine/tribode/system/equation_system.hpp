@@ -129,6 +129,12 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
         std::vector<double> value, rate; // of the states; zero where they are no algebraic variables
     };
 
+    // Of a relation, what bounds of its margin are found from: the parts of guard_ and rate_ that it needs.
+    struct BoundedMargin {
+        Tape margin, rates; // of the states that the margin depends on
+        std::vector<std::size_t> states;
+    };
+
     // The work at one instant. Its memory serves one instant of a run after the other.
     struct Instant {
         SystemState* state = nullptr;
@@ -141,7 +147,8 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
         std::vector<double> rates, conditions, ahead;
         std::vector<double> uncertain; // of the states: how far off algebraic variables may be
         Rounding rounding;
-        std::vector<Enclosure> inputs, rate_bounds, bounds; // of the states; of dx/dt; of the margins
+        std::vector<Enclosure> inputs, rate_bounds, bounds;        // of the states; of dx/dt; of the margins
+        std::vector<std::unique_ptr<const BoundedMargin>> bounded; // of the relations, made as they are needed
         std::vector<std::size_t> list, written;
         std::vector<char> counted; // of the list: whether nothing but its counter has changed
         std::vector<double> operands;
@@ -274,7 +281,9 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     std::vector<double> correct_algebraic(SystemState& state) const;
     void make_consistent(Instant& now) const;
     void find_rates(Instant& now, double t, std::span<const double> x) const;
-    void enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates) const;
+    void enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates,
+                         std::span<const std::size_t> relations) const;
+    const BoundedMargin& bounded_margin(Instant& now, std::size_t relation) const;
     void hold(Instant& now, std::size_t relation, bool holds) const;
     std::size_t count(Instant& now, std::size_t relation) const;
     void take_anew(Instant& now, std::span<const std::size_t> written) const;

@@ -398,6 +398,67 @@ void Tape::enclose(const EnclosedInputs& inputs, std::span<Enclosure> outputs) c
     for (std::size_t i = 0; i < outputs_.size(); ++i) outputs[i] = registers[outputs_[i]];
 }
 
+Tape Tape::part(std::span<const std::size_t> outputs) const {
+    // From the last instruction back: operands stand before what needs them.
+    std::vector<char> needed(register_count_);
+    needed[one] = true;
+    for (const std::size_t output : outputs) needed[outputs_[output]] = true;
+    std::size_t result = register_count_, operand = operands_.size(), summand = summands_.size();
+    for (auto run = runs_.rbegin(); run != runs_.rend(); ++run) {
+        for (std::uint32_t i = 0; i < run->count; ++i) {
+            const bool is_needed = needed[--result] != 0;
+            if (run->code < sum_code) {
+                const auto& [a, b, c] = operands_[--operand];
+                if (is_needed) needed[a] = needed[b] = needed[c] = true;
+                continue;
+            }
+            summand -= run->length;
+            for (std::uint32_t n = 0; is_needed && n < run->length; ++n) {
+                needed[summands_[summand + n].a] = needed[summands_[summand + n].b] = true;
+            }
+        }
+    }
+    Tape part;
+    std::vector<std::uint32_t> place(register_count_);
+    std::size_t present = 0;
+    std::uint32_t next = 0;
+    const auto keeps = [&] {
+        const bool is_needed = needed[present] != 0;
+        place[present++] = is_needed ? next++ : 0;
+        return is_needed;
+    };
+    keeps(); // the number 1
+    for (const Read& read : reads_) {
+        if (keeps()) part.reads_.push_back(read);
+    }
+    for (const double value : constants_) {
+        if (keeps()) part.constants_.push_back(value);
+    }
+    for (const Run& run : runs_) {
+        Run kept{run.code, 0, run.length};
+        for (std::uint32_t i = 0; i < run.count; ++i) {
+            const bool is_kept = keeps();
+            if (is_kept) ++kept.count;
+            if (run.code < sum_code) {
+                const auto& [a, b, c] = operands_[operand++];
+                if (is_kept) part.operands_.push_back({place[a], place[b], place[c]});
+                continue;
+            }
+            for (std::uint32_t n = 0; n < run.length; ++n) {
+                const auto& [factor, a, b] = summands_[summand++];
+                if (is_kept) part.summands_.push_back({factor, place[a], place[b]});
+            }
+        }
+        part.instruction_count_ += kept.count;
+        if (kept.count > 0) part.runs_.push_back(kept);
+    }
+    part.register_count_ = next;
+    part.tables_ = tables_;
+    part.slopes_ = slopes_;
+    for (const std::size_t output : outputs) part.outputs_.push_back(place[outputs_[output]]);
+    return part;
+}
+
 // ---- as C --------------------------------------------------------------------------------------------------------
 
 namespace {

@@ -52,6 +52,9 @@ class Tape {
     };
     void enclose(const EnclosedInputs& inputs, std::span<Enclosure> outputs) const;
 
+    // The instructions that these outputs need, given by their places, as they are: to the same bits.
+    Tape part(std::span<const std::size_t> outputs) const;
+
     // The same as a function of a C program, without its constants, which the tape keeps: where only numbers differ, the
     // texts are equal. By the rules of C it gives the same bits.
     std::string c_function(const std::string& name) const;

@@ -1,9 +1,12 @@
 #include "tribode/analysis/spectrum.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/base/random.hpp"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <complex>
+#include <limits>
 #include <numbers>
 
 namespace tribode {
@@ -29,6 +32,37 @@ TEST(AmplitudeSpectrum, ASineStandsAtItsFrequencyWithItsAmplitude) {
 
 TEST(AmplitudeSpectrum, AConstantHasNone) {
     for (const double a : amplitude_spectrum(std::vector<double>(100, 7.0), ts, {0.5, 20})) EXPECT_LT(a, 1e-14);
+}
+
+// Against the formula in extended precision, term by term, for noise: 4, a power of two, one more, and many samples.
+TEST(AmplitudeSpectrum, IsThatOfItsFormulaWithinTheRoundingItStates) {
+    using Wide = long double;
+    constexpr Wide two_pi = 2 * std::numbers::pi_v<Wide>;
+    for (const std::size_t n : {4U, 512U, 513U, 3001U}) {
+        std::vector<double> x(n);
+        for (std::size_t k = 0; k < n; ++k) x[k] = uniform(n, 0, k) - 0.3;
+        const std::vector<double> frequency = {0.5, 17.3, 250, 999.7};
+        const auto amplitude = amplitude_spectrum(x, ts, frequency);
+        Wide mean = 0;
+        for (const double value : x) mean += value / static_cast<Wide>(n);
+        for (std::size_t i = 0; i < frequency.size(); ++i) {
+            Wide weights = 0, sizes = 0;
+            std::complex<Wide> sum = 0;
+            for (std::size_t k = 0; k < n; ++k) {
+                const Wide w = 1 - std::cos(two_pi * static_cast<Wide>(k) / static_cast<Wide>(n));
+                const Wide weighted = w * (x[k] - mean);
+                weights += w;
+                sizes += std::abs(weighted);
+                sum += weighted * std::polar<Wide>(1, -two_pi * frequency[i] * Wide{ts} * static_cast<Wide>(k));
+            }
+            const double count = static_cast<double>(n), eps = std::numeric_limits<double>::epsilon();
+            // Besides what is stated, weights and mean are rounded.
+            const double parts = 7 * std::log2(2 * count) + 4 * frequency[i] * count * ts + 4;
+            const auto rounding = static_cast<double>(2 * sizes / weights) * parts * eps;
+            EXPECT_NEAR(amplitude[i], static_cast<double>(2 * std::abs(sum) / weights), rounding)
+                << n << " samples, " << frequency[i] << " Hz";
+        }
+    }
 }
 
 TEST(AmplitudeSpectrum, ThreeSamplesAreTooFew) { EXPECT_THROW(amplitude_spectrum({1, 2, 3}, ts, {20}), InputError); }

@@ -57,6 +57,49 @@ TEST(EnclosedOperations, HoldValuesAndRatesOfRandomExpressions) {
     EXPECT_GT(finite, all / 2) << "bounds that say nothing hold always";
 }
 
+// Parts of a tape, of one output or of some in another order: values and bounds are those of the whole to the bit.
+TEST(EnclosedOperations, OfAPartOfATapeAreThoseOfTheWhole) {
+    std::size_t instructions = 0, of_parts = 0;
+    for (std::uint64_t seed = 1; seed <= 100; ++seed) {
+        Expressions graph;
+        const std::vector<Term> variables = {graph.variable("x"), graph.variable("y")};
+        RandomExpressions make(graph, variables, seed);
+        std::vector<Term> roots = {graph.constant(3), variables[1]};
+        for (int i = 0; i < 12; ++i) roots.push_back(make.next());
+        const Tape whole(graph, variables, roots);
+        const std::array<double, 2> point = {uniform(seed, 1, 0), uniform(seed, 1, 1)};
+        const std::array<Enclosure, 2> piece = {Enclosure{{point[0], point[0] + 0.1}, {1, 2}},
+                                                Enclosure{{point[1] - 0.1, point[1]}, {-1, 1}}};
+        const Tape::EnclosedInputs inputs{{std::span<const Enclosure>(piece), {}}, {}};
+        std::vector<double> values(roots.size());
+        std::vector<Enclosure> bounds(roots.size());
+        whole.evaluate({point}, values);
+        whole.enclose(inputs, bounds);
+        const std::size_t last = roots.size() - 1;
+        const std::vector<std::vector<std::size_t>> choices = {{}, {0}, {1}, {last}, {last - 3, 0, last - 7}};
+        for (const auto& outputs : choices) {
+            const Tape part = whole.part(outputs);
+            std::vector<double> of_part(outputs.size());
+            std::vector<Enclosure> bounds_of_part(outputs.size());
+            part.evaluate({point}, of_part);
+            part.enclose(inputs, bounds_of_part);
+            for (std::size_t i = 0; i < outputs.size(); ++i) {
+                EXPECT_EQ(of_part[i], values[outputs[i]]) << seed;
+                const auto& [value, rate] = bounds_of_part[i];
+                EXPECT_EQ(value.low, bounds[outputs[i]].value.low) << seed;
+                EXPECT_EQ(value.high, bounds[outputs[i]].value.high) << seed;
+                EXPECT_EQ(rate.low, bounds[outputs[i]].rate.low) << seed;
+                EXPECT_EQ(rate.high, bounds[outputs[i]].rate.high) << seed;
+            }
+        }
+        EXPECT_EQ(whole.part(choices[0]).instruction_count(), 0U);
+        EXPECT_EQ(whole.part(choices[2]).instruction_count(), 0U);
+        instructions += whole.instruction_count();
+        of_parts += whole.part(choices[3]).instruction_count();
+    }
+    EXPECT_LT(of_parts, instructions / 2);
+}
+
 // A narrow piece has narrow bounds: as wide as the function changes on it, to first order.
 TEST(EnclosedOperations, ShrinkWithThePiece) {
     Expressions graph;
