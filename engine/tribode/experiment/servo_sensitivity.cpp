@@ -46,7 +46,9 @@ SensitiveServoSystem::SensitiveServoSystem(const MachineModel& model, Drive driv
 void SensitiveServoSystem::add_group(std::vector<ServoDirection> directions) const {
     std::vector<const ServoPlantNumbers*> plants;
     for (const auto& by : directions) plants.push_back(&by.numbers.plant);
-    Group group{.by = {}, .series = SensitivitySeries(states().size()), .plant = ServoPlantTangent(plant(), plants)};
+    Group group{.by = {},
+                .series = SensitivitySeries(states().size(), directions.size()),
+                .plant = ServoPlantTangent(plant(), plants)};
     for (std::size_t p = 0; p < directions.size(); ++p) {
         const ServoDirection& by = directions[p];
         const ServoNumbers& numbers = by.numbers;

@@ -14,8 +14,9 @@ constexpr int worth_preparing = 8;
 
 } // namespace
 
-SensitivitySeries::SensitivitySeries(std::size_t states)
+SensitivitySeries::SensitivitySeries(std::size_t states, std::size_t parameters)
     : states_(states),
+      parameters_(parameters),
       height_(padded(states)),
       size_(height_ + height_ / lane_count),
       rates_(height_),
@@ -24,6 +25,7 @@ SensitivitySeries::SensitivitySeries(std::size_t states)
 SensitivityMatrices SensitivitySeries::matrices(const Pattern& pattern) const {
     return {.states = states_,
             .height = height_,
+            .parameters = parameters_,
             .a = pattern.a.data(),
             .full = pattern.full.data(),
             .full_row = pattern.full_row.data(),

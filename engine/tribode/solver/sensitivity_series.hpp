@@ -42,7 +42,8 @@ class SensitivitySeries {
         std::vector<Prepared> prepared;
     };
 
-    explicit SensitivitySeries(std::size_t states);
+    // parameters: as many of the lanes are in use, and the others zero.
+    explicit SensitivitySeries(std::size_t states, std::size_t parameters = lane_count);
 
     // The pattern of the key; make(pattern) fills a new one by set_matrices().
     template <class Make>
@@ -76,7 +77,7 @@ class SensitivitySeries {
     static double* numbers(Lanes* lanes) { return reinterpret_cast<double*>(lanes); }
     static const double* numbers(const Lanes* lanes) { return reinterpret_cast<const double*>(lanes); }
 
-    const std::size_t states_, height_, size_; // size: of a term of s and x together, in Lanes
+    const std::size_t states_, parameters_, height_, size_; // size: of a term of s and x together, in Lanes
     std::unordered_map<AffineKey, Pattern, AffineKey::Hash> patterns_;
     RecurringLengths recurring_{4};
     std::vector<Lanes> rates_, room_, sums_;

@@ -319,11 +319,13 @@ template <std::size_t Fixed>
     }
 }
 
+constexpr double negligible = 0x1p-50; // of a series of sensitivities, relative
+
 // Adds the terms n + 1, ... of all columns where each follows from the two before it:
 // t_{n+2} = 2 rate h/(n+2) t_{n+1} - (rate h)^2/((n+1)(n+2)) t_n. So all are multiples of the first two, and numbers do.
-[[gnu::always_inline]] inline bool add_decay(double rate, double h, int n, int max_terms, double negligible,
-                                             const double* before, const double* term, const double* largest,
-                                             std::size_t size, double* sums) {
+[[gnu::always_inline]] inline bool add_decay(double rate, double h, int n, int max_terms, const double* before,
+                                             const double* term, const double* largest, std::size_t size,
+                                             double* sums) {
     constexpr double tiny = std::numeric_limits<double>::min();
     Block most{};
     for (std::size_t i = 0; i < size; i += block_size) {
@@ -387,7 +389,6 @@ template <std::size_t Fixed, class Set>
 template <std::size_t Fixed>
 [[gnu::always_inline]] inline bool expand_together(const SensitivityMatrices m, double h, int max_terms, double* room,
                                                    double* sums) {
-    constexpr double negligible = 0x1p-50; // relative
     const std::size_t height = Fixed ? Fixed : m.height;
     const std::size_t value = height * lane_count, size = value + height; // where c begins
     double *before = room + size, *term = room, *next = room + 2 * size, *largest = room + 3 * size;
@@ -421,7 +422,7 @@ template <std::size_t Fixed>
     int small_terms = 0, decaying_terms = 0;
     for (int n = 1; n < max_terms; ++n) {
         if (decaying_terms == 2) {
-            return add_decay(m.rate, h, n, max_terms, negligible, before, term, largest, size, sums);
+            return add_decay(m.rate, h, n, max_terms, before, term, largest, size, sums);
         }
         const double factor = h / (n + 1), once = 2 * m.rate * factor, twice = m.rate * m.rate * factor * h / n;
         const double* c = term + value;
@@ -476,6 +477,109 @@ template <std::size_t Fixed>
         if (small_terms >= 2 && n > 4) return true;
     }
     return false;
+}
+
+// Even and odd columns apart.
+[[gnu::always_inline]] inline void multiply_in_pairs(const double* matrix, const Block& x, Block& product) {
+    const auto column = [&](std::size_t j) -> const Block& { return block(matrix + j * block_size); };
+    Block even{}, odd{}, more;
+    multiply_by_number<0>(column(0), x, more);
+    even += more;
+    multiply_by_number<1>(column(1), x, more);
+    odd += more;
+    multiply_by_number<2>(column(2), x, more);
+    even += more;
+    multiply_by_number<3>(column(3), x, more);
+    odd += more;
+    multiply_by_number<4>(column(4), x, more);
+    even += more;
+    multiply_by_number<5>(column(5), x, more);
+    odd += more;
+    multiply_by_number<6>(column(6), x, more);
+    even += more;
+    multiply_by_number<7>(column(7), x, more);
+    odd += more;
+    product = even + odd;
+}
+
+// expand_together() for one or two parameters, of up to eight states and few layers: the states of d, and of c, are one block each, where
+// lanes would be mostly empty. The operations on a number are the same, in the same order, and so are the bits.
+constexpr std::size_t few_layers = 2;
+template <std::size_t Parameters>
+[[gnu::always_inline]] inline bool expand_few(const SensitivityMatrices m, double h, int max_terms, const double* room,
+                                              double* sums) {
+    constexpr std::size_t columns = Parameters + 1; // d of each parameter, then c
+    constexpr std::size_t value = block_size * lane_count;
+    Block before[columns] = {}, term[columns], next[columns], largest[columns], sum[columns],
+          left[few_layers][Parameters];
+    for (std::size_t p = 0; p < Parameters; ++p) {
+        for (std::size_t row = 0; row < block_size; ++row) {
+            term[p][row] = room[row * lane_count + p];
+            for (std::size_t i = 0; i < m.layers; ++i) left[i][p][row] = m.left[i * value + row * lane_count + p];
+        }
+    }
+    term[Parameters] = block(room + value);
+    for (std::size_t k = 0; k < columns; ++k) {
+        sum[k] = term[k];
+        largest[k] = (Block)((Bits)term[k] & not_sign);
+    }
+    const auto counts = [&](std::size_t from, std::size_t to) __attribute__((always_inline)) {
+        Bits found{};
+        for (std::size_t k = from; k < to; ++k) find_above(negligible * largest[k], next[k], found);
+        return any_of(found);
+    };
+    const auto differs = [&](std::size_t from, std::size_t to, double once, double twice)
+        __attribute__((always_inline)) {
+        Bits found{};
+        for (std::size_t k = from; k < to; ++k) {
+            const Block other = next[k] - (term[k] * once - before[k] * twice);
+            find_above(negligible * largest[k], other, found);
+        }
+        return any_of(found);
+    };
+    const auto number = [](Block* blocks) { return reinterpret_cast<double*>(blocks); };
+    bool ends = false;
+    int small_terms = 0, decaying_terms = 0;
+    for (int n = 1; n < max_terms && !ends; ++n) {
+        if (decaying_terms == 2) {
+            ends = add_decay(m.rate, h, n, max_terms, number(before), number(term), number(largest),
+                             columns * block_size, number(sum));
+            break;
+        }
+        const double factor = h / (n + 1), once = 2 * m.rate * factor, twice = m.rate * m.rate * factor * h / n;
+        Block products[few_layers];
+        for (std::size_t i = 0; i < m.layers; ++i) {
+            multiply_in_pairs(m.right + i * value, term[Parameters], products[i]);
+        }
+        for (std::size_t k = 0; k < columns; ++k) {
+            Block now;
+            multiply_in_pairs(m.a, term[k], now);
+            for (std::size_t i = 0; k < Parameters && i < m.layers; ++i) now += left[i][k] * products[i][k];
+            next[k] = now * factor;
+            sum[k] += next[k];
+        }
+        if (n < 6 || n % 4 == 0) {
+            for (std::size_t k = 0; k < columns; ++k) {
+                const Block amount = (Block)((Bits)next[k] & not_sign);
+                largest[k] = amount > largest[k] ? amount : largest[k];
+            }
+        }
+        const bool decays =
+            m.rate != 0 && n > 4 && !differs(Parameters, columns, once, twice) && !differs(0, Parameters, once, twice);
+        decaying_terms = decays ? decaying_terms + 1 : 0;
+        small_terms = counts(Parameters, columns) || counts(0, Parameters) ? 0 : small_terms + 1;
+        for (std::size_t k = 0; k < columns; ++k) {
+            before[k] = term[k];
+            term[k] = next[k];
+        }
+        ends = small_terms >= 2 && n > 4;
+    }
+    for (std::size_t row = 0; row < block_size; ++row) {
+        block(sums + row * lane_count) = Block{};
+        for (std::size_t p = 0; p < Parameters; ++p) sums[row * lane_count + p] = sum[p][row];
+    }
+    block(sums + value) = sum[Parameters];
+    return ends;
 }
 
 template <std::size_t Fixed>
@@ -577,6 +681,13 @@ TRIBODE_CLONES void sensitivity_rates(const SensitivityMatrices& matrices, const
 
 TRIBODE_CLONES bool expand_sensitivities(const SensitivityMatrices& matrices, double h, int max_terms, double* room,
                                          double* sums) {
+    if (matrices.height == 8 && matrices.layers <= few_layers) {
+        switch (matrices.parameters) {
+        case 1: return expand_few<1>(matrices, h, max_terms, room, sums);
+        case 2: return expand_few<2>(matrices, h, max_terms, room, sums);
+        default: break;
+        }
+    }
     if (matrices.height == 8) return expand_together<8>(matrices, h, max_terms, room, sums);
     return expand_together<0>(matrices, h, max_terms, room, sums);
 }

@@ -43,7 +43,8 @@ void evaluate_columns(const double* terms, int order, std::size_t height, double
 // after state (height x lanes).
 struct SensitivityMatrices {
     std::size_t states, height;
-    const double* a; // A, by columns (height x height)
+    std::size_t parameters; // the lanes beyond are zero
+    const double* a;        // A, by columns (height x height)
     // A by its rows: those with entries in several columns, and of the others row, column and value.
     const double* full; // (full_rows x height)
     const std::size_t* full_row;

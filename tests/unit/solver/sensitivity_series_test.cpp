@@ -97,5 +97,58 @@ TEST(SensitivitySeries, AgreesWithTermsOfLongNumbers) {
     }
 }
 
+// One or two parameters of up to eight states take another way through memory, up to two products each.
+TEST(SensitivitySeries, OfFewParametersHasTheBitsOfOneOfEight) {
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> some(-1, 1);
+    const auto compare = [&](std::size_t n, std::size_t parameters, int products, bool lag) {
+        std::vector<double> a(n * n);
+        for (double& entry : a) entry = some(random);
+        for (std::size_t j = 0; j < n; ++j) a[j * n] = j == 1 ? 1 : 0;
+        for (std::size_t j = 0; lag && j < n; ++j) a[j * n + n - 1] = j == n - 1 ? -3 : 0;
+        std::vector<Lanes> partial(n * n);
+        for (std::size_t p = 0; p < parameters; ++p) {
+            for (int product = 0; product < products; ++product) {
+                std::vector<double> u(n), v(n);
+                for (double& entry : u) entry = some(random);
+                for (double& entry : v) entry = some(random);
+                if (lag) u[n - 1] = 0;
+                for (std::size_t i = 0; i < n * n; ++i) partial[i][p] += u[i % n] * v[i / n];
+            }
+        }
+        SensitivitySeries few(n, parameters), eight(n);
+        SensitivitySeries::Pattern of_few, of_eight;
+        few.set_matrices(of_few, a, partial);
+        eight.set_matrices(of_eight, a, partial);
+        for (const double h : {1e-9, 1e-3, 0.1, 0.7, 1.5, 40.0}) { // the last in halves
+            std::vector<double> f(few.height());
+            std::vector<Lanes> q(few.height()), s(few.height());
+            for (std::size_t i = 0; i < n; ++i) {
+                f[i] = some(random);
+                for (std::size_t p = 0; p < parameters; ++p) {
+                    q[i][p] = some(random);
+                    s[i][p] = some(random);
+                }
+            }
+            std::vector<Lanes> other = s;
+            few.propagate(of_few, 0, h, f, q, s);
+            eight.propagate(of_eight, 0, h, f, q, other);
+            for (std::size_t i = 0; i < n; ++i) {
+                for (std::size_t p = 0; p < lane_count; ++p) {
+                    EXPECT_EQ(s[i][p], other[i][p])
+                        << n << " states, " << parameters << " parameters, step " << h << ", state " << i;
+                }
+            }
+        }
+    };
+    for (const std::size_t n : {5, 7, 8}) {
+        for (const std::size_t parameters : {1, 2, 3}) {
+            for (const int products : {1, 2, 3}) {
+                for (const bool lag : {false, true}) compare(n, parameters, products, lag);
+            }
+        }
+    }
+}
+
 } // namespace
 } // namespace tribode
