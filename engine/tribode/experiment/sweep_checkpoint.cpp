@@ -83,7 +83,7 @@ SweepPoint point_of(const Json& json) {
 SweepCheckpoint::SweepCheckpoint(std::filesystem::path path, const MachineModel& machine, const SweepOptions& options)
     : path_(std::move(path)),
       frequency_hz_(options.frequency_hz) {
-    if (!path_.empty()) key_ = sha256(version() + machine.hash() + options_json(options).dump());
+    key_ = sha256(version() + machine.hash() + options_json(options).dump());
 }
 
 std::vector<std::optional<SweepPoint>> SweepCheckpoint::load() {
