@@ -44,3 +44,27 @@ assert(worse.objective > found.objective + 1000)
 
 local ok, text = pcall(tb.identify, { machine = start, records = records, parameters = { "mode" } })
 assert(not ok and text:find("no number of the machine", 1, true), text)
+
+-- Noise that comes with the excitation: nearly all that the record tells of the parameters is in its noisy part.
+-- Standard errors that count on the same noise everywhere are half as large.
+for k = 2400, #excitation.values do excitation.values[k] = 0 end
+local bare = tb.with_fields(machine, { friction = { viscous = 10 }, encoder_resolution_m = 0, noise_rms_m = 0 })
+run = tb.simulate { machine = bare, exc = excitation.values }
+local state = 7
+local function uniform()
+  state = state * 48271 % 2147483647
+  return state / 2147483647
+end
+local parameters = { "rigid_gain_per_kg", "modes", "friction.viscous" }
+local sum, count = 0, 0
+for _ = 1, 20 do
+  local y = {}
+  for k = 1, #run.y do y[k] = run.y[k] + (uniform() - 0.5) * (k < 2500 and 2e-6 or 1e-7) end
+  found = tb.identify { machine = bare, records = { { u = run.u, y = y } }, parameters = parameters }
+  for _, parameter in ipairs(found.parameters) do
+    sum = sum + ((parameter.value - truth[parameter.name]) / parameter.standard_error) ^ 2
+    count = count + 1
+  end
+end
+print(string.format("Errors in standard errors, rms: %.3g", math.sqrt(sum / count)))
+assert(count == 100 and math.sqrt(sum / count) < 2.3)

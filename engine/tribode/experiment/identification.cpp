@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <complex>
 #include <fmt/format.h>
@@ -28,6 +29,8 @@ using Spectrum = Eigen::VectorXcd;
 constexpr double max_change = 1;     // of the logarithm of a parameter in one step
 constexpr double farthest = 9;       // from the start
 constexpr std::size_t min_lines = 8; // of a band
+// A friction law that becomes so steep that its run takes so many times the steps is dry friction, or on its way there.
+constexpr long most_more_work = 4;
 
 // Numbers of the machine that are moved by one factor.
 struct Moved {
@@ -193,7 +196,8 @@ struct FittedRecord {
     std::size_t used = 0;     // of its differences, the last ones
     std::vector<Band> bands;
 
-    double floor = 0; // variance of a sample of y below which no residual is believed [m^2]
+    double floor = 0;           // variance of a sample of y below which no residual is believed [m^2]
+    mutable long most_work = 0; // steps of a run, set by the first one; 0: not yet, or no limit
 
     // Of the differences of a white signal with the variance `floor`, at a line.
     double floor_at(double line) const {
@@ -294,21 +298,38 @@ class Fit {
         return ServoRun(machine, ClosedLoop{input, 0}, options);
     }
 
-    // Measured less simulated position; none where there is no such machine or the run ends early.
+    enum class Accuracy { residual, difference };
+
+    // Measured less simulated position; none where there is no such machine, or its run ends early or takes too many steps.
     std::optional<std::vector<double>> residual(const MachineModel& machine, const FittedRecord& record,
-                                                std::string& why) const {
+                                                std::string& why, Accuracy accuracy = Accuracy::residual) const {
         if (refused(machine, why)) return std::nullopt;
         ServoRunOptions options;
-        // Exact machines ignore it. A step ends with the sample at the latest, so errors are far below these bounds: they must
-        // not count beside what a long record averages.
-        options.solver.relative_tolerance = 1e-6;
-        options.solver.absolute_tolerance = 0.1 * std::sqrt(record.floor);
+        // Exact machines ignore it. A step ends with the sample at the latest, so errors are far below these bounds: of
+        // residuals they must not count beside what a long record averages, of differences beside what a parameter changes.
+        const bool differs = accuracy == Accuracy::difference;
+        options.solver.relative_tolerance = differs ? 1e-3 : 1e-6;
+        options.solver.absolute_tolerance = (differs ? 10 : 0.1) * std::sqrt(record.floor);
+        options.purpose = Purpose::search;
         ServoRun run = this->run(machine, record, options);
-        const RunOutcome outcome = run.advance_to(static_cast<long>(record.drive.t.size()) - 1);
+        ++simulations_;
+        const auto last = static_cast<long>(record.drive.t.size()) - 1;
+        RunOutcome outcome;
+        for (long reached = 0; reached < last && outcome.ok();) {
+            reached = std::min(last, reached + 1000);
+            outcome = run.advance_to(reached);
+            if (!differs && record.most_work > 0 && work_of(run) > record.most_work) {
+                why = fmt::format("{}: the run takes more than {} times the steps of the one with the start values",
+                                  record.source, most_more_work);
+                ++laborious_;
+                return std::nullopt;
+            }
+        }
         if (!outcome.ok()) {
             why = record.source + ": " + outcome.message;
             return std::nullopt;
         }
+        if (!exact_ && record.most_work == 0) record.most_work = most_more_work * work_of(run);
         std::vector<double> rest = record.drive.measured;
         for (std::size_t k = 0; k < rest.size(); ++k) rest[k] -= run.trace().y[k];
         return rest;
@@ -376,6 +397,7 @@ class Fit {
             }
             ServoRun run = this->run(at(logarithm, record), record, options);
             run.advance_to(static_cast<long>(record.drive.t.size()) - 1);
+            ++simulations_;
             const auto& found = run.sensitivities();
             for (std::size_t j = 0; j < found.size(); ++j) {
                 columns.col(static_cast<Eigen::Index>(j)) = -record.spectrum(found[j].y);
@@ -383,13 +405,14 @@ class Fit {
             return columns;
         }
         constexpr double step = 1e-3;
-        const Spectrum here = record.spectrum(residual_here);
+        const auto base = residual(at(logarithm, record), record, message, Accuracy::difference);
+        const Spectrum here = record.spectrum(base ? *base : residual_here);
         for_each_index(moved.size(), control_, "", [&](std::size_t j) {
             Eigen::VectorXd there = logarithm;
             const auto place = static_cast<Eigen::Index>(j);
             there[place] += step;
             std::string why;
-            const auto rest = residual(at(there, record), record, why);
+            const auto rest = residual(at(there, record), record, why, Accuracy::difference);
             if (rest) {
                 columns.col(place) = (record.spectrum(*rest) - here) / step;
             } else {
@@ -417,6 +440,9 @@ class Fit {
 
     mutable std::string message; // of a run that ended early, or of a machine that is none
 
+    long simulations() const { return simulations_; } // of a record
+    long laborious() const { return laborious_; }     // of these given up for their many steps
+
     // Numbers that are tied to moved ones.
     std::vector<std::size_t> tied_places() const {
         std::vector<std::size_t> places;
@@ -437,6 +463,11 @@ class Fit {
         return false;
     }
 
+    static long work_of(const ServoRun& run) {
+        const RunStatistics statistics = run.statistics();
+        return statistics.steps + statistics.rejected_steps;
+    }
+
     static std::vector<double> numbers_at(const std::vector<double*>& numbers, const std::vector<std::size_t>& places) {
         std::vector<double> values;
         for (const std::size_t place : places) values.push_back(*numbers[place]);
@@ -449,6 +480,7 @@ class Fit {
     std::vector<std::vector<double>> start_;
     PidController observer_;
     bool exact_ = false;
+    mutable std::atomic<long> simulations_ = 0, laborious_ = 0;
 };
 
 // Half the Hessian and half the gradient of V, and what the latter is made of.
@@ -480,6 +512,43 @@ struct Normal {
         }
     }
 };
+
+// Sums of the squares of the gradient's parts by intervals of time: both factors are whitened by the power of the bands. What the
+// residual has at reversals or while an axis sticks, rounding above all, is correlated over all lines.
+Eigen::MatrixXd squares_by_time(const Fit& fit, const std::vector<Eigen::MatrixXcd>& derivatives,
+                                const std::vector<Spectrum>& spectra, const std::vector<double>& powers) {
+    constexpr Eigen::Index intervals = 60; // of each record: long beside a standstill, many enough for a variance
+    const auto n = static_cast<Eigen::Index>(fit.moved.size());
+    Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(n, n);
+    Eigen::FFT<double> fft;
+    fft.SetFlag(Eigen::FFT<double>::HalfSpectrum);
+    std::size_t next = 0;
+    for (std::size_t r = 0; r < fit.records.size(); ++r) {
+        const auto& record = fit.records[r];
+        Eigen::VectorXd weights = Eigen::VectorXd::Zero(spectra[r].size());
+        for (const auto& band : record.bands) {
+            weights.segment(band.first, band.count).setConstant(1 / std::sqrt(powers[next++]));
+        }
+        const auto samples = static_cast<Eigen::Index>(record.used);
+        const auto whitened = [&](const auto& lines) {
+            const Spectrum weighted = lines.cwiseProduct(weights.template cast<Complex>());
+            Eigen::VectorXd values(samples);
+            fft.inv(values.data(), weighted.data(), samples);
+            return values;
+        };
+        const Eigen::VectorXd rest = whitened(spectra[r]);
+        Eigen::MatrixXd sums(intervals, n);
+        for (Eigen::Index j = 0; j < n; ++j) {
+            const Eigen::VectorXd product = whitened(derivatives[r].col(j)).cwiseProduct(rest);
+            for (Eigen::Index i = 0; i < intervals; ++i) {
+                const Eigen::Index from = i * samples / intervals, to = (i + 1) * samples / intervals;
+                sums(i, j) = product.segment(from, to - from).sum() * static_cast<double>(samples) / 2; // Parseval
+            }
+        }
+        squares += sums.transpose() * sums;
+    }
+    return squares;
+}
 
 // Broyden's method: the derivatives after a step, from what it changed in the spectra; in other directions, at right angles in
 // the metric of the Hessian's diagonal, they stay.
@@ -515,7 +584,8 @@ std::vector<Eigen::Index> determined(const Eigen::MatrixXd& hessian, const std::
     return places;
 }
 
-void put_covariance(Identification& found, const Normal& normal, const std::vector<bool>& free) {
+void put_covariance(Identification& found, const Normal& normal, const Eigen::MatrixXd& by_time,
+                    const std::vector<bool>& free) {
     const auto places = determined(normal.hessian, free);
     const auto n = static_cast<Eigen::Index>(places.size());
     const std::size_t all = found.parameters.size();
@@ -526,7 +596,7 @@ void put_covariance(Identification& found, const Normal& normal, const std::vect
         const Eigen::MatrixXd inverse = (2 * normal.hessian(places, places)).inverse();
         const Eigen::VectorXd plain = inverse.diagonal().cwiseSqrt();
         Eigen::MatrixXd best = inverse;
-        for (const auto* scores : {&normal.by_line, &normal.by_band}) {
+        for (const auto* scores : {&normal.by_line, &normal.by_band, &by_time}) {
             const Eigen::MatrixXd one = inverse * (4 * (*scores)(places, places)) * inverse;
             // The larger of the two for each parameter, with the correlation of the one with more in all.
             const Eigen::VectorXd now = best.diagonal().cwiseSqrt(), other = one.diagonal().cwiseSqrt();
@@ -623,13 +693,15 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
     Identification found;
     double damping = 1e-3;
     // Costly ones are corrected after a step, and calculated again where they predict less than what comes, and before the end.
-    auto derivatives = fit.derivatives(at, *residuals);
+    std::vector<Eigen::MatrixXcd> derivatives;
     bool corrected = false;
     const auto calculate_again = [&] {
         derivatives = fit.derivatives(at, *residuals);
         corrected = false;
     };
-    while (found.iterations < options.iterations && !found.converged) {
+    if (options.iterations > 0) calculate_again();
+    const auto is_spent = [&] { return options.simulations > 0 && fit.simulations() >= options.simulations; };
+    while (found.iterations < options.iterations && !found.converged && !is_spent()) {
         ++found.iterations;
         const Normal normal(fit, derivatives, spectra, powers);
         const double most_damping = corrected ? std::max(1.0, 40 * damping) : 1e8;
@@ -672,7 +744,7 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
                     }
                 }
             }
-            if (!better) damping *= 6;
+            if (!better) damping *= there ? 6 : 36;
         }
         if (control.progress) {
             control.progress("identify", static_cast<std::size_t>(found.iterations),
@@ -693,13 +765,16 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
     for (Eigen::Index j = 0; j < n; ++j) {
         const Moved& one = fit.moved[static_cast<std::size_t>(j)];
         for (const std::size_t place : one.places) *results[place] = *values[place];
-        found.parameters.push_back({one.name, one.unit, *starts[one.shown], *values[one.shown], 0});
+        found.parameters.push_back({one.name, one.unit, *starts[one.shown], *values[one.shown]});
         free.push_back(std::abs(at[j]) < 0.999 * farthest);
     }
     for (const std::size_t place : fit.tied_places()) *results[place] = *values[place];
     if (corrected) calculate_again();
-    const Normal normal(fit, derivatives, spectra, powers);
-    put_covariance(found, normal, free);
+    if (options.iterations > 0) {
+        put_covariance(found, Normal(fit, derivatives, spectra, powers),
+                       squares_by_time(fit, derivatives, spectra, powers), free);
+    }
+    found.simulations = fit.simulations();
     found.residuals = std::move(*residuals);
     found.objective = now;
     for (const auto& record : fit.records) {
@@ -711,8 +786,16 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
                             record.source, samples));
         }
     }
-    if (!found.converged) {
-        found.notes.push_back(fmt::format("Not converged after {} iterations.", found.iterations));
+    if (!found.converged && options.iterations > 0) {
+        found.notes.push_back(
+            fmt::format("Not converged after {} iterations and {} simulations.", found.iterations, found.simulations));
+    }
+    if (fit.laborious() > 0) {
+        found.notes.push_back(
+            fmt::format("{} of {} simulations were given up because they took more than {} times the steps of those "
+                        "with the start values: a friction law is too steep for the sampling, dry friction may "
+                        "describe the machine better.",
+                        fit.laborious(), found.simulations, most_more_work));
     }
     return found;
 }

@@ -6,6 +6,7 @@
 #include "tribode/record/given_record.hpp"
 #include "tribode/record/run_folder.hpp"
 
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -35,6 +36,7 @@ struct IdentifyOptions {
     double band = 0.1;   // width of a band relative to its frequency
     double observer = 2; // bandwidth of the slow controller [Hz]; 0: none, u as an open loop
     int iterations = 40;
+    int simulations = 0; // of a record, after which no iteration begins; 0: no limit
 
     static void describe(auto& o, auto& fields) {
         fields.texts("parameters", o.parameters,
@@ -49,7 +51,10 @@ struct IdentifyOptions {
         fields.number(
             "observer_hz", o.observer, "Hz", Allowed::non_negative,
             "bandwidth with which the simulated position follows the measured one where the record has u; 0: not");
-        fields.integer("iterations", o.iterations, 1, 1000, "at most, of the Gauss-Newton method");
+        fields.integer("iterations", o.iterations, 0, 1000,
+                       "at most, of the Gauss-Newton method; 0: only residuals and objective of the machine as it is");
+        fields.integer("simulations", o.simulations, 0, 1000000,
+                       "no iteration begins after so many simulations of a record; 0: no limit");
     }
 };
 
@@ -57,13 +62,13 @@ struct IdentifiedParameter {
     std::string name; // its path; of a whole element "friction.elements[3]", with its level as value
     std::string unit;
     double start = 0, value = 0;
-    double standard_error = 0; // infinite where the records do not determine it
+    double standard_error = std::numeric_limits<double>::infinity(); // stays so where the records do not determine it
 };
 
 struct Identification {
     MachineModel machine;
     std::vector<IdentifiedParameter> parameters;
-    // Of the parameters in their order. Rows and columns of those that are not determined are zero.
+    // Of the parameters in their order. Rows and columns of those that are not determined are zero. Empty without an iteration.
     std::vector<std::vector<double>> covariance;
     std::vector<std::vector<double>> residuals; // of each record: measured less simulated position [m]
     // How many times larger the standard errors are than they would be if the residual was noise that is independent from line
@@ -72,6 +77,7 @@ struct Identification {
     double objective =
         0; // V. Of two structures the one with more parameters is better if it lowers V by more than two for each
     int iterations = 0;
+    long simulations = 0; // of a record
     bool converged = false;
     std::vector<std::string> notes; // sentences
 

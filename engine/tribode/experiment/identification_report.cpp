@@ -58,6 +58,7 @@ Json Identification::json() const {
               {"excess", excess},
               {"objective", objective},
               {"iterations", iterations},
+              {"simulations", simulations},
               {"converged", converged},
               {"notes", notes}};
     for (const auto& one : parameters) {

@@ -262,7 +262,7 @@ const std::vector<LuaFunction>& measurement_functions() {
          "`machine`, `parameters` (list of `name, unit, start, value, standard_error`, the last infinite where the "
          "records do not determine it), `covariance`, `residuals` (list of each record, m), `residual_rms_m`, `excess` "
          "(of the standard errors over those of pure noise), `objective` (for comparing structures), `iterations`, "
-         "`converged`, `notes`",
+         "`simulations` (of a record), `converged`, `notes`",
          [] {
              return option_rows<IdentifyOptions>(with_columns(
                  {machine_row(),

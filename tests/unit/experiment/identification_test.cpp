@@ -180,6 +180,57 @@ TEST(Identification, FindsSharesWhoseSumStaysOne) {
     }
 }
 
+bool has_note(const Identification& found, const std::string& part) {
+    return std::ranges::any_of(found.notes,
+                               [&](const std::string& note) { return note.find(part) != std::string::npos; });
+}
+
+TEST(Identification, TellsTheObjectiveOfAMachineAsItIs) {
+    const MachineModel truth = machine_of(description());
+    const GivenRecord record = log_of(truth, 1, {"u", "y"});
+    IdentifyOptions options;
+    options.iterations = 0;
+    const Identification as_is = identify(truth, {record}, {}, options);
+    const Identification start = identify(rough(truth), {record}, {}, options);
+    EXPECT_EQ(as_is.iterations, 0);
+    EXPECT_EQ(as_is.simulations, 1);
+    EXPECT_FALSE(as_is.converged);
+    EXPECT_TRUE(as_is.notes.empty());
+    EXPECT_TRUE(as_is.covariance.empty());
+    ASSERT_EQ(as_is.parameters.size(), 10u);
+    for (const auto& parameter : as_is.parameters) {
+        EXPECT_EQ(parameter.value, parameter.start);
+        EXPECT_TRUE(std::isinf(parameter.standard_error));
+    }
+    EXPECT_LT(as_is.objective, start.objective - 1000);
+    options.iterations = 40;
+    const Identification found = identify(rough(truth), {record}, {}, options);
+    EXPECT_LT(found.objective, as_is.objective);          // the minimum
+    EXPECT_GT(found.objective, as_is.objective - 10 * 4); // of ten parameters
+}
+
+// Of Dahl's law on a machine with dry friction the stiffness grows beyond all bounds.
+TEST(Identification, GivesUpSimulationsOfALawThatIsTooSteep) {
+    Json d = description();
+    d["friction"] = {{"viscous", 8.0}, {"coulomb", 3.0}};
+    const GivenRecord record = log_of(machine_of(d), 4, {"u", "y"});
+    d["friction"] = {{"viscous", 8.0}};
+    d["effects"] = Json::parse(R"([{"name": "dahl_friction", "parameters": {"F": 3, "K": 1e6}}])");
+    IdentifyOptions options;
+    options.parameters = {"effects[1].parameters.F", "effects[1].parameters.K"};
+    options.iterations = 4;
+    const Identification found = identify(machine_of(d), {record}, {}, options);
+    EXPECT_TRUE(has_note(found, "dry friction may describe the machine better"));
+    // A budget ends it with the best values so far.
+    options.simulations = 6;
+    const Identification stopped = identify(machine_of(d), {record}, {}, options);
+    EXPECT_FALSE(stopped.converged);
+    EXPECT_LT(stopped.iterations, found.iterations);
+    EXPECT_GE(stopped.simulations, 6);
+    EXPECT_TRUE(has_note(stopped, fmt::format("Not converged after {} iterations and {} simulations",
+                                              stopped.iterations, stopped.simulations)));
+}
+
 // A machine whose friction the model has not: the standard errors are larger than those of noise, and the mode is still found.
 TEST(Identification, ShowsThatAModelIsWrong) {
     Json d = description();
