@@ -200,7 +200,7 @@ TEST_F(FrequencyResponse, IdentifyRefusesWhatCannotBeFitted) {
         EXPECT_FALSE(fs::exists(folder / "out/machine.json"));
     };
     refused({"--parameters", "rigid_gain"}, {"\"rigid_gain\"", "rigid_gain_per_kg"});
-    refused({"--iterations", "0"}, {"--iterations", "1 to 1000"});
+    refused({"--iterations", "1001"}, {"--iterations", "0 to 1000"});
     folder.write("log.csv", "t,u\n0,1\n0.0005,2\n0.001,1\n");
     refused({}, {"log.csv", "column y"});
     Log still;

@@ -224,7 +224,7 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
     for (const Term output : outputs) outputs_.push_back(place[program.value_of(output)]);
 }
 
-template <std::size_t lanes>
+template <std::size_t lanes, bool by_lane_functions>
 inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* outputs) const {
     WorkSpace<double, 512 * (lanes > 1 ? 4 : 1)> memory(register_count_ * lanes);
     double* registers = memory.data();
@@ -291,7 +291,7 @@ inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* 
     };
 
     for (const auto& [code, count, length] : runs_) {
-        if constexpr (lanes > 1) {
+        if constexpr (by_lane_functions) {
             switch (static_cast<Op>(code)) {
             case Op::sin: of_lanes(count, lane_functions::sin<lanes>); continue;
             case Op::cos: of_lanes(count, lane_functions::cos<lanes>); continue;
@@ -352,18 +352,22 @@ inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* 
 }
 
 void Tape::evaluate_one(const std::array<const double*, 3>& inputs, double* outputs) const {
-    interpret<1>(inputs, outputs);
+    interpret<1, false>(inputs, outputs);
+}
+
+void Tape::evaluate_single_lane(const std::array<const double*, 3>& inputs, double* outputs) const {
+    interpret<1, true>(inputs, outputs);
 }
 
 // With the widest registers that the processor has; no operation is contracted, so the bits are the same on all of them.
 [[gnu::flatten]] TRIBODE_CLONES void Tape::evaluate_four(const std::array<const double*, 3>& inputs,
                                                          double* outputs) const {
-    interpret<4>(inputs, outputs);
+    interpret<4, true>(inputs, outputs);
 }
 
 [[gnu::flatten]] TRIBODE_CLONES void Tape::evaluate_eight(const std::array<const double*, 3>& inputs,
                                                           double* outputs) const {
-    interpret<8>(inputs, outputs);
+    interpret<8, true>(inputs, outputs);
 }
 
 void Tape::enclose(const EnclosedInputs& inputs, std::span<Enclosure> outputs) const {

@@ -34,12 +34,12 @@ class Tape {
         function_(part(0), part(1), part(2), function_constants_.data(), outputs.data());
     }
 
-    // For several sets of inputs at once, 1, 4 or 8: value i of set l stands in place i * lanes + l, of the inputs as of the
-    // outputs. To the same bits as one by one but for sine, cosine, exp and tanh, see lane_functions.hpp.
+    // For several sets of inputs at once, 1, 4 or 8, to the same bits: value i of set l stands in place i * lanes + l, of the
+    // inputs as of the outputs. They are those of evaluate() but for sine, cosine, exp and tanh, see lane_functions.hpp.
     template <std::size_t lanes>
     void evaluate_lanes(const std::array<const double*, 3>& inputs, double* outputs) const {
         static_assert(lanes == 1 || lanes == 4 || lanes == 8);
-        if constexpr (lanes == 1) evaluate_one(inputs, outputs);
+        if constexpr (lanes == 1) evaluate_single_lane(inputs, outputs);
         if constexpr (lanes == 4) evaluate_four(inputs, outputs);
         if constexpr (lanes == 8) evaluate_eight(inputs, outputs);
     }
@@ -69,9 +69,10 @@ class Tape {
     std::size_t instruction_count() const { return instruction_count_; }
 
   private:
-    template <std::size_t lanes>
+    template <std::size_t lanes, bool by_lane_functions>
     void interpret(const std::array<const double*, 3>& inputs, double* outputs) const;
     void evaluate_one(const std::array<const double*, 3>& inputs, double* outputs) const;
+    void evaluate_single_lane(const std::array<const double*, 3>& inputs, double* outputs) const;
     void evaluate_four(const std::array<const double*, 3>& inputs, double* outputs) const;
     void evaluate_eight(const std::array<const double*, 3>& inputs, double* outputs) const;
 
