@@ -441,6 +441,10 @@ local function doubles_of(effect, machine)
   elseif effect.name == "actuator_lag" then
     local extra = 1 / (turn * p.current_loop_hz) - 1 / (turn * machine.current_loop_hz)
     return "input_delay", extra, 0.3 * extra, function(x) return { extra_s = x } end
+  elseif effect.name == "force_ripple" and #p.harmonics == 1 then -- the weight of an arm is a ripple
+    local h = p.harmonics[1]
+    local function parameters(x) return { F = x, turn_m = h.period_m, phase = h.phase + math.pi } end
+    return "gravity", h.F, 0.3 * h.F, parameters
   elseif effect.name == "dead_zone" then
     return "coulomb_friction", p.half_width, 0.3 * p.half_width, function(x) return { dF = x } end
   end
@@ -599,6 +603,10 @@ local function attempt(kind, wrong)
     if #effects == 1 and name and is_double(real, records, name, middle, reach, parameters) then
       accept[#accept + 1] = name
     end
+  end
+  -- Where the friction differs by direction besides, one name says both.
+  if #effects == 1 and truth[1].name == "coulomb_friction" and model_error and model_error.friction == "direction" then
+    accept[#accept + 1] = "asymmetric_friction"
   end
   if #effects == 0 then accept, truth = { "none" }, { { name = "none" } } end
   -- Whether the effects show in these is left to chance.

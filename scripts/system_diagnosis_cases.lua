@@ -3,8 +3,8 @@
 -- model that is diagnosed has parameters that are off by up to 20 %, and a share of the systems (-D disturbed) is moved
 -- by a random force that the model does not have, by as much as the noise of the sensor. Counts right names, false
 -- alarms, confident wrong names, how far the gap shrinks, how often answers of a probability are right, and how often
--- standard errors contain the true parameters. Where an answer is undecided the record that it asks for is simulated, and
--- the diagnosis repeated with it.
+-- standard errors contain the true parameters. Where an answer is undecided the record that it asks for is simulated,
+-- and the diagnosis repeated with it.
 --
 -- A case counts only if what is hidden moves the output by six times the noise on the first record and three times on
 -- the second one. Gaps are relative to what the true system leaves of the record: noise, and what the random force
@@ -430,9 +430,9 @@ tb.report {
   file = "report.html", title = "How often the diagnosis of a system is right",
   summary = string.format("Of %d hidden terms %d were named, of %d models that lacked nothing %d were left alone, of "
     .. "%d forces without a name %d are predicted by a formula; %d of %d confident names were wrong. Where the model "
-    .. "became the true one, %d of %d parameters were within one standard error, %d within 1.645, %d within 3.", score.named,
-    score.first_right, score.none, score.none_right, score.unknown, score.unknown_modeled, score.confident_wrong,
-    score.confident, score.within_1, score.parameters, score.within_1_645, score.within_3),
+    .. "became the true one, %d of %d parameters were within one standard error, %d within 1.645, %d within 3.",
+    score.named, score.first_right, score.none, score.none_right, score.unknown, score.unknown_modeled,
+    score.confident_wrong, score.confident, score.within_1, score.parameters, score.within_1_645, score.within_3),
   sections = { { title = "All cases", content = {
     { plot = { panels = { { x_label = "Case", y_label = "Gap after / noise", y_log = true,
       series = { { name = "all", x = numbers, y = after, style = "points" } } } } } },
