@@ -171,6 +171,27 @@ TEST_F(SystemDiagnosis, ARippleThatLeadsTheModelAwayIsFoundOverSegments) {
     EXPECT_GT(found["gap"]["validate"]["before"], 30 * found["gap"]["validate"]["floor"].get<double>());
 }
 
+// Whatever the order in which they were found.
+TEST_F(SystemDiagnosis, OfTwoEffectsTheStrongerIsNamedFirst) {
+    const auto forces = [](double spring, double drag) {
+        return fmt::format("{} * s.x * (s.q / s.p) ^ 2 + {} * s.q * s.v * math.abs(s.v)", spring, drag);
+    };
+    for (const auto& [hidden, stronger] :
+         {std::pair{forces(7, 0.1), "spring_force"}, {forces(0.3, 1), "quadratic_drag"}}) {
+        measure(hidden);
+        const auto ending =
+            diagnose({"--system", "model.lua", "--data", "records/ident.csv", "--validate", "records/valid.csv",
+                      "--free", "d", "--free", "g", "--max-effects", "2", "--budget", "1e6", "-o", "out", "--quiet"});
+        ASSERT_EQ(ending.exit_code, 0) << ending.err;
+        const Json found = Json::parse(text_of(folder / "out/diagnosis.json"));
+        ASSERT_EQ(found["effects"].size(), 2u) << hidden;
+        std::set<std::string> names;
+        for (const auto& effect : found["effects"]) names.insert(effect["name"].get<std::string>());
+        EXPECT_EQ(names, (std::set<std::string>{"spring_force", "quadratic_drag"}));
+        EXPECT_EQ(found["effects"][0]["name"], stronger);
+    }
+}
+
 // What no record can decide is no rival.
 TEST_F(SystemDiagnosis, AConstantForceIsAnOffsetOfTheInputInOtherWords) {
     measure("0.4");

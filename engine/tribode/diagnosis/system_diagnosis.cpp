@@ -487,6 +487,27 @@ class Diagnoser {
                 last.terms[t].kind(), effect.expression, 100 * step.gain, step.certainty);
             result_.effects.push_back(std::move(effect));
         }
+        strongest_first(search.fit_of_all(), last);
+    }
+
+    // The first name is that of the effect without which the error is largest.
+    void strongest_first(const SystemFit& fit, const SystemCandidate& last) {
+        if (last.terms.size() < 2) return;
+        std::vector<std::pair<double, SystemEffect>> effects; // with the squared errors without each
+        std::size_t place = model_.parameters.size();
+        for (std::size_t t = 0; t < last.terms.size(); ++t) {
+            std::vector<double> without = final_values_;
+            std::copy(last.terms[t].neutral.begin(), last.terms[t].neutral.end(),
+                      without.begin() + static_cast<std::ptrdiff_t>(place));
+            const auto errors = fit.errors(last.model, without);
+            effects.emplace_back(errors.empty() ? std::numeric_limits<double>::infinity()
+                                                : SystemFit::sum_of_squares(errors),
+                                 std::move(result_.effects[t]));
+            place += last.terms[t].parameters.size();
+        }
+        std::ranges::stable_sort(effects, std::greater{}, &std::pair<double, SystemEffect>::first);
+        result_.effects.clear();
+        for (auto& [squares, effect] : effects) result_.effects.push_back(std::move(effect));
     }
 
     // The step that brought a term in.
