@@ -293,10 +293,18 @@ inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* 
     for (const auto& [code, count, length] : runs_) {
         if constexpr (by_lane_functions) {
             switch (static_cast<Op>(code)) {
-            case Op::sin: of_lanes(count, lane_functions::sin<lanes>); continue;
-            case Op::cos: of_lanes(count, lane_functions::cos<lanes>); continue;
-            case Op::exp: of_lanes(count, lane_functions::exp<lanes>); continue;
-            case Op::tanh: of_lanes(count, lane_functions::tanh<lanes>); continue;
+            case Op::sin:
+                of_lanes(count, [](const double* x, double* y) { lane_functions::sin<lanes>(x, y); });
+                continue;
+            case Op::cos:
+                of_lanes(count, [](const double* x, double* y) { lane_functions::cos<lanes>(x, y); });
+                continue;
+            case Op::exp:
+                of_lanes(count, [](const double* x, double* y) { lane_functions::exp<lanes>(x, y); });
+                continue;
+            case Op::tanh:
+                of_lanes(count, [](const double* x, double* y) { lane_functions::tanh<lanes>(x, y); });
+                continue;
             default: break;
             }
         }
