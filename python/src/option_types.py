@@ -101,6 +101,7 @@ RESULTS = {
         ("excess", "float"),
         ("objective", "float"),
         ("iterations", "int"),
+        ("simulations", "int"),
         ("converged", "bool"),
         ("notes", "list[str]"),
     ],
