@@ -14,10 +14,10 @@ namespace tribode {
 
 namespace {
 
-// z_k += turn z_{k + half} for k < half, real and imaginary parts apart.
-TRIBODE_CLONES void fold(double* real, double* imag, std::size_t half, double turn_real, double turn_imag) {
-    const double *far_real = real + half, *far_imag = imag + half;
-#pragma GCC ivdep
+// z_k += turn z_{k + half} for k < half, real and imaginary parts apart; far: those from half on.
+TRIBODE_CLONES void fold(double* __restrict real, double* __restrict imag, const double* __restrict far_real,
+                         const double* __restrict far_imag, std::size_t half, std::complex<double> turn) {
+    const double turn_real = turn.real(), turn_imag = turn.imag();
     for (std::size_t k = 0; k < half; ++k) {
         real[k] += turn_real * far_real[k] - turn_imag * far_imag[k];
         imag[k] += turn_real * far_imag[k] + turn_imag * far_real[k];
@@ -31,8 +31,7 @@ std::complex<double> turned_sum(const std::vector<double>& x, double cycles, std
     std::copy(x.begin(), x.end(), work.begin());
     double *real = work.data(), *imag = real + x.size();
     for (std::size_t half = x.size() / 2; half > 0; half /= 2) {
-        const std::complex<double> turn = turned(-cycles * static_cast<double>(half));
-        fold(real, imag, half, turn.real(), turn.imag());
+        fold(real, imag, real + half, imag + half, half, turned(-cycles * static_cast<double>(half)));
     }
     return {real[0], imag[0]};
 }

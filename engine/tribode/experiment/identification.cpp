@@ -718,7 +718,8 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
                 continue;
             }
             auto there = fit.residuals(tried);
-            if (there) {
+            const bool can_be_simulated = there.has_value();
+            if (can_be_simulated) {
                 auto lines = fit.spectra(*there);
                 auto power = fit.powers(lines);
                 const double value = fit.objective(power);
@@ -744,7 +745,7 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
                     }
                 }
             }
-            if (!better) damping *= there ? 6 : 36;
+            if (!better) damping *= can_be_simulated ? 6 : 36;
         }
         if (control.progress) {
             control.progress("identify", static_cast<std::size_t>(found.iterations),
