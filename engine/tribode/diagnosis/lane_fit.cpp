@@ -131,8 +131,9 @@ double LaneFit::negligible(const std::vector<double>& errors) const {
 }
 
 bool LaneFit::halve(const std::vector<double>& values) {
+    if (substeps_ >= most_substeps) return false;
     substeps_ *= 2;
-    return substeps_ < most_substeps && shorten(values);
+    return substeps_ == most_substeps || shorten(values);
 }
 
 bool LaneFit::shorten(const std::vector<double>& values) {

@@ -16,7 +16,7 @@ class LaneFit {
     // As SystemFit::jacobian(), by differences: the steps are the same in all runs, so that they are as smooth as the equations.
     Eigen::MatrixXd jacobian(const std::vector<double>& values, const std::vector<double>& errors) const;
 
-    // Halves the steps, once and until that changes nothing that counts at these values. False where it does not come to that.
+    // Halves the steps once, and on until that changes nothing that counts at these values. False where they are as short as may be.
     bool halve(const std::vector<double>& values);
 
     // Over every n-th sample only, n as large as steps of that length still agree with those of every sample at these values. For the

@@ -189,6 +189,7 @@ TEST_F(ExpressionsTest, LanesAreTheSameBitsAsOneByOne) {
         sum = graph.make(Op::subtract, sum, graph.make(Op::multiply, outputs[i], outputs[i + 1]));
     outputs.push_back(sum);
     const Tape tape(graph, inputs, outputs);
+    std::size_t finite = 0;
     const auto check = [&]<std::size_t lanes>(std::integral_constant<std::size_t, lanes>) {
         std::vector<double> given(inputs.size() * lanes), found(outputs.size() * lanes);
         for (std::size_t i = 0; i < given.size(); ++i) given[i] = std::sin(1.7 * static_cast<double>(i + lanes));
@@ -198,6 +199,7 @@ TEST_F(ExpressionsTest, LanesAreTheSameBitsAsOneByOne) {
             for (std::size_t i = 0; i < own.size(); ++i) own[i] = given[i * lanes + l];
             tape.evaluate({own}, one);
             for (std::size_t i = 0; i < one.size(); ++i) {
+                finite += std::isfinite(one[i]) ? 1 : 0;
                 EXPECT_EQ(std::bit_cast<std::uint64_t>(one[i]), std::bit_cast<std::uint64_t>(found[i * lanes + l]))
                     << lanes << " " << l << " " << i;
             }
@@ -206,6 +208,7 @@ TEST_F(ExpressionsTest, LanesAreTheSameBitsAsOneByOne) {
     check(std::integral_constant<std::size_t, 1>());
     check(std::integral_constant<std::size_t, 4>());
     check(std::integral_constant<std::size_t, 8>());
+    EXPECT_GT(finite, 13 * outputs.size() * 9 / 10) << "what is no number is equal to the bit for little";
 }
 
 // Sine, cosine, exp and tanh of lanes are those of the C library but for three units in the last place, whatever the argument.
