@@ -66,9 +66,23 @@ struct Precision {
     bool is_rounded = false;                  // most of the rounding repeats itself with the sine
 };
 
-// Z over the lines next to f, by their distance d from it: a polynomial of `terms` terms, if asked for divided by 1 + a d. A
-// transient of a lightly damped mode next to f is such a pole, and no polynomial [McKelvey 2012]. a is found by linear least squares
-// on Z (1 + a d), with the denominator of the iteration before as weight.
+// What a transient of known form has at the sine, and at the lines next to it.
+struct KnownTransient {
+    Complex at_sine;
+    Spectrum lines;
+};
+
+// Z at the lines next to a sine.
+struct NearbyLines {
+    std::vector<int> distance; // [lines]
+    Spectrum z;
+    Spectrum noise;                         // how much noise is in each, relative to the sine; empty: as much
+    std::vector<KnownTransient> transients; // of known poles nearby
+};
+
+// Z over the lines next to f, by their distance d from it: a polynomial of `terms` terms and known transients, or the polynomial
+// divided by 1 + a d. A transient of a lightly damped mode next to f is such a pole, and no polynomial [McKelvey 2012]. a is found
+// by linear least squares on Z (1 + a d), with the denominator of the iteration before as weight.
 struct LocalFit {
     Complex at_sine = 0;
     double residual = 0; // variance, per line
@@ -76,8 +90,13 @@ struct LocalFit {
     double freedom = 0;  // real degrees of freedom of the residual
     double nearest = 0;  // as residual, of the two lines on each side
 
-    LocalFit(const std::vector<int>& distance, const Spectrum& z, Eigen::Index terms, bool pole) {
-        const auto count = static_cast<Eigen::Index>(z.size()), unknowns = terms + (pole ? 1 : 0);
+    LocalFit(const NearbyLines& nearby, Eigen::Index terms, bool pole) {
+        const auto& [distance, z, noise, known] = nearby;
+        const auto count = static_cast<Eigen::Index>(z.size()), transients = static_cast<Eigen::Index>(known.size());
+        const Eigen::Index unknowns = terms + transients + (pole ? 1 : 0);
+        Eigen::VectorXcd here = Eigen::VectorXcd::Zero(unknowns); // the columns at the sine
+        here[0] = 1;
+        for (Eigen::Index j = 0; j < transients; ++j) here[terms + j] = known[static_cast<std::size_t>(j)].at_sine;
         const double reach = std::max(std::abs(distance.front()), std::abs(distance.back()));
         Eigen::MatrixXcd columns(count, unknowns), inverse;
         Eigen::VectorXcd values(count), solution;
@@ -86,19 +105,23 @@ struct LocalFit {
             for (Eigen::Index i = 0; i < count; ++i) {
                 const auto place = static_cast<std::size_t>(i);
                 const double d = distance[place] / reach;
-                const Complex weight = 1.0 / (1.0 + a * d);
+                const Complex weight = 1.0 / ((1.0 + a * d) * (noise.empty() ? 1.0 : noise[place]));
                 for (Eigen::Index j = 0; j < terms; ++j) columns(i, j) = weight * std::pow(d, static_cast<double>(j));
-                if (pole) columns(i, terms) = -weight * d * z[place];
+                for (Eigen::Index j = 0; j < transients; ++j) {
+                    columns(i, terms + j) = weight * known[static_cast<std::size_t>(j)].lines[place];
+                }
+                if (pole) columns(i, unknowns - 1) = -weight * d * z[place];
                 values[i] = weight * z[place];
             }
             const Eigen::VectorXd scale = columns.colwise().norm().cwiseMax(1e-300);
             const Eigen::MatrixXcd scaled = columns * scale.cwiseInverse().asDiagonal();
             inverse = (scaled.adjoint() * scaled).inverse();
             solution = scale.cwiseInverse().asDiagonal() * (inverse * (scaled.adjoint() * values));
-            factor = inverse(0, 0).real() / (scale[0] * scale[0]);
-            if (pole) a = solution[terms];
+            const Eigen::VectorXcd scaled_here = here.cwiseQuotient(scale.cast<Complex>()).conjugate();
+            factor = scaled_here.dot(inverse * scaled_here).real();
+            if (pole) a = solution[unknowns - 1];
         }
-        at_sine = solution[0];
+        at_sine = (here.transpose() * solution).value();
         const Eigen::VectorXcd rest = values - columns * solution;
         residual = rest.squaredNorm() / static_cast<double>(count - unknowns);
         double lines = 0;
@@ -115,19 +138,19 @@ struct LocalFit {
     }
 };
 
-// From Z at the lines next to f.
-Precision precision_of(const std::vector<int>& distance, const Spectrum& z) {
+Precision precision_of(const NearbyLines& nearby) {
     Precision found;
-    if (z.size() < 2) return found;
-    const Eigen::Index terms = z.size() >= 6 ? 3 : 1;
-    LocalFit best(distance, z, terms, false);
-    found.bias = std::abs(best.at_sine - (terms == 3 ? LocalFit(distance, z, 1, false).at_sine : 0.0));
-    if (z.size() >= 10) {
-        const LocalFit with_pole(distance, z, terms, true);
+    const std::size_t lines = nearby.z.size();
+    if (lines < 2) return found;
+    const Eigen::Index terms = lines >= 6 ? 3 : 1;
+    LocalFit best(nearby, terms, false);
+    found.bias = std::abs(best.at_sine - (terms == 3 ? LocalFit(nearby, 1, false).at_sine : 0.0));
+    if (lines >= 10 && nearby.transients.empty()) {
+        const LocalFit with_pole(nearby, terms, true);
         constexpr double clearly = 3; // noise alone lowers the residual by a few percent
         if (clearly * with_pole.residual < best.residual) {
             best = with_pole;
-            found.bias = std::abs(best.at_sine - LocalFit(distance, z, terms - 1, true).at_sine);
+            found.bias = std::abs(best.at_sine - LocalFit(nearby, terms - 1, true).at_sine);
         }
     }
     found.transient = best.at_sine;
@@ -146,7 +169,8 @@ class SineWindow {
         : window_(window),
           cycles_(frequency * signals.sample_time),
           basis_(window.count, signals.sample_time, frequency, static_cast<double>(window.first) * signals.sample_time,
-                 harmonics) {
+                 harmonics),
+          sample_time_(signals.sample_time) {
         const auto n = static_cast<double>(window.count);
         constexpr int most = 10; // lines on each side
         for (int d = -most; d <= most; ++d) {
@@ -158,14 +182,14 @@ class SineWindow {
         const std::vector<double> rest = rest_of(signals.output, output_fit_);
         output_lines_ = lines(rest);
         sample_noise_ = changes_by_block(rest, signals.sample_time, frequency, periods, harmonics);
+        if (!signals.thrust.empty()) {
+            const Complex thrust = fit(signals.thrust).fundamental();
+            if (std::norm(thrust) > 0) loop_ = fit(signals.excitation).fundamental() / thrust;
+        }
         step_squared_ = signals.resolution * signals.resolution;
         if (signals.resolution > 0) {
             rounding_ = rounding(signals.resolution);
-            if (!signals.thrust.empty()) {
-                // An error dY goes round the loop: with U = E - C Y it is dY/Y - dU/U = (dY/Y) E/U.
-                const Complex thrust = fit(signals.thrust).fundamental();
-                if (std::norm(thrust) > 0) rounding_ *= std::norm(fit(signals.excitation).fundamental() / thrust);
-            }
+            rounding_ *= std::norm(loop_);
             pattern_changes_ = pattern_changes(signals.output, rest, signals.resolution);
         }
     }
@@ -174,13 +198,24 @@ class SineWindow {
     const SineFit& output_fit() const { return output_fit_; }
     const Window& window() const { return window_; }
 
-    Precision precision(std::span<const double> input, const SineFit& input_fit) const {
+    // known: the response to this input, null where it is not.
+    Precision precision(std::span<const double> input, const SineFit& input_fit, const KnownResponse* known) const {
         const Spectrum input_lines = lines(rest_of(input, input_fit));
-        Spectrum z(distance_.size());
-        for (std::size_t i = 0; i < z.size(); ++i) {
-            z[i] = output_lines_[i] / output_fit_.fundamental() - input_lines[i] / input_fit.fundamental();
+        NearbyLines nearby{distance_, Spectrum(distance_.size()), {}, {}};
+        const auto n = static_cast<double>(window_.count);
+        const Complex here = known ? known->response(cycles_ / sample_time_) : 1;
+        for (std::size_t i = 0; i < distance_.size(); ++i) {
+            Complex share = 1; // of the response there in that at the sine
+            if (known) {
+                share = known->response((cycles_ + distance_[i] / n) / sample_time_) / here;
+                // The noise of the output is in Y - P U by 1 + P C, which is E/U at the sine; C changes little over the lines.
+                nearby.noise.push_back((1.0 + (loop_ - 1.0) * share) / loop_);
+            }
+            nearby.z[i] =
+                output_lines_[i] / output_fit_.fundamental() - share * input_lines[i] / input_fit.fundamental();
         }
-        Precision found = precision_of(distance_, z);
+        if (known) nearby.transients = transients_of(known->poles);
+        Precision found = precision_of(nearby);
         if (rounding_ > 0) {
             // Noise besides that of rounding, in steps squared. Both changes from sample to sample and the lines next to f must show
             // it: the pattern of the rounding may have lines there of its own, and its power differs from 1/12, the more the
@@ -205,6 +240,26 @@ class SineWindow {
   private:
     std::span<const double> cut(std::span<const double> signal) const {
         return signal.subspan(window_.first, window_.count);
+    }
+
+    // exp(p t) in this window. A pole far away, or so strongly damped that it is wider than the lines reach, is smooth over them.
+    std::vector<KnownTransient> transients_of(const std::vector<Complex>& poles) const {
+        std::vector<KnownTransient> found;
+        if (distance_.size() < 10) return found;
+        const auto n = static_cast<double>(window_.count);
+        const double reach = std::max(-distance_.front(), distance_.back());
+        for (const Complex pole : poles) {
+            const Complex decay = std::exp(pole * sample_time_);
+            const double away = std::abs(pole.imag() * sample_time_ / (2 * pi) - cycles_) * n;
+            const double width = -pole.real() * sample_time_ / (2 * pi) * n;
+            if (away > reach || width > reach) continue;
+            // A geometric series over the samples: its numerator is the same for all lines, which are whole cycles apart.
+            const auto at = [&](double cycles) { return 1.0 / (1.0 - decay * turned(-cycles)); };
+            KnownTransient transient{at(cycles_), {}};
+            for (const int d : distance_) transient.lines.push_back(at(cycles_ + d / n));
+            found.push_back(std::move(transient));
+        }
+        return found;
     }
 
     // Variance of the output's phasor by rounding that repeats itself with the sine, so that no line between the harmonics
@@ -296,11 +351,13 @@ class SineWindow {
     Window window_;
     double cycles_; // per sample
     SineBasis basis_;
+    double sample_time_;
     std::vector<int> distance_;
     SineFit output_fit_;
     Spectrum output_lines_;
     // Variance of what the harmonics leave of the output, from sample to sample, in each block of the window.
     std::vector<double> sample_noise_;
+    Complex loop_ = 1;    // E/U: an error dY goes round the loop, with U = E - C Y it is dY/Y - dU/U = (dY/Y) E/U
     double rounding_ = 0; // variance of the output's phasor, without noise, as much as it is in the ratio to the input
     double step_squared_ = 0;
     double pattern_power_ = 0, pattern_changes_ = 0; // largest ones of the rounding alone, in steps squared
@@ -313,9 +370,19 @@ bool is_constant(std::span<const double> x) {
 // The transient stands out from the noise of its estimate.
 bool stands_out(const Precision& p) { return std::norm(p.transient) > 16 * p.transient_variance; }
 
+// Taking a transient out costs the variance of its estimate, leaving it the square of what it is: on average that of the estimate
+// less its variance. The smaller one is the choice and the price.
+bool is_to_be_removed(const Precision& p) { return std::norm(p.transient) > 2 * p.transient_variance; }
+
+double price_of_transient(const Precision& p, bool removed) {
+    if (removed) return p.transient_variance;
+    return std::max(std::norm(p.transient) - p.transient_variance, 0.0);
+}
+
+// What is left of a transient that stands out.
 double left_over(const Precision& p, bool removed) {
-    if (removed) return stands_out(p) ? p.bias : 0.0;
-    return stands_out(p) ? std::abs(p.transient) : 0.0;
+    if (!stands_out(p)) return 0;
+    return removed ? p.bias : std::abs(p.transient);
 }
 
 std::optional<SineWindow> window_of(const MeasuredSignals& signals, const SineSegment& segment, long periods,
@@ -332,7 +399,7 @@ std::optional<SineWindow> window_of(const MeasuredSignals& signals, const SineSe
 // thirds agree within the noise.
 class SlowTransient {
   public:
-    SlowTransient(const MeasuredSignals& signals, std::span<const double> input, const SineSegment& segment) {
+    SlowTransient(const MeasuredSignals& signals, std::size_t input, const SineSegment& segment) {
         const double f = segment.frequency_hz;
         const long periods = periods_within(segment.count / 3, signals.sample_time, f);
         if (periods < 4) return;
@@ -343,11 +410,12 @@ class SlowTransient {
             part.count = segment.count / 3 * (third + 1);
             const auto window = window_of(signals, part, periods, 1);
             if (!window || std::abs(window->output_fit().fundamental()) == 0) return;
-            const SineFit fit = window->fit(input);
-            const Precision p = window->precision(input, fit);
+            const SineFit fit = window->fit(signals.inputs[input]);
+            const Precision p = window->precision(signals.inputs[input], fit, signals.known_response(input));
             ratio[third] = window->output_fit().fundamental() / fit.fundamental();
-            if (stands_out(p)) ratio[third] *= 1.0 - p.transient;
-            variance[third] = p.variance + p.transient_variance;
+            const bool removed = is_to_be_removed(p);
+            if (removed) ratio[third] *= 1.0 - p.transient;
+            variance[third] = p.variance + price_of_transient(p, removed);
         }
         const double size = std::abs(ratio[2]);
         const auto change = [&](std::size_t from) {
@@ -380,7 +448,7 @@ std::optional<SineWindow> best_window(const MeasuredSignals& signals, const Sine
     const long all = periods_within(segment.count, signals.sample_time, segment.frequency_hz);
     if (options.periods > 0) return window_of(signals, segment, std::min(options.periods, all), options.harmonics);
     std::vector<std::pair<double, std::optional<SineWindow>>> tried;
-    const SlowTransient slow(signals, signals.inputs.front(), segment);
+    const SlowTransient slow(signals, 0, segment);
     for (const double share : {1.0, 0.75, 0.5, 1.0 / 3, 0.25}) {
         const long periods = std::lround(share * static_cast<double>(all));
         if (periods < 4 && share < 1) break;
@@ -388,11 +456,12 @@ std::optional<SineWindow> best_window(const MeasuredSignals& signals, const Sine
         if (!window) continue;
         if (is_constant(signals.output.subspan(window->window().first, window->window().count))) return window;
         const auto input = signals.inputs.front();
-        const Precision p = window->precision(input, window->fit(input));
+        const Precision p = window->precision(input, window->fit(input), signals.known_response(0));
         const double bias =
             std::hypot(left_over(p, !options.keep_transients),
                        slow.left(static_cast<double>(window->window().count) / static_cast<double>(segment.count)));
-        tried.push_back({p.variance + bias * bias, std::move(window)});
+        const double price = options.keep_transients ? 0 : price_of_transient(p, is_to_be_removed(p));
+        tried.push_back({p.variance + price + bias * bias, std::move(window)});
     }
     double least = std::numeric_limits<double>::infinity();
     for (const auto& [error, window] : tried) least = std::min(least, error);
@@ -426,18 +495,19 @@ Observation observe(const MeasuredSignals& signals, const SineSegment& segment, 
     o.output = o.output_harmonics.front();
     const double share = static_cast<double>(o.window.count) / static_cast<double>(segment.count);
     std::vector<std::span<const double>> cut;
-    for (const auto input : signals.inputs) {
+    for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
+        const auto input = signals.inputs[i];
         cut.push_back(input.subspan(o.window.first, o.window.count));
         const SineFit fit = window->fit(input);
         o.input_harmonics.push_back(fit.harmonics);
-        const Precision p = window->precision(input, fit);
-        const bool removed = !options.keep_transients && stands_out(p);
+        const Precision p = window->precision(input, fit, signals.known_response(i));
+        const bool removed = !options.keep_transients && is_to_be_removed(p);
         o.inputs.push_back(removed ? fit.fundamental() / (1.0 - p.transient) : fit.fundamental());
         o.is_rounded = o.is_rounded || p.is_rounded;
-        o.variance.push_back(p.variance + (removed ? p.transient_variance : 0.0));
+        o.variance.push_back(p.variance + (options.keep_transients ? 0.0 : price_of_transient(p, removed)));
         o.transient.push_back(std::abs(p.transient));
         o.bias.push_back(
-            std::hypot(left_over(p, !options.keep_transients), SlowTransient(signals, input, segment).left(share)));
+            std::hypot(left_over(p, !options.keep_transients), SlowTransient(signals, i, segment).left(share)));
     }
     try {
         o.coherence =

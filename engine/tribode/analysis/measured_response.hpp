@@ -4,6 +4,7 @@
 #include "tribode/analysis/sine_fit.hpp"
 
 #include <complex>
+#include <functional>
 #include <limits>
 #include <span>
 #include <string>
@@ -20,6 +21,12 @@ namespace tribode {
 // is in both, and only this difference counts. `variance` is the expectation of abs(Z)^2; gain (in neper) and phase (in
 // rad) have half of it each.
 
+// A response that was fitted, by which transients are known.
+struct KnownResponse {
+    std::function<std::complex<double>(double frequency_hz)> response;
+    std::vector<std::complex<double>> poles; // one of each pair [1/s]
+};
+
 struct MeasuredSignals {
     double sample_time = 0;
     std::span<const double> excitation, output;
@@ -28,6 +35,11 @@ struct MeasuredSignals {
     // What the loop acts by, where the excitation is added to it in a closed loop: what an error of the output does to it is then
     // known. Empty: no such loop.
     std::span<const double> thrust = {};
+    std::vector<KnownResponse> known = {}; // to each input, empty: not known
+
+    const KnownResponse* known_response(std::size_t input) const {
+        return input < known.size() && known[input].response ? &known[input] : nullptr;
+    }
 };
 
 // One frequency of a measured response.
@@ -81,8 +93,10 @@ struct SineOptions {
 //
 // Noise and transient are told apart in the spectrum of the window: lines between the harmonics hold no steady response.
 // There Z is fitted by a parabola over the lines next to f (a transient is smooth over frequency; this is the local
-// polynomial method [Pintelon 2012, chapter 7]). Its value at f is the transient, the residual is the noise. A transient of
-// less than four standard deviations is left alone. The bias left is taken from a fit of lower order. A transient next to
+// polynomial method [Pintelon 2012, chapter 7]). Its value at f is the transient, the residual is the noise. A transient is
+// taken out where that costs less than leaving it, and the variance contains the price of either. Where the response was fitted
+// before (MeasuredSignals::known), Z = dY/Y - (P/P(f)) dW/W is the response's own free motion, and the transients of its poles are
+// fitted beside the parabola. The bias left is taken from a fit of lower order. A transient next to
 // f that decays slowly is in no line; it shows in the ratios over the thirds of the segment, and their differences, taken for a
 // geometric series, are added to the bias. Where the number of
 // periods is not given, windows of 1, 3/4, 1/2, 1/3 and 1/4 of the segment are tried, and the longest one whose mean square

@@ -628,6 +628,25 @@ void put_covariance(Identification& found, const Normal& normal, const Eigen::Ma
     }
 }
 
+// Share of the power of x, without its mean, above `cycles` per sample.
+double power_share_above(double cycles, std::span<const double> x) {
+    const auto used = x.first(quick_length(x.size()));
+    std::vector<double> centered(used.begin(), used.end());
+    const double mean = mean_of(centered);
+    for (double& value : centered) value -= mean;
+    Eigen::FFT<double> fft;
+    std::vector<std::complex<double>> lines;
+    fft.fwd(lines, centered);
+    const auto count = static_cast<double>(lines.size());
+    double above = 0, all = 0;
+    for (std::size_t l = 1; l <= lines.size() / 2; ++l) {
+        const double power = std::norm(lines[l]);
+        all += power;
+        if (static_cast<double>(l) > cycles * count) above += power;
+    }
+    return all > 0 ? above / all : 0;
+}
+
 FittedRecord prepared(const MachineModel& machine, const GivenRecord& given, const RecordOptions& columns,
                       const IdentifyOptions& options) {
     FittedRecord record;
@@ -658,6 +677,19 @@ FittedRecord prepared(const MachineModel& machine, const GivenRecord& given, con
     if (is_zero(record.drive.u) && is_zero(record.drive.reference) && is_zero(record.drive.excitation)) {
         throw InputError(fmt::format("{}: {} throughout: a record with an excitation is needed", record.source,
                                      record.drive.closed_loop() ? "r and exc are zero" : "u is zero"));
+    }
+    // As `tribode fra` refuses single sines and lines there; white noise has a tenth of its power above.
+    constexpr double highest = 0.45, most = 0.5;
+    for (const char* name : {"exc", "r", "u"}) {
+        const Column* driver = table.find(name);
+        if (!driver || is_zero(driver->values)) continue;
+        if (power_share_above(highest, driver->values) > most) {
+            throw InputError(
+                fmt::format("{}: most of {} lies above 0.45 of the sampling rate ({:.6g} Hz), where a sine cannot be "
+                            "told from its alias",
+                            record.source, name, highest / machine.sample_time));
+        }
+        break;
     }
     if (const std::size_t samples = clipped_samples(record.drive.measured, machine.encoder_resolution)) {
         throw InputError(

@@ -58,17 +58,19 @@ struct FraRecord {
     bool excitation_is_thrust = false;
     std::array<std::vector<double>, 4> inputs; // of fra1, fra2, proposed, improved
     std::vector<double> driving;               // the thrust that acts, A u
-    std::size_t period = 0;                    // of a multisine [samples]
+    Excitation form;
     std::vector<Observation> observations;
 
-    MeasuredSignals signals(const MachineModel& machine) const {
+    // known: the response to each input.
+    MeasuredSignals signals(const MachineModel& machine, std::vector<KnownResponse> known = {}) const {
         const bool added = loop_closed && !excitation_is_thrust && excited_by != "r";
         return {machine.sample_time,
                 excitation,
                 position,
                 {inputs[0], inputs[1], inputs[2], inputs[3]},
                 machine.encoder_resolution,
-                added ? std::span<const double>(thrust) : std::span<const double>()};
+                added ? std::span<const double>(thrust) : std::span<const double>(),
+                std::move(known)};
     }
 };
 
@@ -199,8 +201,9 @@ void improve_sines(const MachineModel& machine, std::vector<Observation>& observ
 
 std::string range_text(double low, double high) { return fmt::format("{:.6g} to {:.6g} Hz", low, high); }
 
-std::string describe(const FraRecord& record, const Excitation& excitation, const std::vector<Observation>& found,
-                     double sample_time) {
+std::string describe(const FraRecord& record, double sample_time) {
+    const Excitation& excitation = record.form;
+    const std::vector<Observation>& found = record.observations;
     std::string text =
         fmt::format("{}: {} samples, excitation {}, ", record.source, record.thrust.size(), record.excited_by);
     if (excitation.kind == ExcitationKind::broadband) {
@@ -241,9 +244,10 @@ std::vector<MeasuredPoint> unfolded(const MachineModel& machine, const ModalMode
     return points;
 }
 
-// by_thrust: FRA-1.
-void fit_analysis(const MachineModel& machine, const MeasuredFraOptions& options,
-                  const std::vector<MeasuredPoint>& by_thrust, MeasuredFra& fra, MeasuredAnalysis& analysis) {
+// by_thrust: FRA-1. Adds to the notes what is to be known of the fit.
+void fit_analysis(const MachineModel& machine, const MeasuredFraOptions& options, double delay,
+                  const std::vector<MeasuredPoint>& by_thrust, MeasuredAnalysis& analysis,
+                  std::vector<std::string>& notes) {
     WeightedFitOptions fit;
     fit.modes = options.modes.value_or(static_cast<int>(machine.modes.size()));
     const double low = 0.01 / machine.sample_time, high = 0.1 / machine.sample_time;
@@ -260,19 +264,107 @@ void fit_analysis(const MachineModel& machine, const MeasuredFraOptions& options
             const double top = std::min(response.frequency_hz.back(), fit.f_max_hz);
             const double at =
                 std::clamp(std::min(120.0, top), response.frequency_hz.front(), response.frequency_hz.back());
-            fit.delay = phase_delay(response, at, 5, fra.delay);
+            fit.delay = phase_delay(response, at, 5, delay);
         }
         analysis.fit = fit_weighted(analysis.points, fit);
         if (analysis.method == "improved" && machine.input == InputKind::hold) {
             analysis.fit = fit_weighted(unfolded(machine, analysis.fit->model, analysis.points, by_thrust), fit);
         }
         if (!analysis.fit->message.empty()) {
-            fra.notes.push_back(title_of_method(analysis.method) + ", fit: " + analysis.fit->message + ".");
+            notes.push_back(title_of_method(analysis.method) + ", fit: " + analysis.fit->message + ".");
         }
     } catch (const InputError& problem) {
-        fra.notes.push_back(
-            fmt::format("{}: no model is fitted: {}.", title_of_method(analysis.method), problem.what()));
+        notes.push_back(fmt::format("{}: no model is fitted: {}.", title_of_method(analysis.method), problem.what()));
     }
+}
+
+void observe(const MachineModel& machine, const MeasuredFraOptions& options, const std::vector<KnownResponse>& known,
+             FraRecord& record) {
+    if (record.form.kind == ExcitationKind::stepped_sine) {
+        record.observations = sine_observations(record.signals(machine, known), record.form.segments, options.sine);
+    } else if (record.form.kind == ExcitationKind::multisine) {
+        record.observations = multisine_observations(record.signals(machine), record.form.period, record.source);
+    }
+}
+
+std::size_t input_of(const std::string& method) {
+    return method == "fra2" ? 1 : method == "proposed" ? 2 : method == "improved" ? improved_input : 0;
+}
+
+// Of all records, in the place of the analyses that `fra` has. Returns notes.
+std::vector<std::string> analyze(const MachineModel& machine, const MeasuredFraOptions& options,
+                                 const std::vector<FraRecord>& records, MeasuredFra& fra) {
+    fra.analyses.clear();
+    std::vector<std::string> notes;
+    const bool only_sines = std::ranges::all_of(
+        records, [](const FraRecord& record) { return record.form.kind == ExcitationKind::stepped_sine; });
+    std::vector<std::vector<MeasuredPoint>> responses;
+    if (records.front().form.kind == ExcitationKind::broadband) {
+        std::vector<MeasuredSignals> signals;
+        for (const auto& record : records) signals.push_back(record.signals(machine));
+        responses = cross_spectra(signals);
+    } else {
+        std::vector<Observation> observations;
+        for (const auto& record : records) {
+            observations.insert(observations.end(), record.observations.begin(), record.observations.end());
+        }
+        if (std::ranges::all_of(observations, [](const auto& o) { return !o.missing.empty(); })) {
+            throw InputError(fmt::format("{}: no frequency can be analyzed; at {} Hz: {}", records.front().source,
+                                         to_text(observations.front().frequency_hz), observations.front().missing));
+        }
+        if (only_sines && !machine.dry.present()) improve_sines(machine, observations);
+        responses = merged(observations, options.sine);
+    }
+    for (const auto& method : fra_methods) {
+        if (std::ranges::find(options.methods, method) == options.methods.end()) continue;
+        if (method == "bla" && only_sines) {
+            notes.push_back("BLA is left out: single sines give the response at their own amplitude, the best linear "
+                            "approximation needs multisines or a broadband excitation.");
+            continue;
+        }
+        MeasuredAnalysis analysis;
+        analysis.method = method;
+        analysis.points = responses.at(input_of(method));
+        const auto with_value =
+            std::ranges::count_if(analysis.points, [](const auto& point) { return point.missing.empty(); });
+        if (with_value == 0) {
+            throw InputError(fmt::format("{}: {} has no value at any frequency: {}", records.front().source,
+                                         title_of_method(method), analysis.points.front().missing));
+        }
+        fit_analysis(machine, options, fra.delay, responses.front(), analysis, notes);
+        fra.analyses.push_back(std::move(analysis));
+    }
+    if (fra.analyses.empty()) throw InputError("none of the methods can be used with these records: " + notes.back());
+    return notes;
+}
+
+// What was fitted to the response to each input, or else to that of the best analysis; empty where nothing was.
+std::vector<KnownResponse> fitted_responses(const MeasuredFra& fra) {
+    const auto fitted = [&](const std::string& method) -> KnownResponse {
+        const MeasuredAnalysis* analysis = fra.find(method);
+        if (!analysis || !analysis->fit) return {};
+        KnownResponse known;
+        for (const auto& mode : analysis->fit->model.modes) {
+            if (!(mode.zeta > 0 && mode.zeta < 1)) continue;
+            known.poles.push_back(2 * pi * mode.freq_hz *
+                                  std::complex<double>(-mode.zeta, std::sqrt(1 - mode.zeta * mode.zeta)));
+        }
+        known.response = [model = analysis->fit->model, delay = analysis->fit->delay](double f) {
+            return model.response(f) * std::polar(1.0, -2 * pi * f * delay);
+        };
+        return known;
+    };
+    std::vector<KnownResponse> known(improved_input + 1);
+    KnownResponse best;
+    for (const char* method : {"fra1", "fra2", "proposed", "improved"}) {
+        auto& own = known[input_of(method)] = fitted(method);
+        if (own.response) best = own;
+    }
+    if (!best.response) return {};
+    for (auto& own : known) {
+        if (!own.response) own = best;
+    }
+    return known;
 }
 
 // Loops and residuals, by the model that was fitted.
@@ -287,7 +379,7 @@ void map_friction(const MachineModel& machine, const MeasuredFraOptions& options
     const double limit = options.fit_max_hz.value_or(0.1 / machine.sample_time);
     for (const auto& record : records) {
         const ForceSignals signals{record.position, record.driving, record.inputs[improved_input], machine.sample_time};
-        fra.residuals.push_back(force_residual(signals, record.period, model, limit));
+        fra.residuals.push_back(force_residual(signals, record.form.period, model, limit));
         fra.residuals.back().record = record.source;
         for (const auto& o : record.observations) {
             // With a few harmonics below the limit.
@@ -369,79 +461,35 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
     note_what_is_missing(machine, options, fra);
 
     std::vector<FraRecord> records;
-    std::vector<Observation> observations;
-    std::size_t broadband = 0;
-    bool only_sines = true;
     for (const auto& table : tables) {
         records.push_back(prepared(machine, table, options, fra.delay));
         FraRecord& record = records.back();
-        const Excitation excitation = recognize_excitation(record.excitation, machine.sample_time, record.source);
-        std::vector<Observation> found;
-        if (excitation.kind == ExcitationKind::stepped_sine) {
-            found = sine_observations(record.signals(machine), excitation.segments, options.sine);
-        } else if (excitation.kind == ExcitationKind::multisine) {
-            found = multisine_observations(record.signals(machine), excitation.period, record.source);
-            record.period = excitation.period;
-            only_sines = false;
-        } else {
-            ++broadband;
-            only_sines = false;
-            if (record.loop_closed) {
-                fra.notes.push_back(
-                    fmt::format("{}: the loop is closed; the response is that of the joint input-output method, "
-                                "with {} as reference.",
-                                record.source, record.excited_by));
-            }
+        record.form = recognize_excitation(record.excitation, machine.sample_time, record.source);
+        observe(machine, options, {}, record);
+        if (record.form.kind == ExcitationKind::broadband && record.loop_closed) {
+            fra.notes.push_back(fmt::format("{}: the loop is closed; the response is that of the joint input-output "
+                                            "method, with {} as reference.",
+                                            record.source, record.excited_by));
         }
-        fra.records.push_back(describe(record, excitation, found, machine.sample_time));
-        observations.insert(observations.end(), found.begin(), found.end());
-        record.observations = std::move(found);
+        fra.records.push_back(describe(record, machine.sample_time));
     }
-    if (broadband > 0 && broadband < records.size()) {
+    const auto count_of = [&](ExcitationKind kind) {
+        return std::ranges::count_if(records, [&](const FraRecord& record) { return record.form.kind == kind; });
+    };
+    const auto broadband = count_of(ExcitationKind::broadband), all = std::ssize(records);
+    if (broadband > 0 && broadband < all) {
         throw InputError(
             fmt::format("{} of {} records are neither single sines nor periodic; they cannot be combined with "
                         "the others, analyze them apart",
-                        broadband, records.size()));
+                        broadband, all));
     }
-
-    std::vector<std::vector<MeasuredPoint>> responses;
-    if (broadband > 0) {
-        std::vector<MeasuredSignals> signals;
-        for (const auto& record : records) signals.push_back(record.signals(machine));
-        responses = cross_spectra(signals);
-    } else {
-        if (std::ranges::all_of(observations, [](const auto& o) { return !o.missing.empty(); })) {
-            throw InputError(fmt::format("{}: no frequency can be analyzed; at {} Hz: {}", records.front().source,
-                                         to_text(observations.front().frequency_hz), observations.front().missing));
-        }
-        if (only_sines && !machine.dry.present()) improve_sines(machine, observations);
-        responses = merged(observations, options.sine);
+    std::vector<std::string> notes = analyze(machine, options, records, fra);
+    // The transients of single sines are those of the modes, which are known by now.
+    if (const auto known = fitted_responses(fra); !known.empty() && count_of(ExcitationKind::stepped_sine) > 0) {
+        for (auto& record : records) observe(machine, options, known, record);
+        notes = analyze(machine, options, records, fra);
     }
-
-    for (const auto& method : fra_methods) {
-        if (std::ranges::find(options.methods, method) == options.methods.end()) continue;
-        if (method == "bla" && only_sines) {
-            fra.notes.push_back(
-                "BLA is left out: single sines give the response at their own amplitude, the best linear "
-                "approximation needs multisines or a broadband excitation.");
-            continue;
-        }
-        MeasuredAnalysis analysis;
-        analysis.method = method;
-        const std::size_t input = method == "fra2"       ? 1
-                                  : method == "proposed" ? 2
-                                  : method == "improved" ? improved_input
-                                                         : 0;
-        analysis.points = responses.at(input);
-        const auto with_value =
-            std::ranges::count_if(analysis.points, [](const auto& point) { return point.missing.empty(); });
-        if (with_value == 0) {
-            throw InputError(fmt::format("{}: {} has no value at any frequency: {}", records.front().source,
-                                         title_of_method(method), analysis.points.front().missing));
-        }
-        fit_analysis(machine, options, responses.front(), fra, analysis);
-        fra.analyses.push_back(std::move(analysis));
-    }
+    fra.notes.insert(fra.notes.end(), notes.begin(), notes.end());
     if (std::ranges::any_of(fra.analyses, [](const auto& a) { return a.fit && a.fit->rounding; })) {
         fra.notes.push_back(
             "The noise is less than an eighth of an encoder step, so the rounding of the sines is not random: among "

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <gtest/gtest.h>
 #include <numbers>
+#include <utility>
 
 namespace tribode {
 namespace {
@@ -96,6 +97,44 @@ TEST(MeasuredResponse, TakesASlowTransientNextToTheSineOut) {
         EXPECT_LT(error, 1e-3); // of 2e-2 that is left in the plain ratio
         EXPECT_LT(error, 2.5 * std::sqrt(point.variance));
     }
+}
+
+TEST(MeasuredResponse, TakesTransientsOfAKnownModeOut) {
+    // A mode of 34 Hz with 6 % of damping in a loop, and a sine at 33.8 Hz, half a line beside it, after one at 30 Hz: the free
+    // motion of the mode is broader than a line, and the thrust holds one of the loop.
+    const Complex pole = 2 * pi * 34.0 * Complex(-0.06, std::sqrt(1 - 0.06 * 0.06)), decay = std::exp(pole * ts);
+    const double gain = 2e-6, feedback = 100;
+    const auto response = [=](double f) {
+        const Complex z = std::polar(1.0, 2 * pi * f * ts);
+        return gain * z / (z * z - 2 * decay.real() * z + std::norm(decay));
+    };
+    constexpr double noise = 3e-5;
+    double squares_before = 0, squares = 0, variances = 0;
+    constexpr int records = 40;
+    for (int seed = 0; seed < records; ++seed) {
+        std::vector<double> exc(3200), u(3200), y(3200);
+        double motion[2] = {0, 0};
+        for (std::size_t k = 0; k < y.size(); ++k) {
+            const double t = static_cast<double>(k) * ts;
+            exc[k] = 15 * std::sin(2 * pi * (k < 1600 ? 30.0 : 33.8) * t);
+            const double next =
+                2 * decay.real() * motion[0] - std::norm(decay) * motion[1] + (k > 0 ? gain * u[k - 1] : 0.0);
+            motion[1] = std::exchange(motion[0], next);
+            y[k] = next + noise * standard_normal(static_cast<std::uint64_t>(seed), 0, k);
+            u[k] = exc[k] - feedback * y[k];
+        }
+        MeasuredSignals signals{ts, exc, y, {u}, 0, u};
+        const SineSegment segment{33.8, 15, 0, 1600, 1600};
+        const auto error = [&](const MeasuredPoint& point) { return std::norm(point.value / response(33.8) - 1.0); };
+        squares_before += error(merged(sine_observations(signals, {segment}, {})).at(0).at(0)) / records;
+        signals.known = {{response, {pole}}};
+        const auto point = merged(sine_observations(signals, {segment}, {})).at(0).at(0);
+        squares += error(point) / records;
+        variances += point.variance / records;
+    }
+    EXPECT_LT(squares, squares_before / 3);
+    EXPECT_GT(squares / variances, 0.5);
+    EXPECT_LT(squares / variances, 1.2);
 }
 
 TEST(MeasuredResponse, WhereNothingMovesThereIsNoValueButAReason) {

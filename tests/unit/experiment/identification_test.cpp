@@ -298,6 +298,10 @@ TEST(Identification, RefusesWhatCannotBeFitted) {
         for (double& value : values) value = std::min(value, most);
     };
     expect_part(refusal(truth, {with("u", [](auto& u) { std::ranges::fill(u, 0.0); })}), "u is zero throughout");
+    const auto aliased = [](auto& values) {
+        for (std::size_t k = 0; k < values.size(); ++k) values[k] = 20 * std::sin(3.0 * static_cast<double>(k));
+    };
+    expect_part(refusal(truth, {with("u", aliased)}), "most of u lies above 0.45 of the sampling rate");
     expect_part(refusal(truth, {with("y", clip)}), "y stands at its largest values");
     MachineModel late = truth;
     late.input_delay = 7;
