@@ -1,19 +1,29 @@
--- The friction model that a drive runs and adds to its thrust, FRA-2 in its add-on form, Fig. 6 of the paper: elements
--- and viscous friction driven by the samples of the encoder.
+-- The friction model that a drive runs and adds to its thrust, FRA-2 in its add-on form, Fig. 6 of the paper:
+-- elements, viscous and dry friction driven by the samples of the encoder. Dry friction builds up over two of its steps.
 --
 --   z_i[k] = clip(z_i[k-1] + q[k] - q[k-1], -F_i/K_i, F_i/K_i),  v[k] = (q[k] - q[k-1])/Ts,  q = measured
---   fed_back[k] = share (sum of K_i z_i[k] + D_i v[k] where not at its limit, + viscous v[k]);  q[-1] = q[0]
+--   w[k] = clip(w[k-1] + q[k] - q[k-1], -reach, reach),  level(v) as in servo.friction
+--   fed_back[k] = share (sum of K_i z_i[k] + D_i v[k] where not at its limit, + viscous v[k]
+--                        + level(v[k]) w[k]/reach);  q[-1] = q[0]
 --
 -- in: measured [m]; out: fed_back [N].
 local tb = require "tribode"
 
--- share, period [s], viscous [N s/m], elements = { { K =, F =, D = }, … }
+-- share, period [s], viscous [N s/m], elements = { { K =, F =, D = }, … }, coulomb [N], stribeck as in a machine,
+-- resolution of the encoder [m]
 return function(settings)
   local elements = settings.elements
-  local discrete = { force = { unit = "N" }, position = { unit = "m" }, begun = 0 }
+  local stribeck = settings.stribeck
+  local discrete = { force = { unit = "N" }, position = { unit = "m" }, begun = 0, dry = { unit = "m" } }
   local parameters = {
     period = { value = settings.period, unit = "s" }, viscous = { value = settings.viscous, unit = "N s/m" },
   }
+  parameters.coulomb = { value = settings.coulomb, unit = "N" }
+  parameters.reach = { value = math.max(2 * settings.resolution, 1e-7), unit = "m" }
+  if stribeck then
+    parameters.above_coulomb = { value = stribeck.static - settings.coulomb, unit = "N" }
+    parameters.stribeck_velocity = { value = stribeck.velocity, unit = "m/s" }
+  end
   for i, e in ipairs(elements) do
     discrete["z" .. i] = { unit = "m" }
     parameters["K" .. i] = { value = e.K, unit = "N/m" }
@@ -41,7 +51,13 @@ return function(settings)
             local damping = tb.where(tb.less(math.abs(z), limit), s["D" .. i] * velocity, 0)
             force = force + s["K" .. i] * z + damping
           end
-          set.force = settings.share * force
+          set.dry = math.max(-s.reach, math.min(s.reach, s.dry + travel))
+          local level = s.coulomb
+          if stribeck then
+            local ratio = math.abs(velocity) / s.stribeck_velocity
+            level = level + s.above_coulomb * math.exp(-ratio ^ (stribeck.exponent or 1))
+          end
+          set.force = settings.share * (force + level * set.dry / s.reach)
           return set
         end,
       },

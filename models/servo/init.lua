@@ -149,6 +149,7 @@ function servo.parts(machine, options)
     local modeled = machine.friction or {}
     parts.friction_feedback = friction_feedback {
       share = share, period = m.period, viscous = modeled.viscous or 0, elements = modeled.elements or {},
+      coulomb = modeled.coulomb or 0, stribeck = modeled.stribeck, resolution = m.encoder.resolution,
     }
   end
   return parts

@@ -16,6 +16,18 @@ end
 assert(farthest(0.9) > farthest(0.5) and farthest(0.5) > farthest(0))
 assert(farthest(0) == math.max(table.unpack(tb.simulate { machine = machine, exc = push }.x)))
 
+-- Along a slow sine of the reference most of the error is what 5 N of dry friction take, and feedback lowers it.
+local dry = tb.with_fields(machine, { ["friction.coulomb"] = 5 })
+local slow = {}
+for k = 0, 4000 do slow[k + 1] = 5e-4 * (1 - math.cos(2 * math.pi * k * dry.Ts)) end
+local function error_along(share)
+  local run = tb.simulate { machine = dry, r = slow, friction_feedback = share }
+  local sum = 0
+  for k = 2001, #slow do sum = sum + (run.r[k] - run.y[k]) ^ 2 end
+  return math.sqrt(sum / 2000)
+end
+assert(error_along(0.5) < 0.7 * error_along(0) and error_along(0.9) < 0.8 * error_along(0.5))
+
 -- Margins: without friction as before, stuck, and with too much fed back.
 assert(tb.loop_margins { machine = machine }.stable == nil)
 local stuck = tb.loop_margins { machine = machine, friction_feedback = 1, amplitude_m = 0 }

@@ -233,6 +233,8 @@ end
 local damped = random_machine()
 damped.controller = { type = "cascade", kp = 10, kv = 100, delay_samples = 1 }
 agrees("friction feedback", damped, { samples = 300, solver = "exact", within = 1e-13, friction_feedback = 0.8 })
+damped.friction.coulomb, damped.friction.stribeck = 3, { static = 5, velocity = 0.004, exponent = 1.5 }
+agrees("dry friction fed back", damped, { samples = 300, solver = "erk", within = 1e-11, friction_feedback = 0.8 })
 refused("friction_feedback of a machine with dahl_friction has no equations in Lua", function()
   servo.parts(axis { { name = "dahl_friction", parameters = { F = 3, K = 1e5 } } }, { friction_feedback = 1 })
 end)

@@ -29,8 +29,8 @@ struct LoopSignals {
     LoopSignals(const ServoTrace& trace, const MachineModel& machine, const SweepOptions& options) {
         const FrictionModel model = options.friction_model.value_or(FrictionModel::of(machine));
         MeasuredFriction friction_model(model, machine);
-        auto delay_model =
-            DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time);
+        auto delay_model = DiscreteTransferFunction::pade_delay(options.delay.value_or(loop_dead_time(machine)),
+                                                                options.delay_order, machine.sample_time);
         for (auto* signal : {&friction_estimate, &delayed_thrust, &before_feedback}) signal->reserve(trace.u.size());
         for (auto& signal : input) signal.reserve(trace.u.size());
         for (std::size_t k = 0; k < trace.u.size(); ++k) {
@@ -46,25 +46,61 @@ struct LoopSignals {
     }
 };
 
-// A sin(phase) beside the controller's output, in closed loop at r = 0.
+// The path along which the reference moves the axis meanwhile.
+class Path {
+  public:
+    Path(const SweepOptions& options, double frequency, double sample_time)
+        : step_(options.bias_velocity * sample_time),
+          amplitude_(options.carrier_amplitude) {
+        if (amplitude_ == 0) return;
+        // Two periods of the carrier are this odd number of periods of the sine.
+        periods_ = 2 * std::lround(frequency / options.carrier_hz - 0.5) + 1;
+        turn_ = 2 * pi * 2 * frequency / static_cast<double>(periods_) * sample_time;
+    }
+
+    double at(long k) const {
+        const auto n = static_cast<double>(k);
+        return step_ * n + (amplitude_ == 0 ? 0.0 : amplitude_ * (1 - std::cos(turn_ * n)));
+    }
+
+    // As few periods of the sine, at least, as hold whole periods of the path.
+    long whole(long periods) const { return (periods + periods_ - 1) / periods_ * periods_; }
+
+    bool moves() const { return step_ != 0 || amplitude_ != 0; }
+
+  private:
+    double step_, amplitude_; // [m]
+    long periods_ = 1;
+    double turn_ = 0; // of the carrier, per sample
+};
+
+// A sin(phase) beside the controller's output, in closed loop along a path.
 template <class Phase>
-ClosedLoop sine_drive(const SweepOptions& options, Phase phase) {
-    const auto input = [amplitude = options.amplitude, phase](long k) {
-        return LoopInput{0.0, amplitude * std::sin(phase(static_cast<double>(k)))};
+ClosedLoop sine_drive(const SweepOptions& options, double amplitude, const Path& path, Phase phase) {
+    const auto input = [amplitude, path, phase](long k) {
+        return LoopInput{path.at(k), amplitude * std::sin(phase(static_cast<double>(k)))};
     };
     return {input, options.friction_feedback, options.friction_model};
+}
+
+double amplitude_at(const SweepOptions& options, std::size_t index) {
+    return options.amplitudes.empty() ? options.amplitude : options.amplitudes[index];
 }
 
 // One frequency: the run and its windows.
 class SinglePoint {
   public:
-    SinglePoint(const MachineModel& machine, const SweepOptions& options, double frequency, std::uint64_t seed,
+    SinglePoint(const MachineModel& machine, const SweepOptions& options, std::size_t index, std::uint64_t seed,
                 const RunControl& control)
         : machine_(machine),
           options_(options),
-          frequency_(frequency),
+          frequency_(options.frequency_hz[index]),
+          amplitude_(amplitude_at(options, index)),
           ts_(machine.sample_time),
-          run_(machine, sine_drive(options, [f = frequency, ts = ts_](double k) { return 2 * pi * f * k * ts; }),
+          path_(options, frequency_, ts_),
+          run_(machine,
+               sine_drive(options, amplitude_, path_,
+                          [f = frequency_, ts = ts_](double k) { return 2 * pi * f * k * ts; }),
                {.solver = options.solver,
                 .seed = seed,
                 .channels = {.t = false, .r = false, .motion = false, .fed_back = true}},
@@ -74,7 +110,7 @@ class SinglePoint {
     RunOutcome settle() {
         const double earliest = std::max(options_.settle_periods / frequency_, options_.settle_time);
         // Windows of whole periods, long enough to tell a slow change from rounding of the encoder.
-        const long periods = std::max(1L, std::lround(std::ceil(0.05 * frequency_)));
+        const long periods = path_.whole(std::max(1L, std::lround(std::ceil(0.05 * frequency_))));
         const auto length = static_cast<double>(periods) / frequency_;
         std::optional<std::array<std::complex<double>, 2>> previous;
         // The first window must have begun.
@@ -86,10 +122,9 @@ class SinglePoint {
             const Window window = whole_periods(0, periods, ts_, frequency_);
             const std::size_t first = end - window.count;
             const SineBasis basis(window.count, ts_, frequency_, static_cast<double>(first) * ts_);
-            const auto phasor = [&](const std::vector<double>& signal) {
-                return basis.fit(std::span(signal).subspan(first, window.count)).fundamental();
-            };
-            const std::array latest = {phasor(seen.u), phasor(seen.y)};
+            const auto phasor = [&](std::span<const double> signal) { return basis.fit(signal).fundamental(); };
+            const std::vector<double> position = beside_path(seen.y, {first, window.count});
+            const std::array latest = {phasor(std::span(seen.u).subspan(first)), phasor(position)};
             settled_ = previous && tribode::settled((*previous)[0], latest[0], options_.settle_tolerance) &&
                        tribode::settled((*previous)[1], latest[1], options_.settle_tolerance);
             if (settled_ || t > options_.settle_time_limit) return outcome;
@@ -99,24 +134,24 @@ class SinglePoint {
 
     // Runs on over the window to be measured; the signals then end with it.
     RunOutcome measure(long periods) {
-        window_ = whole_periods(run_.trace().y.size(), periods, ts_, frequency_);
+        window_ = whole_periods(run_.trace().y.size(), path_.whole(periods), ts_, frequency_);
         return run_.advance_to(static_cast<long>(window_.first + window_.count) - 1);
     }
 
     SweepPoint point() const {
         SweepPoint point;
         point.frequency_hz = frequency_;
-        const std::vector<double>& position = run_.trace().y;
+        const std::vector<double> position = beside_path(run_.trace().y, window_);
         const LoopSignals signals(run_.trace(), machine_, options_);
         const SineBasis basis(window_.count, ts_, frequency_, static_cast<double>(window_.first) * ts_,
                               options_.harmonics);
-        const SineFit y = basis.fit(cut(position)), u = basis.fit(cut(signals.input[0]));
+        const SineFit y = basis.fit(position), u = basis.fit(cut(signals.input[0]));
         std::array<std::span<const double>, analysis_count> inputs;
         for (std::size_t a = 0; a < analysis_count; ++a) {
             inputs[a] = cut(signals.input[a]);
             point.response[a] = y.fundamental() / (a == 0 ? u : basis.fit(inputs[a])).fundamental();
         }
-        const std::vector<double> coherences = coherence(inputs, cut(position), ts_, frequency_);
+        const std::vector<double> coherences = coherence(inputs, position, ts_, frequency_);
         std::ranges::copy(coherences, point.coherence.begin());
         if (options_.improved) {
             const FrictionModel model = options_.friction_model.value_or(FrictionModel::of(machine_));
@@ -126,7 +161,7 @@ class SinglePoint {
             point.add_on = y.fundamental() / basis.fit(cut(signals.before_feedback)).fundamental();
         }
         // The phasor of A sin is -jA.
-        point.loop_gain = std::complex(0.0, -options_.amplitude) / u.fundamental() - 1.0;
+        point.loop_gain = std::complex(0.0, -amplitude_) / u.fundamental() - 1.0;
         point.thrust = u.fundamental();
         point.position = y.fundamental();
         point.thrust_distortion = u.total_harmonic_distortion();
@@ -142,13 +177,22 @@ class SinglePoint {
     // To the sample instant at or before t.
     RunOutcome advance_to(double t) { return run_.advance_to(std::lround(std::floor(t / ts_ + 1e-6))); }
 
+    std::vector<double> beside_path(const std::vector<double>& position, const Window& window) const {
+        const auto first = position.begin() + static_cast<std::ptrdiff_t>(window.first);
+        std::vector<double> beside(first, first + static_cast<std::ptrdiff_t>(window.count));
+        if (!path_.moves()) return beside;
+        for (std::size_t k = 0; k < beside.size(); ++k) beside[k] -= path_.at(static_cast<long>(window.first + k));
+        return beside;
+    }
+
     std::span<const double> cut(const std::vector<double>& signal) const {
         return std::span(signal).subspan(window_.first, window_.count);
     }
 
     const MachineModel& machine_;
     const SweepOptions& options_;
-    double frequency_, ts_;
+    double frequency_, amplitude_, ts_;
+    Path path_;
     ServoRun run_;
     Window window_;
     bool settled_ = false;
@@ -170,6 +214,20 @@ void check(const MachineModel& machine, const SweepOptions& options) {
         }
         previous = f;
     }
+    if (!options.amplitudes.empty() && options.amplitudes.size() != options.frequency_hz.size()) {
+        throw InputError(fmt::format("amplitudes_N has {} entries, must have {}, one for each frequency",
+                                     options.amplitudes.size(), options.frequency_hz.size()));
+    }
+    if (options.carrier_amplitude > 0 && !options.frequency_hz.empty() &&
+        options.carrier_hz > options.frequency_hz.front() / 2) {
+        throw InputError(fmt::format("carrier_hz = {}, must be at most {}, half of the lowest frequency",
+                                     to_text(options.carrier_hz), to_text(options.frequency_hz.front() / 2)));
+    }
+    if (options.improved && (options.bias_velocity != 0 || options.carrier_amplitude > 0)) {
+        throw InputError(
+            "\"Improved\" knows friction between the samples for motions about a point at rest, not along a "
+            "bias velocity or a carrier; leave out one of them");
+    }
     if (options.frequency_hz.empty()) throw InputError("a sweep needs at least one frequency");
     if (!machine.has_controller()) {
         throw InputError("a sweep runs in closed loop, and the machine has no controller");
@@ -179,7 +237,7 @@ void check(const MachineModel& machine, const SweepOptions& options) {
 SweepPoint run_point(const MachineModel& machine, const SweepOptions& options, std::size_t index,
                      const RunControl& control) {
     const double frequency = options.frequency_hz[index];
-    SinglePoint run(machine, options, frequency, derived_seed(options.seed, index), control);
+    SinglePoint run(machine, options, index, derived_seed(options.seed, index), control);
     RunOutcome outcome = run.settle();
     if (outcome.ok()) outcome = run.measure(periods_to_measure(options, frequency));
     SweepPoint point;
@@ -244,7 +302,9 @@ SweepSignals run_single_frequency(const MachineModel& machine, const SweepOption
     one.frequency_hz = {frequency};
     check(machine, one);
     const double ts = machine.sample_time;
-    ServoRun run(machine, sine_drive(one, [&](double k) { return 2 * pi * frequency * (k * ts); }),
+    ServoRun run(machine,
+                 sine_drive(one, amplitude_at(one, 0), Path(one, frequency, ts),
+                            [&](double k) { return 2 * pi * frequency * (k * ts); }),
                  {.solver = options.solver, .seed = options.seed, .channels = {.fed_back = true}}, control);
     const double settle = std::max(std::ceil(std::max(one.settle_periods, one.settle_time * frequency)), 1.0);
     const RunOutcome outcome =

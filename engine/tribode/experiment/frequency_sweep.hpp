@@ -42,6 +42,12 @@ inline const std::array<std::string, analysis_count> analysis_names = {"FRA-1", 
 struct SweepOptions {
     std::vector<double> frequency_hz; // ascending, up to 0.45 of the sampling rate
     double amplitude = 15;            // A of the excitation A sin(2 pi f t), added to the controller's output [N]
+    std::vector<double> amplitudes;   // at each frequency, in the place of that [N]
+    // What the axis is moved along by the reference, so that it sticks seldom or never: r = v t, or A (1 - cos(2 pi fc t)) with fc
+    // up to a fifth from carrier_hz, so that 2 f is an odd multiple: what friction makes of the carrier is not at f then.
+    double bias_velocity = 0;     // v [m/s]
+    double carrier_amplitude = 0; // A [m]
+    double carrier_hz = 0.5;
     // Settling: after settle_periods and settle_time, whichever is later, the phasors of u and y over two windows in
     // a row must agree within settle_tolerance; given up after settle_time_limit.
     double settle_periods = 5;
@@ -51,7 +57,7 @@ struct SweepOptions {
     long measure_periods = 10;      // at least
     double measure_time = 0.1;      // [s], at least; rounded up to whole periods
     int harmonics = 5;              // fitted, for the distortion
-    double delay = 1.38e-3;         // L of the delay model C [s]
+    std::optional<double> delay;    // L of the delay model C [s]; none: loop_dead_time() of the machine
     int delay_order = 4;            // of its Pade approximant, eq. (19)
     bool improved = false;          // make the analysis "Improved" too
     double friction_feedback = 0;   // p: share of the modeled friction that is added to u (ClosedLoop)
@@ -66,6 +72,16 @@ struct SweepOptions {
                        "ascending, up to 0.45 of the sampling rate");
         fields.number("amplitude_N", o.amplitude, "N", Allowed::positive,
                       "of the excitation A sin 2πft, added to the controller's output");
+        fields.numbers("amplitudes_N", o.amplitudes, "N", Allowed::positive, 1'000'000,
+                       "one for each frequency, in the place of `amplitude_N`");
+        fields.number("bias_velocity_m_per_s", o.bias_velocity, "m/s", Allowed::finite,
+                      "velocity at which the reference moves the axis meanwhile, so that it does not reverse "
+                      "([how](how-to/sweep-with-bias-velocity.md))");
+        fields.number("carrier_amplitude_m", o.carrier_amplitude, "m", Allowed::non_negative,
+                      "of a slow sine of the reference, along which the axis moves meanwhile");
+        fields.number("carrier_hz", o.carrier_hz, "Hz", Allowed::positive,
+                      "its frequency, at most half of the lowest one of the sweep. It is changed a little with each "
+                      "frequency, so that no harmonic of the carrier meets it");
         fields.number("settle_periods", o.settle_periods, "", Allowed::non_negative, "minimum settling, in periods");
         fields.number("settle_time_s", o.settle_time, "s", Allowed::non_negative, "minimum settling time");
         fields.number("settle_tolerance", o.settle_tolerance, "", Allowed::positive,
@@ -77,7 +93,10 @@ struct SweepOptions {
         fields.integer("harmonics", o.harmonics, 1, 50,
                        "number of fitted harmonics, including the fundamental, for the distortion and for the motion "
                        "that drives the friction of `\"Improved\"`");
-        fields.number("delay_s", o.delay, "s", Allowed::non_negative, "dead time of the delay model C_dly");
+        fields.number(
+            "delay_s", o.delay, "s", Allowed::non_negative,
+            "dead time of the delay model C_dly; default: half a sample of hold, the delays and the thrust lag of "
+            "the machine");
         fields.integer("delay_order", o.delay_order, 1, 10, "order of its Padé approximant, eq. (19)");
         fields.flag("improved", o.improved,
                     "adds the analysis `\"Improved\"`, with hold, delays and thrust lag of the machine description "

@@ -20,6 +20,12 @@ std::complex<double> undelayed(const MachineModel& machine, double frequency_hz,
 
 } // namespace
 
+double loop_dead_time(const MachineModel& machine) {
+    const double hold = machine.input == InputKind::hold ? machine.sample_time / 2 : 0;
+    const double lag = machine.current_loop_hz > 0 ? 1 / (2 * std::numbers::pi * machine.current_loop_hz) : 0;
+    return hold + lag + machine.input_delay + machine.output_delay;
+}
+
 std::complex<double> actuator_response(const MachineModel& machine, double frequency_hz) {
     const ServoAxis axis = machine.axis(); // as it is, with its effects
     const double half_turn = machine.input == InputKind::hold ? pi * frequency_hz * machine.sample_time : 0;

@@ -12,6 +12,10 @@ namespace tribode {
 // A: what the actuator makes of a phasor of u, with hold, dead time and thrust lag.
 std::complex<double> actuator_response(const MachineModel& machine, double frequency_hz);
 
+// The dead time by which a response of the position to u is late at low frequencies: half a sample where u is held, delays,
+// and thrust lag [s].
+double loop_dead_time(const MachineModel& machine);
+
 // A U - F: the thrust on the linear dynamics, in the time of the driven point, from the phasor U of u and the harmonics of
 // the detected position.
 std::complex<double> improved_thrust(const MachineModel& machine, const FrictionModel& model, double frequency_hz,

@@ -33,12 +33,6 @@ bool has_friction(const MachineModel& machine) {
            !FrictionModel::of(machine).laws.empty();
 }
 
-double delay_of(const MachineModel& machine) {
-    const double hold = machine.input == InputKind::hold ? machine.sample_time / 2 : 0;
-    const double lag = machine.current_loop_hz > 0 ? 1 / (2 * pi * machine.current_loop_hz) : 0;
-    return hold + lag + machine.input_delay + machine.output_delay;
-}
-
 void refuse_clipped(const std::vector<double>& x, double step, const std::string& name, const std::string& where) {
     const std::size_t samples = clipped_samples(x, step);
     if (samples == 0) return;
@@ -406,7 +400,7 @@ void note_what_is_missing(const MachineModel& machine, const MeasuredFraOptions&
             "The machine file has no friction: FRA-2 is FRA-1, and Proposed and Improved take out the delay "
             "alone.");
     }
-    if (!options.delay && delay_of(machine) <= machine.sample_time / 2 && asked("proposed")) {
+    if (!options.delay && loop_dead_time(machine) <= machine.sample_time / 2 && asked("proposed")) {
         fra.notes.push_back("The machine file has no delays: the delay model of Proposed is the hold alone.");
     }
     std::vector<std::string> others;
@@ -457,7 +451,7 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
     require_allowed(options);
     if (tables.empty()) throw InputError("a frequency response needs at least one record");
     MeasuredFra fra;
-    fra.delay = options.delay.value_or(delay_of(machine));
+    fra.delay = options.delay.value_or(loop_dead_time(machine));
     note_what_is_missing(machine, options, fra);
 
     std::vector<FraRecord> records;

@@ -6,6 +6,7 @@
 #include "tribode/control/sampled_friction.hpp"
 #include "tribode/experiment/frequency_sweep.hpp"
 #include "tribode/experiment/friction_margins.hpp"
+#include "tribode/experiment/improved_analysis.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -88,7 +89,8 @@ class ReferenceFriction {
 
 Inputs inputs_of(const MachineModel& machine, const Feedforward& feedforward, const PositioningOptions& options) {
     const auto count = static_cast<std::size_t>(std::round(options.duration / machine.sample_time)) + 1;
-    auto delay = DiscreteTransferFunction::pade_delay(options.delay, options.delay_order, machine.sample_time);
+    auto delay = DiscreteTransferFunction::pade_delay(options.delay.value_or(loop_dead_time(machine)),
+                                                      options.delay_order, machine.sample_time);
     ReferenceFriction friction(options.friction_model.value_or(FrictionModel::of(machine)), machine.sample_time);
     // What the velocity loop of a cascade brakes the reference by, to be added again. It comes from the same controller, so
     // that it has the same filter and delay.

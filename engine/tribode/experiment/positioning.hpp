@@ -14,9 +14,9 @@
 namespace tribode {
 
 struct PositioningOptions {
-    double duration = 0.3;  // of the run, and of the window of the errors [s]
-    double delay = 1.38e-3; // L of C_dly on r*, before it meets y_dly [s]
-    int delay_order = 4;    // of its Pade approximant
+    double duration = 0.3;       // of the run, and of the window of the errors [s]
+    std::optional<double> delay; // L of C_dly on r*, before it meets y_dly [s]; none: loop_dead_time() of the machine
+    int delay_order = 4;         // of its Pade approximant
     bool friction_compensation = true;
     std::optional<FrictionModel> friction_model; // FM; none: the machine's own
     double friction_feedback = 0;                // share fed back from y instead, as eqs. (11) and (16) can be read
@@ -31,13 +31,14 @@ struct PositioningOptions {
     static void describe(auto& o, auto& fields) {
         fields.number("duration_s", o.duration, "s", Allowed::positive, "of the run and of the errors");
         fields.number("delay_s", o.delay, "s", Allowed::non_negative,
-                      "dead time of the delay model C_dly of the reference");
+                      "dead time of the delay model C_dly of the reference; default: half a sample of hold, the delays "
+                      "and the thrust lag of the machine");
         fields.integer("delay_order", o.delay_order, 1, 10, "order of its Padé approximant");
         fields.flag("friction_compensation", o.friction_compensation,
                     "compensation by the friction model, driven by r*");
         fields.table("friction_model", o.friction_model, "as for `tb.sweep`; default the machine's own");
         fields.number("friction_feedback", o.friction_feedback, "", Allowed::non_negative,
-                      "share of the friction model, dry friction apart, that is fed back from the detected position; "
+                      "share of the friction model that is fed back from the detected position; "
                       "not zero: in place of the compensation by r*");
         fields.number("velocity_feedforward", o.velocity_feedforward, "", Allowed::non_negative,
                       "with a cascade: share of the reference's velocity that its velocity loop does not brake");
@@ -77,7 +78,7 @@ struct PositioningResult {
 //
 // with the machine's own PID as C(z), and the friction model FM with the machine's friction, or that of the options, driven
 // by r* at the sample time. With a cascade, kv d(C_dly r*)/dt is added (velocity_feedforward), filtered and delayed as in the
-// controller. With friction_feedback p, p FM(y_dly) without dry friction takes the place of FM(r*). The run starts at rest at
+// controller. With friction_feedback p, p FM(y_dly) takes the place of FM(r*). The run starts at rest at
 // zero; the step of the reference is at t = 0. y is the detected position y_dly. Throws InputError where the machine has no
 // controller, the sample times differ or the run is shorter than the task, EndedEarly when interrupted, Error where the run
 // fails.

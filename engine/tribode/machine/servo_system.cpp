@@ -56,9 +56,7 @@ ServoSystem::ServoSystem(const MachineModel& model, ServoAxis axis, Drive drive,
             throw InputError("friction_feedback = " + to_text(share) + ", must be finite and not negative");
         }
         if (share > 0) {
-            FrictionModel fed_back = loop->friction_model.value_or(FrictionModel::of(model));
-            fed_back.dry = {};
-            friction_model_.emplace(fed_back, model);
+            friction_model_.emplace(loop->friction_model.value_or(FrictionModel::of(model)), model);
         }
     }
     // Encoder instant k Ts - d = (k - lead) Ts + offset with 0 <= offset < Ts.

@@ -26,9 +26,9 @@ struct LoopInput {
 //
 //     u[k] = C(z) (r[k] - y[k]) + excitation + friction_feedback fh[k]
 //
-// with fh from friction_model, the machine's own if there is none, driven by the detected position y[k]: elements, viscous
-// friction and friction laws, relaxed at the first sample. Dry friction is not in it. Laws that grow with the load see the
-// thrust of the sample before. friction_feedback is finite and not negative; 0: none.
+// with fh from friction_model, the machine's own if there is none, driven by the detected position y[k] as in the
+// analyses (MeasuredFriction), relaxed at the first sample. Laws that grow with the load see the thrust of the sample before.
+// friction_feedback is finite and not negative; 0: none.
 struct ClosedLoop {
     std::function<LoopInput(long k)> input;
     double friction_feedback = 0;

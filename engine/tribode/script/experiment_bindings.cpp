@@ -3,6 +3,7 @@
 #include "tribode/experiment/frequency_sweep.hpp"
 #include "tribode/experiment/friction_describing_function.hpp"
 #include "tribode/experiment/friction_margins.hpp"
+#include "tribode/experiment/improved_analysis.hpp"
 #include "tribode/experiment/positioning.hpp"
 #include "tribode/experiment/simulation.hpp"
 #include "tribode/script/conversions.hpp"
@@ -108,7 +109,7 @@ Json sweep(const ScriptContext& script, const Json& arguments) {
                           {"relative_tolerance", options.solver.relative_tolerance},
                           {"absolute_tolerance_m", options.solver.absolute_tolerance},
                           {"amplitude_N", options.amplitude},
-                          {"delay_s", options.delay},
+                          {"delay_s", options.delay.value_or(loop_dead_time(machine))},
                           {"friction_feedback", options.friction_feedback},
                           {"seed", options.seed},
                           {"frequencies", options.frequency_hz.size()},
@@ -154,7 +155,7 @@ Json positioning(const ScriptContext& script, const Json& arguments) {
     script.run.note_work({{"function", "positioning"},
                           {"machine", machine.hash()},
                           {"feedforward", designed.method},
-                          {"delay_s", options.delay},
+                          {"delay_s", options.delay.value_or(loop_dead_time(machine))},
                           {"seed", options.seed},
                           {"statistics", to_json(result.statistics)}});
     Json json = to_json(result.trace);
