@@ -1,5 +1,5 @@
 -- The friction model that a drive runs and adds to its thrust, FRA-2 in its add-on form, Fig. 6 of the paper:
--- elements, viscous and dry friction driven by the samples of the encoder. Dry friction builds up over two of its steps.
+-- elements, viscous and dry friction driven by the samples of the encoder. Dry friction builds up over two steps.
 --
 --   z_i[k] = clip(z_i[k-1] + q[k] - q[k-1], -F_i/K_i, F_i/K_i),  v[k] = (q[k] - q[k-1])/Ts,  q = measured
 --   w[k] = clip(w[k-1] + q[k] - q[k-1], -reach, reach),  level(v) as in servo.friction
