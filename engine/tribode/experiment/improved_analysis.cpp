@@ -3,6 +3,7 @@
 
 #include <unsupported/Eigen/FFT>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 #include <numbers>
@@ -95,6 +96,77 @@ std::vector<double> actuator_thrust(const MachineModel& machine, const std::vect
     fft.inv(samples, lines);
     std::vector<double> result(count);
     for (std::size_t k = 0; k < count; ++k) result[k] = samples[k].real();
+    return result;
+}
+
+namespace {
+
+// A low-pass at half the sampling rate between `finer` times as many instants: a sinc in a Hann window that reaches over some
+// samples on each side.
+constexpr long finer = 8, reach = 32;
+
+double kernel(long distance) { // [finer instants]
+    const double x = static_cast<double>(distance) / static_cast<double>(finer);
+    const double hann = 0.5 + 0.5 * std::cos(pi * x / (reach + 1));
+    return distance == 0 ? 1 : std::sin(pi * x) / (pi * x) * hann;
+}
+
+// Behind its ends a signal goes on as before, turned round.
+double beyond(const std::vector<double>& signal, long k) {
+    const long last = static_cast<long>(signal.size()) - 1;
+    const auto at = [&](long i) { return signal[static_cast<std::size_t>(std::clamp(i, 0L, last))]; };
+    if (k < 0) return 2 * signal.front() - at(-k);
+    if (k > last) return 2 * signal.back() - at(2 * last - k);
+    return at(k);
+}
+
+std::vector<double> interpolated(const std::vector<double>& signal) {
+    std::vector<double> weight(static_cast<std::size_t>(finer * 2 * reach)), sum(finer);
+    const auto place = [](long phase, long j) { return static_cast<std::size_t>(phase * 2 * reach + j + reach - 1); };
+    for (long phase = 0; phase < finer; ++phase) {
+        for (long j = 1 - reach; j <= reach; ++j) {
+            sum[static_cast<std::size_t>(phase)] += weight[place(phase, j)] = kernel(finer * j - phase);
+        }
+    }
+    std::vector<double> fine;
+    fine.reserve(signal.size() * static_cast<std::size_t>(finer));
+    for (long k = 0; k < static_cast<long>(signal.size()); ++k) {
+        for (long phase = 0; phase < finer; ++phase) {
+            double value = 0;
+            for (long j = 1 - reach; j <= reach; ++j) value += weight[place(phase, j)] * beyond(signal, k + j);
+            fine.push_back(value / sum[static_cast<std::size_t>(phase)]);
+        }
+    }
+    fine.resize(fine.size() - static_cast<std::size_t>(finer - 1)); // up to the last sample
+    return fine;
+}
+
+} // namespace
+
+std::vector<double> friction_along(const MachineModel& machine, const FrictionModel& model,
+                                   const std::vector<double>& position, const std::vector<double>& thrust) {
+    const std::vector<double> y = interpolated(position), load = interpolated(thrust);
+    MachineModel finely = machine;
+    finely.sample_time /= finer;
+    MeasuredFriction friction(model, finely);
+    std::vector<double> force(y.size());
+    for (std::size_t k = 0; k < y.size(); ++k) {
+        const double before = y[k == 0 ? 0 : k - 1], after = y[std::min(k + 1, y.size() - 1)];
+        force[k] = friction.step(y[k], load[k]);
+        force[k] += friction.velocity_correction((after - before) / (2 * finely.sample_time));
+    }
+    std::vector<double> weight;
+    double sum = 0;
+    for (long j = -finer * reach; j <= finer * reach; ++j) sum += weight.emplace_back(kernel(j));
+    std::vector<double> result;
+    result.reserve(position.size());
+    for (long k = 0; k < static_cast<long>(position.size()); ++k) {
+        double value = 0;
+        for (long j = -finer * reach; j <= finer * reach; ++j) {
+            value += weight[static_cast<std::size_t>(j + finer * reach)] * beyond(force, finer * k + j);
+        }
+        result.push_back(value / sum);
+    }
     return result;
 }
 

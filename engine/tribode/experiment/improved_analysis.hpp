@@ -29,4 +29,10 @@ std::complex<double> improved_response(const MachineModel& machine, const Fricti
 // at which the samples of y are taken. Before and behind the record u is taken to go on smoothly.
 std::vector<double> actuator_thrust(const MachineModel& machine, const std::vector<double>& thrust);
 
+// The friction F at those instants [N], of a model along a measured position. The position is interpolated within its band, so
+// that reversals between the samples count, and what friction has above half the sampling rate is left out, so that it does not
+// fold. thrust: of the motor, for laws that see the load [N].
+std::vector<double> friction_along(const MachineModel& machine, const FrictionModel& model,
+                                   const std::vector<double>& position, const std::vector<double>& thrust);
+
 } // namespace tribode

@@ -121,15 +121,6 @@ void choose_excitation(const MachineModel& machine, const Table& table, FraRecor
     record.excitation_is_thrust = true;
 }
 
-// At the samples themselves: the slope of the parabola of order four through five of them, nearer to the ends of two.
-std::vector<double> velocity_of(const std::vector<double>& position, double sample_time) {
-    std::vector<double> v = central_differences(position, sample_time);
-    for (std::size_t k = 2; k + 2 < position.size(); ++k) {
-        v[k] = (8 * (position[k + 1] - position[k - 1]) - (position[k + 2] - position[k - 2])) / (12 * sample_time);
-    }
-    return v;
-}
-
 FraRecord prepared(const MachineModel& machine, const Table& table, const MeasuredFraOptions& options, double delay) {
     FraRecord record;
     record.source = table.source.empty() ? "record" : table.source;
@@ -167,12 +158,13 @@ FraRecord prepared(const MachineModel& machine, const Table& table, const Measur
     auto delay_model = DiscreteTransferFunction::pade_delay(delay, options.delay_order, machine.sample_time);
     record.inputs[0] = record.thrust;
     record.inputs[3] = record.driving = actuator_thrust(machine, record.thrust);
-    const std::vector<double> velocity = velocity_of(record.position, machine.sample_time);
+    const std::vector<double> friction_between =
+        friction_along(machine, FrictionModel::of(machine), record.position, record.driving);
     for (std::size_t k = 0; k < record.thrust.size(); ++k) {
         const double friction = model.step(record.position[k], record.inputs[3][k]);
         record.inputs[1].push_back(record.thrust[k] - friction);
         record.inputs[2].push_back(delay_model.step(record.thrust[k]) - friction);
-        record.inputs[3][k] -= friction + model.velocity_correction(velocity[k]);
+        record.inputs[3][k] -= friction_between[k];
     }
     return record;
 }
