@@ -6,6 +6,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <map>
+#include <set>
 
 namespace tribode {
 
@@ -13,7 +14,8 @@ namespace {
 
 constexpr std::size_t max_rows = 4000; // of the errors: of more, some are left out evenly
 constexpr double min_share = 1e-3;     // of the squared errors, for a term to be worth a fit
-constexpr double min_of_pair = 1.2;    // times what the better one explains alone
+// Of a pair: times what the better one explains alone, or of what that one leaves.
+constexpr double min_of_pair = 1.2, rest_of_pair = 0.7;
 constexpr std::size_t max_pairs = 60;
 constexpr std::size_t terms_of_sum = 3;
 constexpr double rest_of_sum = 0.7; // of what two of them leave: as much as three may leave
@@ -95,6 +97,7 @@ class Screen {
     std::vector<ScreenedTerms> pairs(const std::function<bool()>& late) const {
         std::vector<ScreenedTerms> found;
         const auto some = best_of_each_form();
+        const double all = open_.squaredNorm();
         for (std::size_t a = 0; a < some.size(); ++a) {
             for (std::size_t b = a + 1; b < some.size() && !late(); ++b) {
                 if (terms_[some[a]].kind() == terms_[some[b]].kind()) continue;
@@ -104,16 +107,20 @@ class Screen {
                 const Eigen::VectorXd c = gram.ldlt().solve(right);
                 const double together = 2 * c.dot(right) - c.dot(gram * c);
                 const double best = std::max(explained_[some[a]], explained_[some[b]]);
-                if (std::isfinite(together) && together > min_of_pair * best) {
+                const bool is_worth = together > min_of_pair * best || all - together < rest_of_pair * (all - best);
+                if (std::isfinite(together) && is_worth) {
                     found.push_back({{some[a], some[b]}, {}, share(together)});
                 }
             }
         }
         std::stable_sort(found.begin(), found.end(), by_share);
-        // Pairs of the same names say the same about the system: the best shape of each stays.
-        std::map<std::string, std::size_t> named;
+        // Pairs of the same names say the same about the system: the best shape of each stays. What has no name is its shape.
+        const auto name_of = [&](std::size_t i) {
+            return terms_[i].name == nameless_term ? terms_[i].kind() : terms_[i].name;
+        };
+        std::set<std::string> named;
         std::erase_if(found, [&](const ScreenedTerms& pair) {
-            return named[terms_[pair.terms[0]].name + "+" + terms_[pair.terms[1]].name]++ > 0;
+            return !named.insert(name_of(pair.terms[0]) + "+" + name_of(pair.terms[1])).second;
         });
         if (found.size() > max_pairs) found.resize(max_pairs);
         for (auto& pair : found) {
