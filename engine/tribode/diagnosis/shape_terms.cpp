@@ -45,8 +45,10 @@ class Shapes {
                 if (target_->is_inner) continue;
                 thresholds(variable);
                 hysteresis(variable, nullptr);
+                memory(variable);
             }
             for (std::size_t i = 0; i < library_.variables.size() && !target_->is_inner; ++i) {
+                if (with_nameless) square_above(library_.variables[i]);
                 for (std::size_t j = i + 1; j < library_.variables.size(); ++j) {
                     product(library_.variables[i], library_.variables[j]);
                     if (!with_nameless) continue;
@@ -256,6 +258,21 @@ class Shapes {
              [](const TermArithmetic& m, const auto& x, const auto&) { return m.multiply(x[0], x[1]); }});
     }
 
+    // A product of a variable with what it exceeds a level by.
+    void square_above(const SystemVariable& variable) {
+        const double level = lower_quantile(variable.values, 0.5), span = variable.high - variable.low;
+        add({.name = nameless_term,
+             .of = {&variable},
+             .unit = power_of(variable.unit, "^2"),
+             .value = [&,
+                       level](std::size_t k) { return std::max(variable.values[k] - level, 0.0) * variable.values[k]; },
+             .term = [](const TermArithmetic& m, const auto& x,
+                        const auto& p) { return m.multiply(m.positive(m.subtract(x[0], p[0])), x[0]); },
+             .parameters = {{"level", level, variable.low - 0.5 * span, variable.high + 0.5 * span, span,
+                             variable.unit}},
+             .text = fmt::format("max({0} - level, 0) {0}", variable.name)});
+    }
+
     // Products of a function of one variable with another one: what a formula is made of where no name fits.
     void nameless(const SystemVariable& one, const SystemVariable& other) {
         const auto unit = [&](const char* power) {
@@ -337,6 +354,36 @@ class Shapes {
                 equations.states.push_back(z);
                 Term added = m.multiply(p[0], z.symbol);
                 if (load) added = m.multiply(added, m.abs(*load));
+                target.add(equations, added);
+                return added;
+            };
+            library_.terms.push_back(std::move(made));
+        }
+    }
+
+    // What lags behind a state; what lags behind an input is its path. It begins where the state does, as if that had rested.
+    void memory(const SystemVariable& variable) {
+        if (target_->is_output || !variable.state || !(library_.duration > 0)) return;
+        const double step = library_.duration / static_cast<double>(variable.values.size());
+        for (const double share : {0.01, 0.05}) {
+            const double time = share * library_.duration;
+            SystemTerm made{.name = "memory", .equation = target_->name, .of = variable.name};
+            made.parameters = {library_.amplitude(*target_, "a", rms_of_values(variable.values), variable.unit),
+                               {"time", time, 0.5 * step, 0.5 * library_.duration, time, "s"}};
+            made.apply = [target = *target_, name = variable.name, unit = variable.unit, w = variable.symbol,
+                          state = *variable.state](Equations& equations, const std::vector<Term>& p) {
+                auto& graph = *equations.graph;
+                const TermArithmetic m{graph};
+                std::string own = name + "_memory";
+                while (std::any_of(equations.states.begin(), equations.states.end(),
+                                   [&](const auto& s) { return s.name == own; })) {
+                    own += "_";
+                }
+                Equations::State z{.name = own, .unit = unit, .start = equations.states[state].start};
+                z.symbol = graph.variable(own);
+                z.rate = m.divide(m.subtract(w, z.symbol), p[1]);
+                equations.states.push_back(z);
+                const Term added = m.multiply(p[0], z.symbol);
                 target.add(equations, added);
                 return added;
             };
