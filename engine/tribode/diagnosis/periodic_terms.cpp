@@ -13,9 +13,14 @@ constexpr std::size_t max_turns = 400;    // of a period over the span
 constexpr int per_turn = 4;               // points of the spectrum
 constexpr std::size_t max_peaks = 3;
 
+// Periods, of so many that can be told apart.
+struct Periods {
+    std::vector<double> found;
+    std::size_t looked_at = 1;
+};
+
 // The periods that show most in the errors over the values of a variable: from twice its span to a few samples.
-std::vector<double> periods(const TermLibrary& library, const TermTarget& target, const std::vector<double>& values,
-                            double span) {
+Periods periods(const TermLibrary& library, const TermTarget& target, const std::vector<double>& values, double span) {
     const auto& measured = library.model.measured;
     std::size_t output = 0;
     for (std::size_t o = 0; o < measured.size(); ++o) {
@@ -57,9 +62,9 @@ std::vector<double> periods(const TermLibrary& library, const TermTarget& target
     }
     std::sort(peaks.begin(), peaks.end(), [](const Line& a, const Line& b) { return a.power > b.power; });
     if (peaks.size() > max_peaks) peaks.resize(max_peaks);
-    std::vector<double> found;
-    for (const auto& peak : peaks) found.push_back(1 / peak.frequency);
-    return found;
+    Periods best{.found = {}, .looked_at = std::max<std::size_t>(1, most)};
+    for (const auto& peak : peaks) best.found.push_back(1 / peak.frequency);
+    return best;
 }
 
 // a sin(2 pi w/period) + b cos(2 pi w/period)
@@ -133,9 +138,11 @@ void add_periodic(TermLibrary& library) {
         for (const auto& variable : library.variables) {
             const double span = variable.high - variable.low;
             const bool ripples = variable.name == target.position;
-            for (const double period : periods(library, target, variable.values, span)) {
+            const auto best = periods(library, target, variable.values, span);
+            for (const double period : best.found) {
                 library.terms.push_back(wave(library, target, ripples ? "force_ripple" : "periodic", variable.name,
                                              variable.symbol, period_of(period, span, variable.unit), true));
+                library.terms.back().looked_at = best.looked_at;
             }
             // A weight that turns with an angle.
             if (ripples && (variable.unit == "rad" || variable.unit.empty())) {
@@ -144,19 +151,23 @@ void add_periodic(TermLibrary& library) {
             }
         }
         if (!library.model.equations.states.empty() && library.duration > 0) {
-            for (const double period : periods(library, target, instants, library.duration)) {
+            const auto best = periods(library, target, instants, library.duration);
+            for (const double period : best.found) {
                 const bool force = !target.position.empty();
                 library.terms.push_back(wave(library, target, force ? "periodic_disturbance" : "periodic_in_time", "t",
                                              library.model.equations.time, period_of(period, library.duration, "s"),
                                              true));
+                library.terms.back().looked_at = best.looked_at;
             }
         }
     }
     if (library.model.equations.states.empty() || !(library.duration > 0)) return;
     for (const auto& input : library.variables) {
         if (input.state) continue;
-        for (const double period : periods(library, {}, instants, library.duration)) {
+        const auto best = periods(library, {}, instants, library.duration);
+        for (const double period : best.found) {
             library.terms.push_back(mode(input, 1 / period));
+            library.terms.back().looked_at = best.looked_at;
         }
     }
 }

@@ -31,7 +31,8 @@ constexpr std::size_t max_attempts = 3;
 constexpr int final_iterations = 100;
 constexpr double as_good = 1.02; // of the best score: then the simplest is taken
 constexpr std::size_t max_terms = 12, max_rivals = 5;
-constexpr double min_rival = 0.05; // probability worth showing
+constexpr double min_rival = 0.05;        // probability worth showing
+constexpr std::size_t max_told_apart = 3; // rivals, by the next experiment
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
 constexpr double half = 0.5; // of the squared gap, for a partial explanation
@@ -39,15 +40,19 @@ constexpr double half = 0.5; // of the squared gap, for a partial explanation
 constexpr double most_certain = 0.98, most_certain_of_most = 0.85, most_certain_of_a_part = 0.75;
 constexpr double noise_left = 1.3; // gap over the floor
 
+// A new term of a step: how likely it is among all that passed, and what passed without it.
+struct WeighedTerm {
+    double probability = 1;
+    std::vector<std::pair<std::string, double>> rivals = {};
+};
+
 // A model on the way from the first one to the last, each with more terms.
 struct Step {
     SystemCandidate candidate;
-    std::size_t before = 0; // how many of its terms were there before
-    std::vector<std::pair<std::string, double>> rivals;
+    std::size_t before = 0;                          // how many of its terms were there before
+    std::map<std::string, WeighedTerm> weighed = {}; // of each kind that is new
     std::vector<std::string> same_as = {};
-    std::optional<std::pair<SystemCandidate, SystemCandidate>> nearest =
-        {}; // the one taken and the first of its rivals
-    double probability = 1;
+    std::vector<SystemCandidate> contenders = {}; // the one taken and the likeliest that lack a term of it
     double gain = 0, certainty = 0;
     double confirmed = 1; // probability that it predicts the validation records better
     // What was fitted beside its terms, and the place of the first of these among the hypotheses that are told.
@@ -92,14 +97,16 @@ class Diagnoser {
         result_.where = where_the_gap_is(result_.validation.front(), model_);
         decide();
         for (const Step& step : steps_) {
-            if (result_.verdict != "undecided" || result_.next_experiment || !step.nearest) continue;
-            const auto& [one, other] = *step.nearest;
+            if (result_.verdict != "undecided" || result_.next_experiment || step.contenders.size() < 2) continue;
+            const SystemCandidate& one = step.contenders.front();
+            const std::vector<SystemCandidate> others(step.contenders.begin() + 1, step.contenders.end());
             result_.next_experiment =
-                next_system_experiment(one, other, records_, scale_, between_, rms_of_errors(one.predicted), control_);
+                next_system_experiment(one, others, records_, scale_, between_, rms_of_errors(one.predicted), control_);
             if (!result_.next_experiment) continue;
+            std::string names;
+            for (const auto& other : others) names += (names.empty() ? "" : ", ") + other.names_from(step.before);
             auto& text = result_.next_experiment->text;
-            text =
-                fmt::format("To tell {} from {}: {}", one.names_from(step.before), other.names_from(step.before), text);
+            text = fmt::format("To tell {} from {}: {}", one.names_from(step.before), names, text);
         }
         result_was_unknown_ = result_.verdict == "unknown_effect";
         return std::move(result_);
@@ -171,7 +178,7 @@ class Diagnoser {
                 gains.push_back(1 - rms_of_errors(found[i].predicted) / rms_of_errors(current.predicted));
                 certainties.push_back(probability_of_gain(current.predicted, found[i].predicted));
                 if (gains[i] > min_gain && certainties[i] > sure_enough && found[i].score() < current.score() &&
-                    !is_too_rich(found[i]) && !refused(found[i])) {
+                    !is_too_rich(found[i]) && !refused(found[i]) && !found[i].is_chance_beside(current)) {
                     passed.push_back(i);
                 }
             }
@@ -200,25 +207,32 @@ class Diagnoser {
         }
     }
 
-    // Of those that do about as well as the best, the one with the fewest parameters, and of these one that has a name; where noise decides, the best.
+    // Of those that do about as well as the best, the one with the fewest parameters, and of these one that has a name; where
+    // noise decides, the best, whose score has the price of its parameters. What has some of the terms of the best, and predicts no worse for sure, does as well: each further
+    // term must be as sure as the first.
     static std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found,
                                                const std::vector<std::size_t>& passed) {
         if (passed.empty()) return std::nullopt;
-        std::size_t best = passed.front();
-        if (found[best].is_noise) return best; // its score has the price of its parameters
+        const SystemCandidate& best = found[passed.front()];
+        const auto price = [](const SystemCandidate& one) {
+            const auto nameless = std::count_if(one.terms.begin(), one.terms.end(),
+                                                [](const auto& term) { return term.name == nameless_term; });
+            return std::pair(one.model.parameters.size(), nameless);
+        };
+        const auto kinds = kinds_from(best, 0);
+        std::size_t taken = passed.front();
         for (const std::size_t i : passed) {
-            if (found[i].score() > as_good * found[passed.front()].score()) break;
-            const auto price = [](const SystemCandidate& one) {
-                const auto nameless = std::count_if(one.terms.begin(), one.terms.end(),
-                                                    [](const auto& term) { return term.name == nameless_term; });
-                return std::pair(one.model.parameters.size(), nameless);
-            };
-            if (price(found[i]) < price(found[best])) best = i;
+            const auto own = kinds_from(found[i], 0);
+            const bool is_part = own.size() < kinds.size() && std::ranges::includes(kinds, own) &&
+                                 probability_of_gain(found[i].predicted, best.predicted) < sure_enough;
+            const bool is_as_good = !best.is_noise && found[i].score() <= as_good * best.score();
+            if ((is_as_good || is_part) && price(found[i]) < price(found[taken])) taken = i;
         }
-        return best;
+        return taken;
     }
 
-    // Probabilities by the likelihood of the errors, of which as many count as are independent.
+    // Probabilities by the likelihood of the errors, of which as many count as are independent. That of a term is the share of all
+    // hypotheses that have it.
     static void weigh(Step& step, const SystemCandidate& current, const std::vector<SystemCandidate>& found,
                       const std::vector<std::size_t>& passed, std::size_t chosen) {
         const auto& best = found[chosen];
@@ -226,42 +240,51 @@ class Diagnoser {
             std::max(4.0, static_cast<double>(best.fitted.size()) / correlation_length(best.fitted) +
                               static_cast<double>(best.predicted.size()) / correlation_length(best.predicted));
         const std::size_t begin = current.terms.size();
-        // A richer model that has the same terms speaks for them.
-        const auto speaks_for = [&](const SystemCandidate& one) {
-            for (std::size_t i = begin; i < best.terms.size(); ++i) {
-                if (std::none_of(one.terms.begin() + static_cast<std::ptrdiff_t>(begin), one.terms.end(),
-                                 [&](const auto& term) { return term.kind() == best.terms[i].kind(); })) {
-                    return false;
-                }
-            }
-            return true;
+        const auto taken = kinds_from(best, begin);
+        struct Weight {
+            double value = 0;
+            std::size_t place = 0; // of the best that has these terms
         };
-        std::map<std::string, double> weight;
-        std::pair<double, std::size_t> first_rival{0, chosen};
-        double own = 0, sum = 0;
+        std::map<std::set<std::string>, Weight> weights; // by the kinds of the new terms, in whatever order these are
+        double sum = 0;
         for (const std::size_t i : passed) {
             const double w = std::exp(-independent * std::log(found[i].score() / found[passed.front()].score()));
-            if (found[i].equals(best)) {
-                if (i != chosen) step.same_as.push_back(found[i].names_from(begin));
-                own = std::max(own, w);
-            } else if (speaks_for(found[i])) {
-                own = std::max(own, w);
-            } else {
-                auto& rival = weight[found[i].names_from(begin)];
-                rival = std::max(rival, w);
-                if (w > first_rival.first) first_rival = {w, i};
+            const bool is_same = found[i].equals(best);
+            if (is_same && i != chosen) step.same_as.push_back(found[i].names_from(begin));
+            auto& weight = weights[is_same ? taken : kinds_from(found[i], begin)];
+            if (w <= weight.value) continue;
+            sum += w - weight.value;
+            weight = {w, i};
+        }
+        for (const auto& kind : taken) {
+            WeighedTerm& term = step.weighed[kind];
+            term.probability = 0;
+            for (const auto& [kinds, weight] : weights) {
+                if (kinds.contains(kind)) {
+                    term.probability += weight.value / sum * step.certainty;
+                } else if (weight.value / sum > min_rival) {
+                    term.rivals.emplace_back(found[weight.place].names_from(begin), weight.value / sum);
+                }
             }
+            std::stable_sort(term.rivals.begin(), term.rivals.end(),
+                             [](const auto& a, const auto& b) { return a.second > b.second; });
+            if (term.rivals.size() > max_rivals) term.rivals.resize(max_rivals);
         }
-        sum = std::accumulate(weight.begin(), weight.end(), own,
-                              [](double total, const auto& one) { return total + one.second; });
-        step.probability = own / sum * step.certainty;
-        for (const auto& [name, w] : weight) {
-            if (w / sum > min_rival) step.rivals.emplace_back(name, w / sum);
+        // A richer model that has the same terms speaks for them.
+        std::vector<Weight> rivals;
+        for (const auto& [kinds, weight] : weights) {
+            if (weight.value / sum > min_rival && !std::ranges::includes(kinds, taken)) rivals.push_back(weight);
         }
-        std::stable_sort(step.rivals.begin(), step.rivals.end(),
-                         [](const auto& a, const auto& b) { return a.second > b.second; });
-        if (step.rivals.size() > max_rivals) step.rivals.resize(max_rivals);
-        if (!step.rivals.empty()) step.nearest = {best, found[first_rival.second]};
+        std::ranges::stable_sort(rivals, std::greater{}, &Weight::value);
+        if (rivals.size() > max_told_apart) rivals.resize(max_told_apart);
+        step.contenders = {best};
+        for (const Weight& rival : rivals) step.contenders.push_back(found[rival.place]);
+    }
+
+    static std::set<std::string> kinds_from(const SystemCandidate& candidate, std::size_t begin) {
+        std::set<std::string> kinds;
+        for (std::size_t i = begin; i < candidate.terms.size(); ++i) kinds.insert(candidate.terms[i].kind());
+        return kinds;
     }
 
     static std::vector<std::string> kinds_of(const SystemCandidate& candidate) {
@@ -294,6 +317,8 @@ class Diagnoser {
                 one.lost = fmt::format("predicts the rest of the records only {:.1f} % better", 100 * gains[i]);
             } else if (certainties[i] <= sure_enough) {
                 one.lost = fmt::format("predicts better with a probability of only {:.2f}", certainties[i]);
+            } else if (found[i].is_chance_beside(current)) {
+                one.lost = "explains no more than the best of so many frequencies does of random errors";
             } else if (const Refusal* refusal = refused(found[i])) {
                 one.lost = refusal->why;
             } else if (is_too_rich(found[i])) {
@@ -469,11 +494,12 @@ class Diagnoser {
         std::size_t place = own;
         for (std::size_t t = 0; t < last.terms.size(); ++t) {
             const Step& step = step_of(last.terms[t].kind());
+            const WeighedTerm& weighed = step.weighed.at(last.terms[t].kind());
             SystemEffect effect{.name = last.terms[t].name,
                                 .equation = last.terms[t].equation,
                                 .expression = last.texts[t],
-                                .probability = step.probability * step.confirmed,
-                                .rivals = step.rivals,
+                                .probability = weighed.probability * step.confirmed,
+                                .rivals = weighed.rivals,
                                 .same_as = step.same_as};
             for (std::size_t p = 0; p < last.terms[t].parameters.size(); ++p, ++place) {
                 const auto value = fitted_value(place);

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <functional>
+#include <limits>
 #include <numbers>
 
 namespace tribode {
@@ -70,11 +71,17 @@ class Menu {
         return made;
     }
 
+    // Around what point of the range of an input a wave moves, and how far: shares of that range.
+    struct Place {
+        double share, bias;
+    };
+
     // `shape`: from -1 to 1 over the samples.
-    void add(std::size_t input, double share, const std::string& what, const std::function<double(double)>& shape) {
+    void add(std::size_t input, Place place, const std::string& what, const std::function<double(double)>& shape) {
         const auto& own = model_.equations.inputs[input];
         const auto [least, greatest] = std::minmax_element(first_.inputs[input].begin(), first_.inputs[input].end());
-        const double middle = 0.5 * (*least + *greatest), reach = 0.5 * share * (*greatest - *least);
+        const double range = *greatest - *least;
+        const double middle = 0.5 * (*least + *greatest) + place.bias * range, reach = 0.5 * place.share * range;
         ListedRecord one{.record = record()};
         one.text = fmt::format("{} of {} between {} and {}, {} samples at {}", what, own.name,
                                format_quantity(middle - reach, own.unit, 3),
@@ -94,21 +101,21 @@ class Menu {
         const auto triangle = [](double turns) {
             return [turns](double s) { return 2 * std::abs(2 * (turns * s - std::floor(turns * s + 0.5))) - 1; };
         };
-        for (const double share : {1.0, 0.3}) {
-            add(input, share, "a slow triangle", triangle(2));
-            add(input, share, "a triangle of ten periods", triangle(10));
+        for (const Place place : {Place{1, 0}, {0.5, 0.25}, {0.5, -0.25}, {0.3, 0}}) {
+            add(input, place, "a slow triangle", triangle(2));
+            add(input, place, "a triangle of ten periods", triangle(10));
             const bool moves =
                 std::any_of(model_.equations.inputs.begin(), model_.equations.inputs.end(), [&](const auto& other) {
                     return other.name == rate_name_of(model_.equations.inputs[input].name);
                 });
             if (moves) continue; // what moves has no steps
-            add(input, share, "a staircase of eight levels", [](double s) {
+            add(input, place, "a staircase of eight levels", [](double s) {
                 constexpr double levels[] = {-1, 0.43, -0.43, 1, -0.71, 0.14, 0.71, -0.14};
                 return levels[std::min<std::size_t>(7, static_cast<std::size_t>(8 * s))];
             });
-            add(input, share, "a step up and down again", [](double s) { return s > 0.25 && s < 0.75 ? 1.0 : -1.0; });
+            add(input, place, "a step up and down again", [](double s) { return s > 0.25 && s < 0.75 ? 1.0 : -1.0; });
             for (const auto& [name, lowest] : {std::pair{"a slow multisine", 1}, {"a fast multisine", 20}}) {
-                add(input, share, name, [lowest = lowest](double s) {
+                add(input, place, name, [lowest = lowest](double s) {
                     double sum = 0;
                     constexpr int lines = 12;
                     for (int line = 0; line < lines; ++line) {
@@ -157,7 +164,8 @@ double difference(const SystemCandidate& first, const SystemCandidate& second, c
 
 } // namespace
 
-std::optional<SystemExperiment> next_system_experiment(const SystemCandidate& first, const SystemCandidate& second,
+std::optional<SystemExperiment> next_system_experiment(const SystemCandidate& first,
+                                                       const std::vector<SystemCandidate>& rivals,
                                                        const std::vector<SystemRecord>& records,
                                                        const std::vector<double>& scale, Interpolation between,
                                                        double left, const RunControl& control) {
@@ -174,20 +182,29 @@ std::optional<SystemExperiment> next_system_experiment(const SystemCandidate& fi
         }
         menu.add_starts(start, end);
     }
+    if (menu.list.empty() || rivals.empty() || !(left > 0)) return std::nullopt;
+    // The one with fewer values must not be able to take the place of the other: a richer one may contain it.
+    const auto least_difference = [&](const ListedRecord& one) {
+        double least = std::numeric_limits<double>::infinity();
+        const std::size_t own = model.parameters.size();
+        for (const auto& rival : rivals) {
+            const std::size_t others = rival.model.parameters.size();
+            if (own <= others) least = std::min(least, difference(first, rival, one, scale, between, nullptr) / left);
+            if (others <= own) least = std::min(least, difference(rival, first, one, scale, between, nullptr) / left);
+        }
+        return least;
+    };
     std::vector<double> apart(menu.list.size());
-    for_each_index(apart.size(), control, "next experiment", [&](std::size_t i) {
-        apart[i] = difference(first, second, menu.list[i], scale, between, nullptr) / left;
-    });
+    for_each_index(apart.size(), control, "next experiment",
+                   [&](std::size_t i) { apart[i] = least_difference(menu.list[i]); });
     const auto best = std::max_element(apart.begin(), apart.end());
-    if (best == apart.end() || !(left > 0)) return std::nullopt;
-    ListedRecord present{.record = records.front()};
-    const double here = difference(first, second, present, scale, between, nullptr) / left;
+    const double here = least_difference({.record = records.front()});
     if (!(*best > worth_measuring * here) || *best < min_apart) return std::nullopt;
     ListedRecord& chosen = menu.list[static_cast<std::size_t>(best - apart.begin())];
     SystemExperiment result{.apart = *best};
-    difference(first, second, chosen, scale, between, &result.record);
+    difference(first, rivals.front(), chosen, scale, between, &result.record);
     result.text =
-        fmt::format("{}: there the two differ by {:.3g} times the error that is left now, rms, whatever values "
+        fmt::format("{}: there they differ by {:.3g} times the error that is left now or more, rms, whatever values "
                     "the free parameters take; on {} by {:.3g}.",
                     chosen.text, *best, records.front().source, here);
     return result;

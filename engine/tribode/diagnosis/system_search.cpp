@@ -21,9 +21,10 @@ constexpr double fitted_share = 0.7;
 // How many hypotheses are fitted: the best of all, the best of each name, and pairs, of which some are of terms with one
 // parameter each: richer ones explain more to first order, whatever is missing.
 constexpr std::size_t fitted_singles = 8, fitted_of_a_kind = 2, fitted_pairs = 5, fitted_plain_pairs = 5;
-// Over segments: how many of the best are then fitted to the records.
-constexpr std::size_t followed_terms = 6;
+// Over segments: how many of the best sums of each length are then fitted to the records.
+constexpr std::size_t followed_of_a_length = 3;
 constexpr int segment_iterations = 8;
+constexpr std::size_t longest_sum = 3;
 // Of a term, relative to what moves its derivative as much as all else does.
 constexpr std::array sizes = {0.03, -0.03, 0.1, -0.1, 0.3, -0.3, 1.0, -1.0};
 constexpr std::size_t shortest_beginning = 60; // samples
@@ -43,6 +44,7 @@ constexpr double kept_promise = 0.5, worth_growing = 0.1;
 constexpr double worth_another_way = 0.98; // of both errors, for another way of the inputs between samples
 // Of the best, how many are tried with another way of the inputs, and where one suits better, how many are fitted again.
 constexpr std::size_t first_reconsidered = 3, reconsidered = 8;
+constexpr double chance = 0.05;      // of the best of many frequencies, for a wave or a mode to be left out
 constexpr double dispensable = 1.01; // of the score without a term, for the term to be left out
 
 } // namespace
@@ -71,6 +73,21 @@ bool SystemCandidate::equals(const SystemCandidate& other) const {
     };
     return model.parameters.size() == other.model.parameters.size() && !differ(fitted, other.fitted) &&
            !differ(predicted, other.predicted);
+}
+
+bool SystemCandidate::is_chance_beside(const SystemCandidate& fewer) const {
+    const auto ways = [](const SystemCandidate& one) { // to choose the frequencies, logarithm
+        double sum = 0;
+        for (const auto& term : one.terms) sum += std::log(static_cast<double>(term.looked_at));
+        return sum;
+    };
+    const double looked_at = ways(*this) - ways(fewer);
+    if (!(looked_at > 0)) return false;
+    // Twice the logarithm of the likelihood ratio. Of one frequency in white noise it is above x with a probability of exp(-x/2).
+    const double independent = static_cast<double>(fewer.fitted.size()) / correlation_length(fewer.fitted);
+    const double gain =
+        independent * std::log(SystemFit::sum_of_squares(fewer.fitted) / SystemFit::sum_of_squares(fitted));
+    return gain < 2 * (looked_at - std::log(chance));
 }
 
 double SystemCandidate::score() const {
@@ -312,6 +329,48 @@ bool SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
     return between_ != present;
 }
 
+namespace {
+
+// Terms beside a model over segments.
+struct OnSegments {
+    ScreenedTerms terms;
+    SystemModel model;
+    std::vector<double> values, errors = {};
+
+    // The Bayesian information criterion [Schwarz 1978] of each sample.
+    double criterion() const {
+        const double samples = static_cast<double>(errors.size());
+        return std::log(SystemFit::sum_of_squares(errors)) +
+               static_cast<double>(model.parameters.size()) * std::log(samples) / samples;
+    }
+};
+
+OnSegments extended_on_segments(const OnSegments& from, const ScreenedTerms& added,
+                                const std::vector<SystemTerm>& terms) {
+    OnSegments more = from;
+    more.errors.clear();
+    for (std::size_t i = 0; i < added.terms.size(); ++i) {
+        more.values = more_values(more.model, more.values, added.starts[i]);
+        more.model = extended(more.model, terms[added.terms[i]], added.starts[i]);
+        more.terms.terms.push_back(added.terms[i]);
+        more.terms.starts.push_back(added.starts[i]);
+    }
+    return more;
+}
+
+void sort_by_criterion(std::vector<OnSegments>& list) {
+    std::stable_sort(list.begin(), list.end(),
+                     [](const OnSegments& a, const OnSegments& b) { return a.criterion() < b.criterion(); });
+}
+
+std::set<std::string> forms_of(const ScreenedTerms& some, const std::vector<SystemTerm>& terms) {
+    std::set<std::string> forms;
+    for (const std::size_t i : some.terms) forms.insert(terms[i].form());
+    return forms;
+}
+
+} // namespace
+
 std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& current) const {
     const SystemFit fit_first = fit_of_first_part();
     auto segments = segmented(current.model, current.values, fit_first, late_);
@@ -338,42 +397,66 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
     const SystemModel model = segments->model.with(segments->values);
     const auto terms = system_terms(model, states, fit_segments, variables_of(model, states, fit_segments, traces),
                                     segments->errors, true);
-    const auto some = chosen(
-        screened_terms(segments->model, segments->values, segments->errors, terms, fit_segments, control_, late_),
-        terms);
-    std::vector<Hypothesis> list(some.size());
-    std::vector<double> sums(some.size(), std::numeric_limits<double>::infinity());
-    for_each_index(some.size(), control_, fmt::format("fitting {} hypotheses to segments", some.size()),
-                   [&](std::size_t c) {
-                       if (late()) return;
-                       SystemModel more = segments->model;
-                       std::vector<double> values = segments->values;
-                       for (std::size_t i = 0; i < some[c].terms.size(); ++i) {
-                           values = more_values(more, values, some[c].starts[i]);
-                           more = extended(more, terms[some[c].terms[i]], some[c].starts[i]);
-                       }
-                       const auto result = fit_segments.fit(more, values, segment_iterations, late_);
-                       if (result.errors.empty()) return;
-                       sums[c] = result.sum;
-                       Hypothesis& one = list[c];
-                       one = {current, some[c], true};
-                       const std::size_t own = current.model.parameters.size();
-                       auto place = result.values.begin() + static_cast<std::ptrdiff_t>(own);
-                       for (auto& starts : one.terms.starts) {
-                           std::copy_n(place, starts.size(), starts.begin());
-                           place += static_cast<std::ptrdiff_t>(starts.size());
-                       }
-                       one.from.values = segments->whole(current.model, result.values);
-                       one.from.values.erase(one.from.values.begin() + static_cast<std::ptrdiff_t>(own),
-                                             one.from.values.begin() + (place - result.values.begin()));
-                   });
-    std::vector<std::size_t> order;
-    for (std::size_t c = 0; c < list.size(); ++c) {
-        if (std::isfinite(sums[c])) order.push_back(c);
+    const auto fitted_on_segments = [&](std::vector<OnSegments> some) {
+        for_each_index(some.size(), control_, fmt::format("fitting {} hypotheses to segments", some.size()),
+                       [&](std::size_t c) {
+                           if (late()) return;
+                           auto result = fit_segments.fit(some[c].model, some[c].values, segment_iterations, late_);
+                           some[c].values = std::move(result.values);
+                           some[c].errors = std::move(result.errors);
+                       });
+        std::erase_if(some, [](const OnSegments& one) { return one.errors.empty(); });
+        sort_by_criterion(some);
+        return some;
+    };
+    const auto screened = [&](const OnSegments& one) {
+        return screened_terms(one.model, one.values, one.errors, terms, fit_segments, control_, late_);
+    };
+    const OnSegments begin{
+        .terms = {}, .model = segments->model, .values = segments->values, .errors = segments->errors};
+    std::vector<OnSegments> list;
+    for (auto& some : chosen(screened(begin), terms)) list.push_back(extended_on_segments(begin, some, terms));
+    auto found = fitted_on_segments(std::move(list));
+    // What is left beside a term shows better where that term was fitted: sums grow from the best of each length.
+    bool gains = !found.empty();
+    for (std::size_t length = 1; length < longest_sum && gains; ++length) {
+        const double before = found.front().criterion();
+        list.clear();
+        std::set<std::set<std::string>> known;
+        for (const auto& one : found) known.insert(forms_of(one.terms, terms));
+        std::size_t grown = 0;
+        for (const auto& one : found) {
+            if (one.terms.terms.size() != length || late()) continue;
+            if (grown++ == deepened_singles) break;
+            std::size_t seconds = 0;
+            for (const auto& single : screened(one).singles) {
+                auto longer = extended_on_segments(one, single, terms);
+                if (!known.insert(forms_of(longer.terms, terms)).second) continue;
+                list.push_back(std::move(longer));
+                if (++seconds == fitted_seconds) break;
+            }
+        }
+        auto more = fitted_on_segments(std::move(list));
+        found.insert(found.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
+        sort_by_criterion(found);
+        gains = found.front().criterion() < before;
     }
-    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return sums[a] < sums[b]; });
     std::vector<Hypothesis> best;
-    for (std::size_t n = 0; n < std::min(order.size(), followed_terms); ++n) best.push_back(std::move(list[order[n]]));
+    std::map<std::size_t, std::size_t> of_length;
+    for (auto& one : found) {
+        if (++of_length[one.terms.terms.size()] > followed_of_a_length) continue;
+        Hypothesis followed{current, std::move(one.terms), true};
+        const std::size_t own = current.model.parameters.size();
+        auto place = one.values.begin() + static_cast<std::ptrdiff_t>(own);
+        for (auto& starts : followed.terms.starts) {
+            std::copy_n(place, starts.size(), starts.begin());
+            place += static_cast<std::ptrdiff_t>(starts.size());
+        }
+        followed.from.values = segments->whole(current.model, one.values);
+        followed.from.values.erase(followed.from.values.begin() + static_cast<std::ptrdiff_t>(own),
+                                   followed.from.values.begin() + (place - one.values.begin()));
+        best.push_back(std::move(followed));
+    }
     return fitted(best, terms);
 }
 
@@ -576,7 +659,8 @@ SystemCandidate SystemSearch::pruned(SystemCandidate candidate) const {
             without.terms.push_back(candidate.terms[t]);
             without.texts.push_back(text);
         }
-        if (fit(without, iterations) && without.score() < dispensable * candidate.score()) {
+        if (fit(without, iterations) &&
+            (without.score() < dispensable * candidate.score() || candidate.is_chance_beside(without))) {
             candidate = std::move(without);
             i = 0;
         } else {

@@ -25,6 +25,10 @@ struct SystemCandidate {
     // The same model in other words, as a constant in a derivative and an offset of the input.
     bool equals(const SystemCandidate& other) const;
 
+    // Whether it explains no more of the fitted errors of a model with fewer terms than the best of as many frequencies as were
+    // looked at explains of errors at random that are correlated as those are. False where it has no frequency.
+    bool is_chance_beside(const SystemCandidate& fewer) const;
+
     std::string names_from(std::size_t term) const; // "overflow in der(x1) of x1 and lag in input u"
     // What its errors would be on other records of this kind, rms: predicted errors as they are, fitted ones with what the
     // parameters take out of them. Where all are fitted, by the Bayesian information criterion [Schwarz 1978], extended by what

@@ -25,6 +25,7 @@ struct SystemTerm {
     std::size_t amplitudes = 1; // the first so many parameters; where all are `neutral`, nothing changes
     std::vector<double> neutral = {0};
     std::vector<Parameter> constants = {}; // parameters that are not fitted
+    std::size_t looked_at = 1;             // frequencies among which its own was the best
     // Puts the term into the equations, with variables for its parameters and constants. Returns what was added, for a reader.
     std::function<Term(Equations&, const std::vector<Term>& parameters)> apply;
 

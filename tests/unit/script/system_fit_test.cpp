@@ -358,7 +358,7 @@ TEST(SystemNextExperiment, SeparatesRivalsWithinTheInputsSeen) {
     };
     const auto first = candidate("s.v"), second = candidate("s.v * math.abs(s.v) * 2");
     const std::vector<SystemRecord> records = {record_of(400, 0.1, {[](double t) { return t < 38 ? 0.25 : -1.5; }})};
-    const auto next = next_system_experiment(first, second, records, {1}, Interpolation::hold, 0.01, {});
+    const auto next = next_system_experiment(first, {second}, records, {1}, Interpolation::hold, 0.01, {});
     ASSERT_TRUE(next);
     EXPECT_GT(next->apart, 3);
     ASSERT_EQ(next->record.inputs.size(), 1u);
@@ -373,7 +373,7 @@ TEST(SystemNextExperiment, SeparatesRivalsWithinTheInputsSeen) {
     const double left = std::sqrt(best.sum / static_cast<double>(best.errors.size()));
     EXPECT_GT(left / 0.01, 0.5 * next->apart);
     // The same model twice cannot be told apart.
-    EXPECT_FALSE(next_system_experiment(first, first, records, {1}, Interpolation::hold, 0.01, {}));
+    EXPECT_FALSE(next_system_experiment(first, {first}, records, {1}, Interpolation::hold, 0.01, {}));
 }
 
 } // namespace
