@@ -343,6 +343,25 @@ TEST(SystemCandidate, ARicherModelOfNoiseMustGainMoreThanChance) {
     EXPECT_LT(candidate(1.02 * price, 2).score(), plain.score());
 }
 
+// The best of M frequencies in N independent errors gains more than 2 ln(M/0.05) of N ln(ratio of squares) once in twenty times.
+TEST(SystemCandidate, AWaveMustExplainMoreThanTheBestOfManyFrequencies) {
+    const std::size_t n = 400, frequencies = 100;
+    const auto candidate = [&](double gain, std::size_t looked_at) {
+        SystemCandidate one{.model = {}};
+        const double e = std::sqrt(std::exp(-gain / static_cast<double>(n)));
+        for (std::size_t k = 0; k < n; ++k) one.fitted.push_back(k % 2 == 0 ? e : -e);
+        one.terms.push_back({.name = "periodic_in_time", .equation = "der(x)", .of = "t", .parameters = {}});
+        one.terms.back().looked_at = looked_at;
+        return one;
+    };
+    const double price = 2 * std::log(100.0 / 0.05);
+    const auto plain = candidate(0, 1);
+    EXPECT_TRUE(candidate(0.98 * price, frequencies).is_chance_beside(plain));
+    EXPECT_FALSE(candidate(1.02 * price, frequencies).is_chance_beside(plain));
+    // What has no frequency has no price.
+    EXPECT_FALSE(candidate(0, 1).is_chance_beside(plain));
+}
+
 // A linear damping and a quadratic one agree at the small input of the record. What separates them is a larger range of
 // velocities, within the input that was seen.
 TEST(SystemNextExperiment, SeparatesRivalsWithinTheInputsSeen) {
