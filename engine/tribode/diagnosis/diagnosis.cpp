@@ -171,11 +171,17 @@ class Verdict {
                 std::vector<std::string> own;
                 std::set_difference(names.begin(), names.end(), rest.begin(), rest.end(), std::back_inserter(own));
                 if (own.size() != 1) continue;
+                // A richer one that does no better says the same, and more than these records need. But of two laws of one
+                // behavior either may be the one.
+                const auto& simpler = effect_kind(own[0]).simpler;
+                const bool alike =
+                    best_->effects[i]->kind().only_in_place && std::ranges::find(simpler, one.name) != simpler.end();
+                if (!alike && other.contains(best)) continue;
                 if (!next) {
                     next = &other;
                     next_name = own[0];
                 }
-                const double w = std::exp(-(other.score - best.score) / (2 * temperature));
+                const double w = alike ? 1 : std::exp(-(other.score - best.score) / (2 * temperature));
                 if (w < 1e-4) continue;
                 weight += w;
                 one.rivals.push_back({own[0], w});

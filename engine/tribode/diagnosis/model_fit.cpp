@@ -380,27 +380,31 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
         secants = settled || (!exact && !kept) ? max_secants : secants + 1;
         if (improved) exact = nearly_exact = false;
     }
-    if (options.standard_errors && n > 0) {
+    if (options.left_out_errors) h.left_out_errors = mapped(e);
+    if ((options.standard_errors || options.left_out_errors) && n > 0) {
         if (!exact) differentiate(all_places);
         differenced = true;
-        const Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
-        // Columns that the record does not show have no finite error.
-        const Eigen::MatrixXd inverse = normal.completeOrthogonalDecomposition().pseudoInverse();
-        // The floor's predictor leaves correlations where noise decides when an element slips. A field that is moved is an
-        // error of variance one.
-        Eigen::VectorXd weight = mapped(e);
-        weight.tail(weight.size() - samples).setOnes();
         std::vector<std::size_t> rows;
         for (const auto& record : evidence_) rows.push_back(record.samples());
-        const Eigen::MatrixXd correlated =
-            covariance_of_correlated_errors(inverse, weight.asDiagonal() * jacobian, rows, 1);
-        h.standard_errors.assign(h.values.size(), 0.0);
-        for (Eigen::Index i = 0; i < n; ++i) {
-            const auto& c = moved[static_cast<std::size_t>(i)];
-            if (c.field) continue;
-            const double deviation = std::sqrt(std::max({inverse(i, i), correlated(i, i), 0.0}));
-            h.standard_errors[c.index] = c.logarithmic ? h.values[c.index] * deviation : c.unit * deviation;
+        if (options.standard_errors) {
+            const Eigen::MatrixXd normal = jacobian.transpose() * jacobian;
+            // Columns that the record does not show have no finite error.
+            const Eigen::MatrixXd inverse = normal.completeOrthogonalDecomposition().pseudoInverse();
+            // The floor's predictor leaves correlations where noise decides when an element slips. A field that is moved
+            // is an error of variance one.
+            Eigen::VectorXd weight = mapped(e);
+            weight.tail(weight.size() - samples).setOnes();
+            const Eigen::MatrixXd correlated =
+                covariance_of_correlated_errors(inverse, weight.asDiagonal() * jacobian, rows, 1);
+            h.standard_errors.assign(h.values.size(), 0.0);
+            for (Eigen::Index i = 0; i < n; ++i) {
+                const auto& c = moved[static_cast<std::size_t>(i)];
+                if (c.field) continue;
+                const double deviation = std::sqrt(std::max({inverse(i, i), correlated(i, i), 0.0}));
+                h.standard_errors[c.index] = c.logarithmic ? h.values[c.index] * deviation : c.unit * deviation;
+            }
         }
+        if (options.left_out_errors) h.left_out_errors = errors_of_left_out_parts(jacobian, mapped(e), rows);
     }
     remember(h, path);
     if (differenced && jacobian.size() <= max_kept) {

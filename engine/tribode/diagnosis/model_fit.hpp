@@ -5,6 +5,8 @@
 #include "tribode/effect/candidate.hpp"
 #include "tribode/machine/machine_model.hpp"
 
+#include <Eigen/Core>
+
 #include <atomic>
 #include <chrono>
 #include <limits>
@@ -37,6 +39,9 @@ struct Hypothesis {
     // The numbers are those of a record's beginning, and a fit leaves them: later noise decides on the way.
     bool settled = false;
     std::vector<double> standard_errors; // of values, where they were asked for
+    // Whitened errors of each part of the records where the numbers are those of the rest, then the fields, where they were
+    // asked for.
+    Eigen::VectorXd left_out_errors;
 
     // What a fit has found at these numbers, or near them, and the next one need not find anew.
     std::shared_ptr<const SimulatedRecords> simulated;
@@ -77,8 +82,9 @@ class ModelFit {
         int iterations = 30;
         bool move_fields = true;      // the uncertain fields too
         bool standard_errors = false; // at the end
-        double tolerance = 1e-5;      // relative fall of chi square at which it has converged
-        unsigned workers = 1;         // for the differences
+        bool left_out_errors = false;
+        double tolerance = 1e-5; // relative fall of chi square at which it has converged
+        unsigned workers = 1;    // for the differences
         const std::atomic<bool>* stop = nullptr;
         std::chrono::steady_clock::time_point deadline = std::chrono::steady_clock::time_point::max(); // it ends there
     };

@@ -1,12 +1,28 @@
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/base/random.hpp"
 
+#include <Eigen/QR>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
 
 namespace tribode {
+
+// Calls f with the first row and the number of rows of each tenth of each record.
+template <class F>
+static void for_each_tenth(const std::vector<std::size_t>& rows, F f) {
+    constexpr std::size_t parts = 10;
+    std::size_t begin = 0;
+    for (const std::size_t samples : rows) {
+        for (std::size_t i = 0; i < parts; ++i) {
+            const std::size_t from = begin + samples * i / parts, to = begin + samples * (i + 1) / parts;
+            if (to > from) f(static_cast<Eigen::Index>(from), static_cast<Eigen::Index>(to - from));
+        }
+        begin += samples;
+    }
+}
 
 double rms_of_errors(const std::vector<double>& errors) {
     if (errors.empty()) return std::numeric_limits<double>::infinity();
@@ -120,6 +136,33 @@ Eigen::MatrixXd covariance_of_correlated_errors(const Eigen::MatrixXd& inverse_o
     }
     const auto rest = scores.bottomRows(scores.rows() - row);
     return inverse_of_normal * (sum + rest.transpose() * rest) * inverse_of_normal;
+}
+
+Eigen::VectorXd errors_of_left_out_parts(const Eigen::MatrixXd& slopes, const Eigen::VectorXd& errors,
+                                         const std::vector<std::size_t>& rows) {
+    // So much of all that is known about the parameters stays known, whatever is left out.
+    constexpr double kept = 0.05;
+    const Eigen::MatrixXd normal = slopes.transpose() * slopes;
+    Eigen::VectorXd predicted = errors;
+    for_each_tenth(rows, [&](Eigen::Index begin, Eigen::Index count) {
+        const auto own = slopes.middleRows(begin, count);
+        const Eigen::MatrixXd rest = (1 + kept) * normal - own.transpose() * own;
+        const Eigen::VectorXd pull = own.transpose() * errors.segment(begin, count);
+        predicted.segment(begin, count) += own * rest.completeOrthogonalDecomposition().solve(pull);
+    });
+    return predicted;
+}
+
+double gain_in_deviations(const Eigen::VectorXd& first, const Eigen::VectorXd& second,
+                          const std::vector<std::size_t>& rows) {
+    double gain = first.squaredNorm() - second.squaredNorm(), variance = 0;
+    for_each_tenth(rows, [&](Eigen::Index begin, Eigen::Index count) {
+        // What of the gain depends on the errors: it is 2 e d + d^2, where the first errors are the second ones e plus d.
+        const auto left = second.segment(begin, count);
+        const double product = 2 * left.dot(first.segment(begin, count) - left);
+        variance += product * product;
+    });
+    return variance > 0 ? gain / std::sqrt(variance) : 0;
 }
 
 } // namespace tribode

@@ -33,4 +33,16 @@ double probability_of_gain(const std::vector<double>& first, const std::vector<d
 Eigen::MatrixXd covariance_of_correlated_errors(const Eigen::MatrixXd& inverse_of_normal, const Eigen::MatrixXd& scores,
                                                 const std::vector<std::size_t>& rows, double correlation);
 
+// What least squares leaves of each tenth of a record where all the rest is fitted, to first order: errors with their slopes
+// by the parameters, a row for each sample, one record after another, and behind them those of errors that stay; rows: of
+// each record. What the rest does not show stays as it was fitted.
+Eigen::VectorXd errors_of_left_out_parts(const Eigen::MatrixXd& slopes, const Eigen::VectorXd& errors,
+                                         const std::vector<std::size_t>& rows);
+
+// By how many of its standard deviations the sum of squares of the second errors is smaller than that of the first ones. The
+// deviation is that of second errors which are correlated within the tenths of each record, as they are. Errors behind the
+// records have none.
+double gain_in_deviations(const Eigen::VectorXd& first, const Eigen::VectorXd& second,
+                          const std::vector<std::size_t>& rows);
+
 } // namespace tribode

@@ -1,5 +1,6 @@
 #include "tribode/diagnosis/search.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/diagnosis/residual_force.hpp"
 #include "tribode/diagnosis/response.hpp"
 
@@ -40,6 +41,9 @@ constexpr double followed = 1.5;          // chi square per sample up to which a
 constexpr double settled_limit = 3;
 // Chi square by that of a hypothesis to which noise alone is left, above which another one is no rival.
 constexpr double hopeless = 1.5;
+// Standard deviations of the gain in prediction from which a hypothesis is preferred to one that it contains: a normal
+// variable is beyond once in a thousand.
+constexpr double sure_gain = 3;
 constexpr double shows = 8; // whitened errors of noise alone are seldom half as large
 
 std::size_t count(const std::vector<Evidence>& records) {
@@ -127,8 +131,8 @@ class Search {
             }
             rank(pool);
             if (pool.empty()) break;
-            if (level > 1 && adequate(pool.front()) && !late()) {
-                for (auto& next : simplified(pool.front(), level)) pool.push_back(std::move(next));
+            if (adequate(pool.front()) && !late()) {
+                for (auto& next : simplified(pool, level)) pool.push_back(std::move(next));
             }
             // The loop's noise is that of the machine as it is now known.
             try {
@@ -325,6 +329,43 @@ class Search {
         }
     }
 
+    // Whitened errors of each part of all records, predicted from the rest.
+    Eigen::VectorXd predicted(Hypothesis h) const {
+        ModelFit::Options options;
+        options.iterations = 4;
+        options.workers = control_.workers;
+        options.stop = control_.stop;
+        options.left_out_errors = true;
+        ModelFit(machine_, all_).fit(h, options);
+        return h.left_out_errors;
+    }
+
+    // Whether a hypothesis does no better than another one that it contains. A richer one always fits better, and errors
+    // that are correlated over longer than their predictor make that look like more than it is: so it must predict better
+    // what is not fitted, beyond what such errors do by chance.
+    bool is_needlessly_rich(const Scored& richer, const Scored& simpler) const {
+        if (richer.together.settled || simpler.together.settled) return false;
+        if (simpler.together.chi_square > hopeless * richer.together.chi_square) return false;
+        std::vector<std::size_t> rows;
+        for (const auto& record : all_) rows.push_back(record.samples());
+        const Eigen::VectorXd with = predicted(richer.together), without = predicted(simpler.together);
+        return with.size() == without.size() && gain_in_deviations(without, with, rows) < sure_gain;
+    }
+
+    // Of a ranking: the first one gives way to one that it contains and that does as well.
+    void prefer_simpler(std::vector<Scored>& pool) const {
+        for (std::size_t i = 1; i < pool.size();) {
+            if (late()) return;
+            if (pool.front().contains(pool[i]) && is_needlessly_rich(pool.front(), pool[i])) {
+                std::rotate(pool.begin(), pool.begin() + static_cast<std::ptrdiff_t>(i),
+                            pool.begin() + static_cast<std::ptrdiff_t>(i) + 1);
+                i = 1;
+            } else {
+                ++i;
+            }
+        }
+    }
+
     // Removes effects that others make unnecessary.
     void prune(Scored& one) const {
         for (std::size_t i = 0; one.together.effects.size() > 1 && i < one.together.effects.size();) {
@@ -332,7 +373,7 @@ class Search {
             without.remove(i);
             refine(without, all_, 8, control_.workers);
             Scored simpler = scored(std::move(without));
-            if (simpler.score < one.score + 10) {
+            if (simpler.score < one.score + 10 || is_needlessly_rich(one, simpler)) {
                 one = std::move(simpler);
                 i = 0;
             } else {
@@ -355,19 +396,56 @@ class Search {
         if (straight.score < one.score) one = std::move(straight);
     }
 
-    // An effect of many parameters may have taken the place of a simpler one, which did less alone and was dropped:
-    // each of them is replaced by its simpler kinds in turn.
-    std::vector<Scored> simplified(const Scored& one, std::size_t level) const {
+    // An effect of many parameters may have taken the place of a simpler one, which did less alone and was dropped: each of
+    // those of the first hypothesis is replaced by its simpler kinds in turn, unless the ranking has that; and the best of
+    // these gets another one beside it, of them or of the same kind with fewer parameters.
+    std::vector<Scored> simplified(const std::vector<Scored>& pool, std::size_t level) const {
+        const Scored one = pool.front();
         std::vector<Scored> list;
         for (std::size_t i = 0; i < one.together.effects.size(); ++i) {
-            const auto& simpler = one.together.effects[i]->kind().simpler;
-            if (simpler.empty()) continue;
-            Hypothesis without = one.together;
-            without.remove(i);
-            refine(without, all_, 4, control_.workers);
-            const std::set<std::string> names(simpler.begin(), simpler.end());
-            for (auto& next : extended(scored(std::move(without)), level, names, one.together.chi_square))
-                list.push_back(std::move(next));
+            const EffectKind& kind = one.together.effects[i]->kind();
+            if (kind.simpler.empty() || late()) continue;
+            auto rest = one.names();
+            rest.erase(std::ranges::find(rest, kind.name));
+            const auto with = [&](const std::string& name) {
+                auto names = rest;
+                names.push_back(name);
+                std::ranges::sort(names);
+                return names;
+            };
+            std::set<std::string> missing;
+            std::vector<Hypothesis> instead;
+            for (const auto& name : kind.simpler) {
+                const auto known =
+                    std::ranges::find_if(pool, [&](const Scored& other) { return other.names() == with(name); });
+                if (known == pool.end()) {
+                    missing.insert(name);
+                } else {
+                    instead.push_back(known->together);
+                }
+            }
+            if (!missing.empty()) {
+                Hypothesis without = one.together;
+                without.remove(i);
+                refine(without, all_, 4, control_.workers);
+                for (auto& next : extended(scored(std::move(without)), level, missing, one.together.chi_square)) {
+                    instead.push_back(next.together);
+                    list.push_back(std::move(next));
+                }
+            }
+            if (instead.empty() || one.names().size() == max_effects_) continue;
+            // With the fields that the whole explanation has: alone, a part of it may have bent them to do the rest.
+            for (Hypothesis& h : instead) {
+                h.nominal = one.together.nominal;
+                refine(h, all_, 6, control_.workers, false);
+            }
+            const Scored best = scored(*std::ranges::min_element(instead, {}, &Hypothesis::chi_square));
+            if (adequate(best) || !one.contains(best)) continue;
+            std::set<std::string> beside(kind.simpler.begin(), kind.simpler.end());
+            beside.insert(kind.name);
+            for (auto& next : extended(best, level, beside, one.together.chi_square)) {
+                if (one.contains(next)) list.push_back(std::move(next));
+            }
         }
         return list;
     }
@@ -391,6 +469,7 @@ class Search {
             prune(pool[i]);
         }
         rank(pool);
+        prefer_simpler(pool);
         for (std::size_t i = 0; i < std::min(pool.size(), validated_count); ++i) validate(pool[i], control_.workers);
     }
 
@@ -425,10 +504,11 @@ class Search {
         const ServoAxis axis = described.axis();
         const Clues clues(axis, machine.sample_time, residual, record.measurement.position(), whitened,
                           record.floor.innovation);
-        for (auto& candidate : candidates(clues)) {
-            const std::string& name = candidate.kind().name;
-            if (std::find(present.begin(), present.end(), name) != present.end()) continue;
-            if (only && !only->contains(name)) continue;
+        const auto wanted = [&](const EffectKind& kind) {
+            return std::ranges::find(present, kind.name) == present.end() &&
+                   (only ? only->contains(kind.name) : !kind.only_in_place);
+        };
+        for (auto& candidate : candidates(clues, wanted)) {
             list.push_back(std::make_shared<const Candidate>(std::move(candidate)));
         }
         // Where each begins.
@@ -740,6 +820,20 @@ std::vector<std::string> Scored::names() const {
     for (const auto& effect : together.effects) list.push_back(effect->kind().name);
     std::sort(list.begin(), list.end());
     return list;
+}
+
+bool Scored::contains(const Scored& other) const {
+    if (other.together.parameter_count() >= together.parameter_count()) return false;
+    const auto mine = names(), its = other.names();
+    std::vector<std::string> own, instead;
+    std::ranges::set_difference(mine, its, std::back_inserter(own));
+    std::ranges::set_difference(its, mine, std::back_inserter(instead));
+    if (own.size() > 1) return false;
+    return std::ranges::any_of(own.empty() ? mine : own, [&](const std::string& name) {
+        const auto& simpler = effect_kind(name).simpler;
+        return std::ranges::all_of(
+            instead, [&](const std::string& kind) { return std::ranges::find(simpler, kind) != simpler.end(); });
+    });
 }
 
 SearchResult search_effects(const MachineModel& machine, std::vector<Evidence> fitted, std::vector<Evidence> validation,

@@ -20,6 +20,9 @@ struct Scored {
     double fitted = 0, validation = 0; // chi square per sample with these: the latter is predicted
 
     std::vector<std::string> names() const;
+    // Whether the other one is a special case of this one: it lacks one of the effects, or has simpler kinds in its place or
+    // beside a form of it with fewer parameters.
+    bool contains(const Scored& other) const;
 };
 
 struct SearchResult {

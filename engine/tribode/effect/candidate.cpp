@@ -78,10 +78,10 @@ std::shared_ptr<const Candidate> Candidate::richer_near(std::span<const double> 
     return richer ? std::make_shared<const Candidate>(kind(), richer(values)) : nullptr;
 }
 
-std::vector<Candidate> candidates(const Clues& clues) {
+std::vector<Candidate> candidates(const Clues& clues, const std::function<bool(const EffectKind&)>& wanted) {
     std::vector<const EffectKind*> kinds;
     for (const auto* kind : effect_kinds()) {
-        if (kind->forms) kinds.push_back(kind);
+        if (kind->forms && wanted(*kind)) kinds.push_back(kind);
     }
     std::stable_sort(kinds.begin(), kinds.end(),
                      [](const auto* a, const auto* b) { return a->fit_order < b->fit_order; });

@@ -64,7 +64,7 @@ class Candidate : public EffectForm {
     std::vector<std::size_t> places_; // of each parameter in the numbers
 };
 
-// All forms of all effects that this machine and record can show, starts within the bounds.
-std::vector<Candidate> candidates(const Clues& clues);
+// All forms of the effects wanted that this machine and record can show, starts within the bounds.
+std::vector<Candidate> candidates(const Clues& clues, const std::function<bool(const EffectKind&)>& wanted);
 
 } // namespace tribode

@@ -1,8 +1,11 @@
 #include "tribode/base/random.hpp"
 #include "tribode/diagnosis/prediction_statistics.hpp"
 
+#include <Eigen/Cholesky>
+
 #include <cmath>
 #include <gtest/gtest.h>
+#include <utility>
 
 namespace tribode {
 namespace {
@@ -98,6 +101,56 @@ TEST(PredictionStatistics, RecordsAreCorrelatedEachWithinItself) {
         const auto with_rest = covariance_of_correlated_errors(one, scores.topRows(11), {10}, correlation);
         EXPECT_LT((with_rest - first - scores.row(10).transpose() * scores.row(10)).norm(), 1e-12);
     }
+}
+
+// Of a mean: what is left out is seen from the mean of the rest, but for the twentieth of all that stays known.
+TEST(PredictionStatistics, WhatIsLeftOutIsPredictedFromTheRest) {
+    const Eigen::Index n = 100;
+    Eigen::VectorXd errors = Eigen::VectorXd::LinSpaced(n, -1, 1);
+    const Eigen::VectorXd predicted = errors_of_left_out_parts(Eigen::MatrixXd::Ones(n, 1), errors, {100});
+    for (Eigen::Index begin = 0; begin < n; begin += 10) {
+        const double part = errors.segment(begin, 10).sum();
+        for (Eigen::Index k = begin; k < begin + 10; ++k) {
+            EXPECT_NEAR(predicted[k], errors[k] + part / (1.05 * 100 - 10), 1e-12) << k;
+        }
+    }
+    // What only one part shows stays as it was fitted, and errors behind the records stay as they are.
+    Eigen::MatrixXd slopes = Eigen::MatrixXd::Zero(n, 1);
+    slopes.topRows(5).setOnes();
+    errors.head(5) << 1, -1, 2, -2, 0;
+    EXPECT_LT((errors_of_left_out_parts(slopes, errors, {90}) - errors).norm(), 1e-12);
+}
+
+// Errors that last make a parameter that does nothing look worth many units of chi square in the fit, and none in prediction.
+TEST(PredictionStatistics, ANeedlessParameterDoesNotPredict) {
+    const Eigen::Index n = 4000;
+    Eigen::MatrixXd rich(n, 2);
+    for (Eigen::Index k = 0; k < n; ++k) rich.row(k) << 1, std::sin(0.01 * static_cast<double>(k));
+    const auto left_of = [&](const Eigen::MatrixXd& slopes, const Eigen::VectorXd& y) {
+        const Eigen::VectorXd fitted = (slopes.transpose() * slopes).ldlt().solve(slopes.transpose() * y);
+        return std::pair{Eigen::VectorXd(y - slopes * fitted),
+                         errors_of_left_out_parts(slopes, y - slopes * fitted, {2000, 2000})};
+    };
+    double fitted_gain = 0;
+    int sure = 0, found = 0;
+    for (std::uint64_t seed = 300; seed < 400; ++seed) {
+        const auto values = correlated(seed, static_cast<std::size_t>(n), 0.95);
+        for (const double size : {0.0, 1.0}) {
+            const Eigen::VectorXd y = Eigen::Map<const Eigen::VectorXd>(values.data(), n) + size * rich.col(1);
+            const auto [simple_fit, simple] = left_of(rich.leftCols(1), y);
+            const auto [rich_fit, richer] = left_of(rich, y);
+            const bool is_sure = gain_in_deviations(simple, richer, {2000, 2000}) > 3;
+            if (size > 0) {
+                found += is_sure ? 1 : 0;
+            } else {
+                sure += is_sure ? 1 : 0;
+                fitted_gain += (simple_fit.squaredNorm() - rich_fit.squaredNorm()) / 100;
+            }
+        }
+    }
+    EXPECT_GT(fitted_gain, 15); // on average, where ln N is 8
+    EXPECT_LE(sure, 2);
+    EXPECT_GE(found, 98);
 }
 
 } // namespace

@@ -72,7 +72,8 @@ struct Record {
         }
     }
     std::vector<Candidate> candidates() const {
-        return tribode::candidates(Clues(axis, 1e-3, residual, measured, whitened, 1e-7));
+        return tribode::candidates(Clues(axis, 1e-3, residual, measured, whitened, 1e-7),
+                                   [](const EffectKind&) { return true; });
     }
 };
 

@@ -99,6 +99,7 @@ m.add_force { force = function(s) return -p.F * math.sin(2 * math.pi / p.turn_m 
         return forms;
     },
     .fit_order = 95,
+    .simpler = {"spring_force", "constant_force"},
 };
 
 } // namespace tribode::effects

@@ -2,6 +2,7 @@
 #include "tribode/effect/directed_law.hpp"
 #include "tribode/effect/friction_law_parameters.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 
@@ -31,6 +32,19 @@ class LuGre final : public DirectedLaw {
     DryFriction level_;
     double stiffness_, damping_, viscous_;
 };
+
+// Level F, reach F/K, time D/K, and where the level falls with speed the static one in units of F and the velocity.
+void bristles_of(std::span<const double> values, std::span<double> numbers) {
+    const bool falls = values.size() == 5;
+    const double F = values[0], K = F / values[1];
+    numbers[0] = F;
+    numbers[1] = falls ? F * values[3] : F;
+    numbers[2] = falls ? values[4] : 0.01;
+    numbers[4] = K;
+    numbers[5] = K * values[2];
+}
+
+constexpr double slowest_bristle = 0.05, fastest_bristle = 1e-6; // D/K [s]
 
 } // namespace
 
@@ -76,6 +90,35 @@ m.add_force {
   force = function(s, own) return -p.K * own.z - p.D * deflecting(s, own) - p.viscous * s.v end,
 }
 )lua",
+    .forms = [](const Clues& c) -> std::vector<EffectForm> {
+        const double typical = c.typical_force(), shortest = 1e-7, longest = std::max(c.stroke, 1e-5);
+        const double level = std::max(-regress({c.direction}, c.force).coefficients[0], 0.1 * typical);
+        std::vector<std::vector<double>> probes;
+        for (const double reach : geometric(1e-6, std::min(longest, 1e-3), 7)) {
+            for (const double time : {3e-5, 1e-3}) probes.push_back({level, reach, time});
+        }
+        EffectForm constant{.form = "constant level",
+                            .parameters = {factor("F", 1e-3 * typical, c.max_force()),
+                                           factor("reach", shortest, longest),
+                                           factor("time", fastest_bristle, slowest_bristle)},
+                            .convert = bristles_of,
+                            .probes = probes};
+        constant.richer = [constant, fastest = c.max_speed](std::span<const double> p) {
+            EffectForm falling = constant;
+            falling.form = "falling level";
+            falling.parameters.push_back(factor("Fs/F", 1, 10));
+            falling.parameters.push_back(factor("velocity", 1e-4 * fastest, fastest));
+            falling.probes.clear();
+            for (const double share : {0.03, 0.1, 0.3}) {
+                falling.starts.push_back({p[0] / 1.1, p[1] / 1.1, p[2], 1.2, share * fastest});
+            }
+            falling.richer = nullptr;
+            return falling;
+        };
+        return {constant};
+    },
+    .fit_order = 65,
+    .only_in_place = true,
     .is_friction_law = true,
 };
 

@@ -108,6 +108,7 @@ end
                  .starts = gradients}};
     },
     .fit_order = 70,
+    .simpler = {"coulomb_friction", "viscous_friction"},
 };
 
 } // namespace tribode::effects

@@ -86,6 +86,7 @@ m.add_force {
              .starts = {starts[0].values, starts[1].values}}};
     },
     .fit_order = 122,
+    .simpler = {"quadratic_drag", "viscous_friction"},
 };
 
 } // namespace tribode::effects

@@ -139,7 +139,7 @@ end
             return forms;
         },
     .fit_order = 60,
-    .simpler = {"coulomb_friction"},
+    .simpler = {"coulomb_friction", "spring_force", "lugre_friction"},
 };
 
 } // namespace tribode::effects

@@ -62,6 +62,7 @@ m.friction.velocity, m.friction.exponent = p.velocity, p.exponent
                  .starts = points}};
     },
     .fit_order = 50,
+    .simpler = {"coulomb_friction"},
 };
 
 } // namespace tribode::effects

@@ -56,6 +56,7 @@ m.amplifier.exponent, m.amplifier.size = p.exponent, p.size
                  .starts = {{starts[0].second, c.max_thrust}, {starts[1].second, c.max_thrust}}}};
     },
     .fit_order = 135,
+    .simpler = {"thrust_gain"},
 };
 
 } // namespace tribode::effects

@@ -112,6 +112,7 @@ m.scale_friction(function(t) return 1 + p.a * forms[p.kind](t / p.T) end)
                  .starts = best_two(sines)}};
     },
     .fit_order = 80,
+    .simpler = {"coulomb_friction", "viscous_friction"},
 };
 
 } // namespace tribode::effects
