@@ -134,6 +134,7 @@ RESULTS = {
         ("effects", "list[dict[str, Any]]"),
         ("gap", "dict[str, dict[str, float]]"),
         ("nearest", "Any"),
+        ("fields_off?", "list[dict[str, Any]]"),
         ("next_experiment", "str | None"),
         ("hypotheses", "list[dict[str, Any]]"),
         ("out_of_time", "bool"),

@@ -10,6 +10,7 @@
 #include <cmath>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <functional>
 
 namespace tribode {
 
@@ -294,6 +295,25 @@ class Verdict {
         d_.nearest = Diagnosis::Nearest{fmt::format("{}", fmt::join(first.names(), "+")),
                                         std::clamp(1 - std::sqrt(after / before), 0.0, 1.0)};
         best_.reset();
+        explain_by_fields();
+    }
+
+    // Fields beyond their tolerances may explain all that an effect would: the answer says which.
+    void explain_by_fields() {
+        const SearchResult& s = d_.search;
+        const Scored& none = s.baseline;
+        if (none.together.within_tolerance() || none.together_fitted > SearchResult::limit(s.fitted) ||
+            (!s.validation.empty() && none.together_validation > SearchResult::limit(s.validation))) {
+            return;
+        }
+        constexpr double far = 2; // standard deviations
+        const auto& moved = none.hypothesis.nominal;
+        for (std::size_t i = 0; i < moved.size(); ++i) {
+            if (std::abs(moved[i]) > far) d_.fields_off.push_back({fit_.fields()[i].name, moved[i]});
+        }
+        if (d_.fields_off.empty()) return;
+        std::ranges::stable_sort(d_.fields_off, std::greater{}, [](const auto& f) { return std::abs(f.deviations); });
+        d_.before = machine_;
     }
 
     const MachineModel& machine_;
@@ -370,7 +390,10 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     } catch (const EndedEarly&) {
         throw EndedEarly(fmt::format("interrupted, nothing is written; so far {}", d.search.found_so_far()));
     }
-    if (encoder) d.before = ModelFit(machine, d.search.fitted).machine(d.search.baseline.hypothesis);
+    if (encoder) {
+        d.before =
+            d.fields_off.empty() ? ModelFit(machine, d.search.fitted).machine(d.search.baseline.hypothesis) : machine;
+    }
     for (const auto& record : d.search.fitted) d.fitted.push_back(compared(record, d.before, d.after));
     for (const auto& record : d.search.validation) d.validation.push_back(compared(record, d.before, d.after));
     if (encoder) add_encoder(d, *encoder, described, control);

@@ -55,6 +55,13 @@ struct Diagnosis {
         double share; // of the rms of the whitened gap
     };
     std::optional<Nearest> nearest;
+    // Fields that explain all if they are farther off than their tolerances let them be: no effect is named then, and the
+    // machine after has them.
+    struct Field {
+        std::string name;
+        double deviations; // from what the machine says, in its tolerance
+    };
+    std::vector<Field> fields_off;
     std::optional<std::string> next_experiment;
     MachineModel before, after; // the machine as described, fields within their tolerance; with the effects
     SearchResult search;

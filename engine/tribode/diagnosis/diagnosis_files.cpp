@@ -32,6 +32,14 @@ std::string sentence(const Diagnosis& d) {
                            "{} rms, noise and rounding leave {}.",
                            size(gap.before), size(gap.floor));
     }
+    if (!d.fields_off.empty()) {
+        std::vector<std::string> fields;
+        for (const auto& field : d.fields_off)
+            fields.push_back(fmt::format("{} {:.1f}", field.name, std::abs(field.deviations)));
+        return fmt::format("Fields are farther off than their tolerances let them be, in standard deviations {}, or an "
+                           "effect is missing that they make up for; with them {}.",
+                           fmt::join(fields, ", "), shrink);
+    }
     if (d.verdict == "unknown_effect") {
         return fmt::format("Something is missing that is none of the known effects; the nearest, {}, explains {:.0f} % "
                            "of the gap.",
@@ -91,7 +99,7 @@ std::vector<double> scaled(std::vector<double> values, double scale) {
     return values;
 }
 
-Plot response_plot(const Compared& c, bool named) {
+Plot response_plot(const Compared& c, bool changed) {
     const auto t = times(c);
     Plot plot;
     Panel response, gap;
@@ -102,7 +110,7 @@ Plot response_plot(const Compared& c, bool named) {
     gap.y_label = "Measured - simulated [um]";
     gap.series = {
         {"before", t, difference(c.measurement.position(), c.y_before, 1e6), SeriesStyle::line, before_color, 1.0}};
-    if (named) {
+    if (changed) {
         response.series.push_back({"after", t, scaled(c.y_after, 1e3), SeriesStyle::dashed, after_color, 1.2});
         gap.series.push_back(
             {"after", t, difference(c.measurement.position(), c.y_after, 1e6), SeriesStyle::line, after_color, 1.0});
@@ -114,12 +122,12 @@ Plot response_plot(const Compared& c, bool named) {
 // What is left over as a force, without and with the effects found.
 struct Residuals {
     ResidualForce before, after;
-    bool named; // whether there are effects
+    bool changed; // whether there are effects or fields that explain it
 
     Residuals(const Diagnosis& d, const Compared& c)
         : before(residual_force(d.before, c.measurement, {c.y_before, c.u_before})),
           after(residual_force(d.after, c.measurement, {c.y_after, c.u_after}, before.bandwidth)),
-          named(!d.effects.empty()) {}
+          changed(!d.effects.empty() || !d.fields_off.empty()) {}
 };
 
 // Thrust over position, and what it does besides moving the mass: friction, with its loop at every reversal.
@@ -131,7 +139,7 @@ Plot loop_plot(const Compared& c, const Residuals& residuals) {
     loop.series = {{"measured", scaled(c.measurement.position(), 1e3), c.measurement.thrust, SeriesStyle::line,
                     measured_color, 2.2},
                    {"before", scaled(c.y_before, 1e3), c.u_before, SeriesStyle::line, before_color, 0.9}};
-    const auto& [before, after, named] = residuals;
+    const auto& [before, after, changed] = residuals;
     friction.y_label = "Thrust less inertia [N]";
     const auto position = scaled(before.position, 1e3);
     // Measured, and with the force that the model lacks simulated.
@@ -142,7 +150,7 @@ Plot loop_plot(const Compared& c, const Residuals& residuals) {
     };
     friction.series = {{"measured", position, shown(before, 0), SeriesStyle::line, measured_color, 2.2},
                        {"before", position, shown(before, 1), SeriesStyle::line, before_color, 0.9}};
-    if (named) {
+    if (changed) {
         loop.series.push_back({"after", scaled(c.y_after, 1e3), c.u_after, SeriesStyle::line, after_color, 0.9});
         friction.series.push_back(
             {"after", scaled(after.position, 1e3), shown(after, 1), SeriesStyle::line, after_color, 0.9});
@@ -151,7 +159,7 @@ Plot loop_plot(const Compared& c, const Residuals& residuals) {
     return plot;
 }
 
-Plot spectrum_plot(const Compared& c, bool named, double sample_time) {
+Plot spectrum_plot(const Compared& c, bool changed, double sample_time) {
     std::vector<double> frequency;
     for (int i = 0; i < 300; ++i) frequency.push_back(0.5 * std::pow(0.45 / sample_time / 0.5, i / 299.0));
     const auto& y = c.measurement.position();
@@ -166,13 +174,13 @@ Plot spectrum_plot(const Compared& c, bool named, double sample_time) {
                                 SeriesStyle::line, color});
     };
     add("before", c.y_before, before_color);
-    if (named) add("after", c.y_after, after_color);
+    if (changed) add("after", c.y_after, after_color);
     plot.panels = {panel};
     return plot;
 }
 
 Plot force_plot(const Residuals& residuals) {
-    const auto& [before, after, named] = residuals;
+    const auto& [before, after, changed] = residuals;
     Plot plot;
     plot.title =
         fmt::format("Force that the model lacks, below {:g} Hz, and twice its standard errors; noise leaves {} rms "
@@ -208,7 +216,7 @@ Plot force_plot(const Residuals& residuals) {
         panel.x_label = label;
         panel.y_label = "Force [N]";
         add_curves(panel, "before", force_curve(before, coordinate, 80), scale, before_color);
-        if (named) add_curves(panel, "after", force_curve(after, coordinate, 80), scale, after_color);
+        if (changed) add_curves(panel, "after", force_curve(after, coordinate, 80), scale, after_color);
         plot.panels.push_back(std::move(panel));
     }
     Panel spectrum;
@@ -222,7 +230,7 @@ Plot force_plot(const Residuals& residuals) {
             {name, frequency, amplitude_spectrum(r.force, r.sample_time, frequency), SeriesStyle::line, color});
     };
     add("before", before, before_color);
-    if (named) add("after", after, after_color);
+    if (changed) add("after", after, after_color);
     plot.panels.push_back(std::move(spectrum));
     plot.height = 2400;
     return plot;
@@ -232,7 +240,7 @@ Plot force_plot(const Residuals& residuals) {
 Plot map_plot(const Residuals& residuals) {
     Plot plot;
     plot.title = "Force that the model lacks, in two coordinates";
-    plot.height = residuals.named ? 1800 : 1000;
+    plot.height = residuals.changed ? 1800 : 1000;
     double strongest_of_motion = 0, strongest_of_time = 0; // colours alike before and after
     const auto strongest = [](std::vector<double> values) {
         std::erase_if(values, [](double value) { return !std::isfinite(value); });
@@ -264,7 +272,7 @@ Plot map_plot(const Residuals& residuals) {
         plot.panels.push_back(std::move(time));
     };
     add(residuals.before, "before");
-    if (residuals.named) add(residuals.after, "after");
+    if (residuals.changed) add(residuals.after, "after");
     return plot;
 }
 
@@ -350,7 +358,7 @@ Report report_of(const Diagnosis& d, const Residuals& residuals, const Json& sum
     report.summary = sentence(d);
     report.sections.push_back(
         {"The gap",
-         {gap_table(d), Figure{"response", "The validation record.", response_plot(validation, residuals.named)}}});
+         {gap_table(d), Figure{"response", "The validation record.", response_plot(validation, residuals.changed)}}});
     report.sections.push_back(
         {"Where they disagree",
          {Paragraph{d.where}, share_table(validation),
@@ -389,7 +397,7 @@ Report report_of(const Diagnosis& d, const Residuals& residuals, const Json& sum
                  "Thrust over position, and what of it does not move the mass: friction and the "
                  "forces on the axis.",
                  loop_plot(validation, residuals)},
-          Figure{"spectrum", "Remaining error over frequency.", spectrum_plot(validation, residuals.named, Ts)}}});
+          Figure{"spectrum", "Remaining error over frequency.", spectrum_plot(validation, residuals.changed, Ts)}}});
     BulletList unseen;
     unseen.items = untested(d);
     report.sections.push_back({"What these records cannot show", {unseen}});
@@ -487,7 +495,8 @@ Json diagnosis_json(const Diagnosis& d, const std::vector<std::string>& data, co
                            {"rivals", rivals},
                            {"evidence", effect.evidence}});
     }
-    Json nearest = nullptr, next = nullptr;
+    Json nearest = nullptr, next = nullptr, fields = Json::array();
+    for (const auto& field : d.fields_off) fields.push_back({{"name", field.name}, {"deviations", field.deviations}});
     if (d.nearest) nearest = {{"name", d.nearest->name}, {"share", d.nearest->share}};
     if (d.next_experiment) next = *d.next_experiment;
     return {{"verdict", d.verdict},
@@ -497,6 +506,7 @@ Json diagnosis_json(const Diagnosis& d, const std::vector<std::string>& data, co
             {"gap_unit", "m"},
             {"explained", d.explained},
             {"nearest", nearest},
+            {"fields_off", fields},
             {"next_experiment", next},
             {"hypotheses", hypotheses_json(d)},
             {"out_of_time", d.search.out_of_time},
@@ -554,6 +564,10 @@ std::string diagnosis_text(const Json& summary) {
             text += fmt::format("    or {}  probability {:.2g}\n", rival["name"].get<std::string>(),
                                 rival["probability"].get<double>());
         }
+    }
+    for (const auto& field : summary["fields_off"]) {
+        text += fmt::format("  {} off by {:.1f} standard deviations\n", field["name"].get<std::string>(),
+                            field["deviations"].get<double>());
     }
     for (const char* record : {"ident", "validate"}) {
         const Json& gap = summary["gap"][record];

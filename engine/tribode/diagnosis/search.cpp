@@ -41,9 +41,9 @@ constexpr double followed = 1.5;          // chi square per sample up to which a
 constexpr double settled_limit = 3;
 // Chi square by that of a hypothesis to which noise alone is left, above which another one is no rival.
 constexpr double hopeless = 1.5;
-// Standard deviations of the gain in prediction from which a hypothesis is preferred to one that it contains: a normal
-// variable is beyond once in a thousand.
-constexpr double sure_gain = 3;
+// Standard deviations of the gain in prediction from which a hypothesis is preferred to one that it contains. The gain is the
+// square of what a parameter does, its deviation twice that: a parameter of four standard errors.
+constexpr double sure_gain = 2;
 constexpr double shows = 8; // whitened errors of noise alone are seldom half as large
 
 std::size_t count(const std::vector<Evidence>& records) {
@@ -131,7 +131,7 @@ class Search {
             }
             rank(pool);
             if (pool.empty()) break;
-            if (adequate(pool.front()) && !late()) {
+            if (!late()) {
                 for (auto& next : simplified(pool, level)) pool.push_back(std::move(next));
             }
             // The loop's noise is that of the machine as it is now known.
@@ -398,7 +398,8 @@ class Search {
 
     // An effect of many parameters may have taken the place of a simpler one, which did less alone and was dropped: each of
     // those of the first hypothesis is replaced by its simpler kinds in turn, unless the ranking has that; and the best of
-    // these gets another one beside it, of them or of the same kind with fewer parameters.
+    // these gets another one beside it, of them or of the same kind with fewer parameters. While more than noise remains, only
+    // kinds are tried that have not been.
     std::vector<Scored> simplified(const std::vector<Scored>& pool, std::size_t level) const {
         const Scored one = pool.front();
         std::vector<Scored> list;
@@ -415,7 +416,9 @@ class Search {
             };
             std::set<std::string> missing;
             std::vector<Hypothesis> instead;
+            const bool enough = adequate(one);
             for (const auto& name : kind.simpler) {
+                if (!enough && !effect_kind(name).only_in_place) continue;
                 const auto known =
                     std::ranges::find_if(pool, [&](const Scored& other) { return other.names() == with(name); });
                 if (known == pool.end()) {
@@ -433,7 +436,7 @@ class Search {
                     list.push_back(std::move(next));
                 }
             }
-            if (instead.empty() || one.names().size() == max_effects_) continue;
+            if (!enough || instead.empty() || one.names().size() == max_effects_) continue;
             // With the fields that the whole explanation has: alone, a part of it may have bent them to do the rest.
             for (Hypothesis& h : instead) {
                 h.nominal = one.together.nominal;

@@ -14,14 +14,14 @@ namespace {
 using namespace diagnosis_cases;
 
 // Two records of two seconds: one to fit, one for validation.
-Diagnosis diagnosed(const Json& hidden, const Json& believed = small_axis()) {
+Diagnosis diagnosed(const Json& hidden, const Json& believed = small_axis(), std::size_t max_effects = 1) {
     const MachineModel machine = MachineModel::from_description(believed, "case");
     const auto record = [&](double amplitude, double frequency, std::uint64_t seed) {
         return measurement_from_table(measured(small_axis(), hidden, sine_record(amplitude, frequency, 2), seed),
                                       machine, "case");
     };
     DiagnosisOptions options;
-    options.max_effects = 1;
+    options.max_effects = max_effects;
     RunControl control;
     control.workers = 2;
     return diagnose(machine, {record(0.012, 1.5, 1)}, record(0.02, 1, 2), options, control);
@@ -82,6 +82,29 @@ TEST(Diagnosis, AnArmAFanAValveAndAGearAreFoundAndNotTakenForTheirNeighbors) {
         for (const auto& [parameter, truth] : values) expect_parameter(d.effects[0], parameter, truth);
         EXPECT_LT(d.validation_gap.after, 1.2 * d.validation_gap.floor) << name;
     }
+}
+
+// Friction by direction without a difference would be the same, and a level of one direction beside it takes less.
+TEST(Diagnosis, ASimplerExplanationIsPreferredToTheRicherOne) {
+    const Diagnosis d = diagnosed(Json::parse(R"([{"name": "viscous_friction", "parameters": {"dD": 6}},
+        {"name": "asymmetric_friction", "parameters": {"dF_pos": 0.1}}])"),
+                                  small_axis(), 2);
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects.size(), 2u);
+    ASSERT_EQ(d.effects[0].name, "viscous_friction");
+    expect_parameter(d.effects[0], "dD", 6);
+    ASSERT_EQ(d.effects[1].name, "asymmetric_friction");
+    EXPECT_EQ(d.effects[1].parameters["dD_pos"], 0);
+}
+
+TEST(Diagnosis, BristlesAreNotTakenForElementsThatSlip) {
+    const Diagnosis d = diagnosed(Json::parse(R"([{"name": "lugre_friction",
+        "parameters": {"F": 2, "Fs": 2, "velocity": 0.01, "K": 50000}}])"));
+    ASSERT_EQ(d.verdict, "undecided");
+    EXPECT_EQ(d.effects[0].name, "lugre_friction");
+    expect_parameter(d.effects[0], "F", 2);
+    ASSERT_EQ(d.effects[0].rivals.size(), 1u);
+    EXPECT_EQ(d.effects[0].rivals[0].name, "presliding_hysteresis");
 }
 
 TEST(Diagnosis, ABacklashIsFoundThoughNoiseDecidesWhereTheBodiesMeet) {
@@ -203,6 +226,21 @@ TEST(Diagnosis, AFieldFarOutsideItsToleranceIsAnEffect) {
     // What the tolerance leaves open is part of its error.
     EXPECT_NEAR(d.effects[0].standard_errors["dD"].get<double>(), 0.4, 0.1);
     expect_parameter(d.effects[0], "dD", 2.8);
+}
+
+// More of them than effects are sought.
+TEST(Diagnosis, FieldsOutsideTheirTolerancesAreToldWithTheGapThatTheyLeave) {
+    Json believed = small_axis();
+    believed["rigid_gain_per_kg"] = 1.06 * believed["rigid_gain_per_kg"].get<double>();
+    for (const char* field : {"viscous", "coulomb"})
+        believed["friction"][field] = 0.8 * believed["friction"][field].get<double>();
+    believed["tolerance"] = {{"friction.viscous", 0.05}, {"friction.coulomb", 0.05}, {"rigid_gain_per_kg", 0.01}};
+    const Diagnosis d = diagnosed(Json::array(), believed);
+    EXPECT_EQ(d.verdict, "unknown_effect");
+    EXPECT_EQ(d.fields_off.size(), 3u);
+    EXPECT_GT(d.validation_gap.before, 10 * d.validation_gap.floor);
+    EXPECT_LT(d.validation_gap.after, 1.2 * d.validation_gap.floor);
+    EXPECT_NEAR(d.after.axis().plant.viscous, 4, 0.1);
 }
 
 TEST(Diagnosis, FieldsAreFoundWhereAModeRunsRoundWithinItsTolerance) {

@@ -139,7 +139,7 @@ TEST(PredictionStatistics, ANeedlessParameterDoesNotPredict) {
             const Eigen::VectorXd y = Eigen::Map<const Eigen::VectorXd>(values.data(), n) + size * rich.col(1);
             const auto [simple_fit, simple] = left_of(rich.leftCols(1), y);
             const auto [rich_fit, richer] = left_of(rich, y);
-            const bool is_sure = gain_in_deviations(simple, richer, {2000, 2000}) > 3;
+            const bool is_sure = gain_in_deviations(simple, richer, {2000, 2000}) > 2;
             if (size > 0) {
                 found += is_sure ? 1 : 0;
             } else {
