@@ -44,6 +44,8 @@ constexpr double hopeless = 1.5;
 // Standard deviations of the gain in prediction from which a hypothesis is preferred to one that it contains. The gain is the
 // square of what a parameter does, its deviation twice that: a parameter of four standard errors.
 constexpr double sure_gain = 2;
+// Chi square by that of a hypothesis for which others are sought, above which these are given up.
+constexpr double out_of_reach = 10;
 constexpr double shows = 8; // whitened errors of noise alone are seldom half as large
 
 std::size_t count(const std::vector<Evidence>& records) {
@@ -572,7 +574,8 @@ class Search {
                 }
                 // The first round came from another set of records.
                 const bool slow = round > 0 && distance > 100 && before[i] - running[i].chi_square < 0.1 * distance;
-                stalled[i] = stalled[i] || running[i].converged || !std::isfinite(distance) || slow;
+                const bool lost = only && running[i].chi_square > out_of_reach * best;
+                stalled[i] = stalled[i] || running[i].converged || !std::isfinite(distance) || slow || lost;
                 // Of an effect from several starts, one that stays behind is in a local minimum.
                 stalled[i] =
                     stalled[i] || (round > 0 && std::ranges::any_of(running, [&](const Hypothesis& other) {
@@ -585,7 +588,7 @@ class Search {
             if (!moving) break;
         }
         keep_best(running, 6, 1e300);
-        if (!running.empty() && !late()) enrich(running.front());
+        if (!running.empty() && !late() && running.front().chi_square < out_of_reach * best) enrich(running.front());
         std::vector<Scored> done;
         for (auto& h : running) done.push_back(scored(std::move(h)));
         return done;
