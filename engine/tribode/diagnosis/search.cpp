@@ -445,7 +445,7 @@ class Search {
                 refine(h, all_, 6, control_.workers, false);
             }
             const Scored best = scored(*std::ranges::min_element(instead, {}, &Hypothesis::chi_square));
-            if (adequate(best) || !one.contains(best)) continue;
+            if (!one.contains(best) || is_needlessly_rich(one, best)) continue;
             std::set<std::string> beside(kind.simpler.begin(), kind.simpler.end());
             beside.insert(kind.name);
             for (auto& next : extended(best, level, beside, one.together.chi_square)) {
