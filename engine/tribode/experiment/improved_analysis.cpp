@@ -145,6 +145,9 @@ std::vector<double> interpolated(const std::vector<double>& signal) {
 
 std::vector<double> friction_along(const MachineModel& machine, const FrictionModel& model,
                                    const std::vector<double>& position, const std::vector<double>& thrust) {
+    if (model.elements.empty() && model.viscous == 0 && !model.dry.present() && model.laws.empty()) {
+        return std::vector<double>(position.size());
+    }
     const std::vector<double> y = interpolated(position), load = interpolated(thrust);
     MachineModel finely = machine;
     finely.sample_time /= finer;
