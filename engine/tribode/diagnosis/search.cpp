@@ -403,7 +403,7 @@ class Search {
     // these gets another one beside it, of them or of the same kind with fewer parameters. While more than noise remains, only
     // kinds are tried that have not been.
     std::vector<Scored> simplified(const std::vector<Scored>& pool, std::size_t level) const {
-        const Scored one = pool.front();
+        const Scored& one = pool.front();
         std::vector<Scored> list;
         for (std::size_t i = 0; i < one.together.effects.size(); ++i) {
             const EffectKind& kind = one.together.effects[i]->kind();
