@@ -242,10 +242,14 @@ class SineWindow {
         return signal.subspan(window_.first, window_.count);
     }
 
-    // exp(p t) in this window. A pole far away, or so strongly damped that it is wider than the lines reach, is smooth over them.
-    std::vector<KnownTransient> transients_of(const std::vector<Complex>& poles) const {
+    // exp(p t) in this window. A pole far away, or so strongly damped that it is wider than the lines reach, is smooth over them. Where
+    // many are near, those nearest to the sine, so that half of the lines are left to tell the noise.
+    std::vector<KnownTransient> transients_of(std::vector<Complex> poles) const {
         std::vector<KnownTransient> found;
         if (distance_.size() < 10) return found;
+        const double omega = 2 * pi * cycles_ / sample_time_;
+        std::ranges::stable_sort(poles, {}, [&](Complex pole) { return std::abs(pole.imag() - omega); });
+        constexpr std::size_t terms = 3; // of the polynomial
         const auto n = static_cast<double>(window_.count);
         const double reach = std::max(-distance_.front(), distance_.back());
         for (const Complex pole : poles) {
@@ -253,6 +257,7 @@ class SineWindow {
             const double away = std::abs(pole.imag() * sample_time_ / (2 * pi) - cycles_) * n;
             const double width = -pole.real() * sample_time_ / (2 * pi) * n;
             if (away > reach || width > reach) continue;
+            if (2 * (terms + found.size() + 1) > distance_.size()) break;
             // A geometric series over the samples: its numerator is the same for all lines, which are whole cycles apart.
             const auto at = [&](double cycles) { return 1.0 / (1.0 - decay * turned(-cycles)); };
             KnownTransient transient{at(cycles_), {}};

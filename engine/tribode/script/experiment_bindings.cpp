@@ -103,18 +103,21 @@ Json sweep(const ScriptContext& script, const Json& arguments) {
     const SweepResult result =
         run_sweep(machine, options, script.run.control(),
                   script.run.in_batch() ? std::filesystem::path() : script.run.folder().path(checkpoint));
-    script.run.note_work({{"function", "sweep"},
-                          {"machine", machine.hash()},
-                          {"solver", name_of(resolved(options.solver.method, machine))},
-                          {"relative_tolerance", options.solver.relative_tolerance},
-                          {"absolute_tolerance_m", options.solver.absolute_tolerance},
-                          {"amplitude_N", options.amplitude},
-                          {"delay_s", options.delay.value_or(loop_dead_time(machine))},
-                          {"friction_feedback", options.friction_feedback},
-                          {"seed", options.seed},
-                          {"frequencies", options.frequency_hz.size()},
-                          {"warnings", result.warnings()},
-                          {"statistics", to_json(result.statistics())}});
+    script.run.note_work(
+        {{"function", "sweep"},
+         {"machine", machine.hash()},
+         {"solver", name_of(resolved(options.solver.method, machine))},
+         {"relative_tolerance", options.solver.relative_tolerance},
+         {"absolute_tolerance_m", options.solver.absolute_tolerance},
+         {"amplitude_N", options.amplitudes.empty() ? Json(options.amplitude) : Json(options.amplitudes)},
+         {"bias_velocity_m_per_s", options.bias_velocity},
+         {"carrier_amplitude_m", options.carrier_amplitude},
+         {"delay_s", options.delay.value_or(loop_dead_time(machine))},
+         {"friction_feedback", options.friction_feedback},
+         {"seed", options.seed},
+         {"frequencies", options.frequency_hz.size()},
+         {"warnings", result.warnings()},
+         {"statistics", to_json(result.statistics())}});
     if (!result.complete) {
         throw EndedEarly(fmt::format("interrupted after {} of {} frequencies; they are kept, and the same command goes "
                                      "on from there",

@@ -137,6 +137,17 @@ TEST(MeasuredResponse, TakesTransientsOfAKnownModeOut) {
     EXPECT_LT(squares / variances, 1.2);
 }
 
+TEST(MeasuredResponse, KeepsLinesForTheNoiseWhereManyModesAreNear) {
+    const Sine sine = noisy_sine(40, 1600, 1e-3, 1);
+    MeasuredSignals signals{ts, sine.u, sine.y, {sine.u}, 0};
+    KnownResponse known{[](double) { return true_response; }, {}};
+    for (int i = 0; i < 30; ++i) known.poles.push_back({-2.0, 2 * pi * (35 + 0.3 * i)});
+    signals.known = {known};
+    const auto point = merged(sine_observations(signals, {sine.segment}, {})).at(0).at(0);
+    EXPECT_GT(point.variance, 0);
+    EXPECT_LT(std::abs(point.value / true_response - 1.0), 4 * std::sqrt(point.variance));
+}
+
 TEST(MeasuredResponse, WhereNothingMovesThereIsNoValueButAReason) {
     Sine sine = noisy_sine(40, 1600, 0, 1);
     sine.y.assign(sine.y.size(), 1e-3);
