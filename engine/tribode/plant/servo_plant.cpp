@@ -52,6 +52,7 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
     first_own_ = states_.size();
     for (const auto& force : p_.forces) {
         own_count_.push_back(force->states().size());
+        own_states_ += own_count_.back();
         own_guards_ += force->guard_count();
         laws_.push_back(dynamic_cast<const FrictionLaw*>(force.get()));
         for (auto& state : force->states()) states_.push_back(std::move(state));
@@ -304,6 +305,7 @@ void ServoPlant::linear_derivative(double input, std::span<const double> x, cons
     const double thrust = corner_ > 0 ? x.back() : input;
     const double effective = is_stuck(s) ? restoring(x) : pushing(thrust, x, s, 0) - linear_friction(x, s);
     rates(effective, thrust, input, x, s, 0, dxdt);
+    std::ranges::fill(dxdt.subspan(first_own_, own_states_), 0.0);
 }
 
 namespace {
@@ -415,6 +417,7 @@ void ServoPlant::linear_guards(double input, std::span<const double> x, const St
     const double thrust = corner_ > 0 ? x.back() : input;
     const double holding = is_stuck(s) ? pushing(thrust, x, s, 0) - linear_friction(x, s) - restoring(x) : 0;
     guards_of(holding, 0, 0, x, s, 0, g);
+    std::ranges::fill(g.subspan(first_own_guard()), 0.0);
 }
 
 // Takes the velocity of the driven point to exactly zero, by an impulse there.
@@ -432,13 +435,17 @@ AffineForm ServoPlant::affine_form(const State& s) const {
     put_images(n, guards, form.g,
                [&](std::span<const double> unit, std::span<double> column) { linear_guards(0, unit, s, column); });
     if (forcings == 0) return form;
+    const std::size_t first = forcings - own_states_ - own_guards_;
+    for (std::size_t i = 0; i < own_states_; ++i) form.b[(first + i) * n + first_own_ + i] = 1;
+    for (std::size_t i = 0; i < own_guards_; ++i)
+        form.c[(first + own_states_ + i) * guards + first_own_guard() + i] = 1;
     if (!is_stuck(s)) {
         push(1, std::span(form.b).first(n));
         return form;
     }
     form.c[release_forward] = -1;
     form.c[release_backward] = 1;
-    if (forcings > 1) {
+    if (first > 1) {
         form.c[guards + release_forward] = p_.dry.static_level() + p_.forward.level + release_margin_;
         form.c[guards + release_backward] = p_.dry.static_level() + p_.backward.level + release_margin_;
     }
@@ -454,16 +461,9 @@ void ServoPlant::append_affine_key(const State& s, AffineKey& key) const {
     key.push_back(static_cast<std::uint64_t>(watch));
 }
 
-std::optional<std::string> ServoPlant::why_not_nearly_affine() const {
-    for (const auto& force : p_.forces) {
-        if (!force->states().empty()) return "a force on the driven point has states of its own";
-    }
-    return std::nullopt;
-}
-
 std::size_t ServoPlant::forcing_count() const {
     if (!why_not_affine()) return 0;
-    return has_dry_ && !p_.friction_scales.empty() ? 2 : 1;
+    return (has_dry_ && scaled_ ? 2 : 1) + own_states_ + own_guards_;
 }
 
 void ServoPlant::forcing(double t, std::span<const double> x, const State& s, std::span<double> w) const {
@@ -476,7 +476,17 @@ void ServoPlant::forcing(double t, std::span<const double> x, const State& s, st
         if (p_.dry.velocity_dependent()) sum -= towards * factor * p_.dry.above_coulomb(towards * v);
     }
     w[0] = sum + (1 - factor) * affine;
-    if (w.size() > 1) w[1] = factor - 1;
+    const std::size_t first = w.size() - own_states_ - own_guards_;
+    if (first > 1) w[1] = factor - 1;
+    if (own_states_ == 0) return;
+    std::span<double> rates = w.subspan(first, own_states_), guards = w.subspan(first + own_states_);
+    each_force([&](const PointForce& force, std::size_t state, std::size_t count, std::size_t) {
+        const auto own = x.subspan(state, count);
+        force.rates(t, position(x), v, own, rates.first(count));
+        force.guards(v, own, guards.first(force.guard_count()));
+        rates = rates.subspan(count);
+        guards = guards.subspan(force.guard_count());
+    });
 }
 
 EventEffect ServoPlant::on_crossing(GuardId guard, double t, std::span<double> x, State& s, EventLog& log) const {

@@ -102,10 +102,9 @@ class ServoPlant {
     bool guards_see_input() const { return has_dry_ && corner_ == 0; }
     // As PiecewiseAffine, of which a servo system has the functions. linear_part: without any friction. w: in slip the force
     // on the driven point that is not affine, in stick what keeps it from being released; where friction is scaled, also
-    // the factor less one, for the level of the release.
+    // the factor less one, for the level of the release; then the rates of the forces' own states, and their guards.
     void linear_part(std::span<double> matrix) const;
     std::optional<std::string> why_not_affine() const;
-    std::optional<std::string> why_not_nearly_affine() const;
     AffineForm affine_form(const State& s) const;
     void append_affine_key(const State& s, AffineKey& key) const;
     bool has_varying_input(const State& s) const { return s.input.rate != 0; }
@@ -197,7 +196,7 @@ class ServoPlant {
     std::size_t other_ = 0;           // first state of the other body
     std::size_t first_sine_ = 0, first_own_ = 0;         // states
     std::vector<std::size_t> own_count_;                 // states of each force
-    std::size_t own_guards_ = 0;                         // of all forces
+    std::size_t own_states_ = 0, own_guards_ = 0;        // of all forces
     std::vector<const FrictionLaw*> laws_;               // forces that are friction; none where one is not
     double other_gain_ = 0;                              // of the body that is not the driven point [1/kg]
     double contact_stiffness_ = 0, contact_damping_ = 0; // [N/m], [N s/m]
