@@ -23,7 +23,8 @@ constexpr std::size_t beam_width = 3;       // hypotheses on which another effec
 constexpr std::size_t screened_later = 12;  // candidates that are fitted for a second effect and more
 constexpr std::size_t validated_count = 3;  // of the ranking, with parameters of the fitted records alone
 constexpr int max_enriched = 4;             // times that a form is made richer
-constexpr std::size_t lead_samples = 10000; // of the record that is looked at first, where so many show the gap
+// Samples of the record that is looked at first, where so many show the gap: to read where effects begin, and to fit them.
+constexpr std::size_t clue_samples = 10000, lead_samples = 4000;
 // A candidate with many local minima is found on beginnings of the record: samples from where the gap first shows, and
 // of the points so many of the best, fitted there by so many steps.
 struct Beginning {
@@ -208,18 +209,25 @@ class Search {
             if (sum / static_cast<double>(n) <= most) continue;
             most = sum / static_cast<double>(n);
             lead_ = i;
-            lead_length_ = std::min(n, lead_samples);
-            while (lead_length_ < n &&
-                   up_to[std::min(lead_length_, up_to.size() - 1)] < 0.5 * most * static_cast<double>(lead_length_)) {
-                lead_length_ = std::min(n, lead_length_ + lead_samples / 2);
-            }
+            const auto showing = [&](std::size_t least) {
+                std::size_t length = std::min(n, least);
+                while (length < n &&
+                       up_to[std::min(length, up_to.size() - 1)] < 0.5 * most * static_cast<double>(length)) {
+                    length = std::min(n, length + least / 2);
+                }
+                return length;
+            };
+            lead_length_ = showing(lead_samples);
+            clue_length_ = showing(clue_samples);
         }
         cut_lead();
     }
 
     void cut_lead() {
         lead_records_.clear();
-        if (lead_length_ > 0) lead_records_.push_back(beginning(all_[lead_], lead_length_));
+        if (lead_length_ == 0) return;
+        lead_records_.push_back(beginning(all_[lead_], lead_length_));
+        clue_record_ = beginning(all_[lead_], clue_length_);
     }
 
     void go_on() const {
@@ -492,7 +500,7 @@ class Search {
                                  const std::optional<std::set<std::string>>& only, double best) const {
         const ModelFit lead(machine_, lead_records_);
         const MachineModel machine = lead.machine(base.together);
-        const Evidence& record = lead_records_.front();
+        const Evidence& record = clue_record_;
         const auto signals = simulated_signals(machine, record.measurement);
         // A model that cannot follow shows nothing: the machine at rest is as good a comparison.
         const SimulatedSignals still{std::vector<double>(record.measurement.size(), 0.0),
@@ -651,7 +659,7 @@ class Search {
                                          const std::shared_ptr<const Candidate>& candidate) const {
         std::vector<Hypothesis> points;
         for (const auto& values : candidate->probes) points.push_back(with(base, candidate, values));
-        const Evidence& record = lead_records_.front();
+        const Evidence& record = clue_record_;
         const ModelFit lead(machine_, lead_records_);
         const std::size_t first = first_shown(base, record);
         std::vector<Evidence> part;
@@ -706,7 +714,7 @@ class Search {
     // record, and followed on beginnings that double.
     std::vector<Hypothesis> ringing_starts(const Hypothesis& base,
                                            const std::shared_ptr<const Candidate>& candidate) const {
-        const Evidence& record = lead_records_.front();
+        const Evidence& record = clue_record_;
         const std::size_t first = first_shown(base, record);
         std::vector<Hypothesis> points;
         for (std::size_t samples = ringing_from; first + samples < record.measurement.size(); samples *= 2) {
@@ -786,8 +794,9 @@ class Search {
     std::chrono::steady_clock::time_point deadline_;
     const RunControl& control_;
     std::vector<Evidence> all_; // fitted and validation records
-    std::size_t lead_ = 0, lead_length_ = 0;
-    std::vector<Evidence> lead_records_; // of all_, so much of one
+    std::size_t lead_ = 0, lead_length_ = 0, clue_length_ = 0;
+    std::vector<Evidence> lead_records_; // of all_, so much of one; and more of it
+    Evidence clue_record_;
     SearchResult result_;
 };
 
