@@ -153,6 +153,7 @@ class Verdict {
         const Scored& best = s.ranking.front();
         d_.after = fit_.machine(*best_);
         const auto errors = errors_of(*best_);
+        if (trust < 1) list_fields_off(best);
         double least = 1;
         for (std::size_t i = 0; i < best_->effects.size(); ++i) {
             NamedEffect one;
@@ -236,7 +237,11 @@ class Verdict {
         if (!one.rivals.empty()) {
             text += " These records cannot tell the two apart with certainty.";
         }
-        if (part) {
+        if (part && !d_.fields_off.empty()) {
+            text +=
+                " Only noise remains, but with fields of the machine farther off than their tolerances let them be: "
+                "they may do the work of another effect.";
+        } else if (part) {
             text +=
                 " More than noise remains, so the name rests on the share that it explains and on the agreement of the "
                 "records, not on a complete explanation.";
@@ -295,25 +300,23 @@ class Verdict {
         d_.nearest = Diagnosis::Nearest{fmt::format("{}", fmt::join(first.names(), "+")),
                                         std::clamp(1 - std::sqrt(after / before), 0.0, 1.0)};
         best_.reset();
-        explain_by_fields();
+        list_fields_off(s.baseline);
+        if (!d_.fields_off.empty()) d_.before = machine_;
     }
 
     // Fields beyond their tolerances may explain all that an effect would: the answer says which.
-    void explain_by_fields() {
+    void list_fields_off(const Scored& one) {
         const SearchResult& s = d_.search;
-        const Scored& none = s.baseline;
-        if (none.together.within_tolerance() || none.together_fitted > SearchResult::limit(s.fitted) ||
-            (!s.validation.empty() && none.together_validation > SearchResult::limit(s.validation))) {
+        if (one.together.within_tolerance() || one.together_fitted > SearchResult::limit(s.fitted) ||
+            (!s.validation.empty() && one.together_validation > SearchResult::limit(s.validation))) {
             return;
         }
         constexpr double far = 2; // standard deviations
-        const auto& moved = none.hypothesis.nominal;
+        const auto& moved = one.hypothesis.nominal;
         for (std::size_t i = 0; i < moved.size(); ++i) {
             if (std::abs(moved[i]) > far) d_.fields_off.push_back({fit_.fields()[i].name, moved[i]});
         }
-        if (d_.fields_off.empty()) return;
         std::ranges::stable_sort(d_.fields_off, std::greater{}, [](const auto& f) { return std::abs(f.deviations); });
-        d_.before = machine_;
     }
 
     const MachineModel& machine_;

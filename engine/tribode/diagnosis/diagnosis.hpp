@@ -55,7 +55,7 @@ struct Diagnosis {
         double share; // of the rms of the whitened gap
     };
     std::optional<Nearest> nearest;
-    // Fields that explain all if they are farther off than their tolerances let them be: no effect is named then, and the
+    // Fields that explain all, or all that the effects leave, if they are farther off than their tolerances let them be. The
     // machine after has them.
     struct Field {
         std::string name;

@@ -36,9 +36,12 @@ std::string sentence(const Diagnosis& d) {
         std::vector<std::string> fields;
         for (const auto& field : d.fields_off)
             fields.push_back(fmt::format("{} {:.1f}", field.name, std::abs(field.deviations)));
-        return fmt::format("Fields are farther off than their tolerances let them be, in standard deviations {}, or an "
-                           "effect is missing that they make up for; with them {}.",
-                           fmt::join(fields, ", "), shrink);
+        const std::string found =
+            names.empty() ? "" : fmt::format("What is missing is {}, and besides: ", fmt::join(names, " and "));
+        return fmt::format(
+            "{}Fields are farther off than their tolerances let them be, in standard deviations {}, or an "
+            "effect is missing that they make up for; with them {}.",
+            found, fmt::join(fields, ", "), shrink);
     }
     if (d.verdict == "unknown_effect") {
         return fmt::format("Something is missing that is none of the known effects; the nearest, {}, explains {:.0f} % "

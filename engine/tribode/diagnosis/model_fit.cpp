@@ -29,6 +29,8 @@ Eigen::Map<const Eigen::VectorXd> mapped(const std::vector<double>& x) {
 constexpr Eigen::Index min_for_secants = 4;
 // A step that falls by less than this share of what the Jacobian promises shows that it is out of date.
 constexpr double min_promise_kept = 0.25;
+constexpr double nearly_noise = 1.5; // chi square per sample
+constexpr double max_field_step = 2; // standard deviations in one step: as far as differences can be trusted
 // Slopes of more entries are not kept [of 8 bytes].
 constexpr Eigen::Index max_kept = 4'000'000;
 constexpr std::size_t max_generations = 3; // of slopes: the first comes from the hypothesis without its last effect
@@ -130,8 +132,9 @@ std::size_t ModelFit::sample_count() const {
 }
 
 double ModelFit::factor(const Hypothesis& h, std::size_t field) const {
-    // Many deviations off a field is as good as any other there; below zero it would be none.
-    return std::max(1 + fields_[field].deviation * h.nominal[field], 0.01);
+    // A factor of so many deviations: never below zero, and fields that are off together as by a gain stay so on a straight
+    // way, which a fit can go in long steps.
+    return std::exp(fields_[field].deviation * h.nominal[field]);
 }
 
 MachineModel ModelFit::machine(const Hypothesis& h) const {
@@ -332,40 +335,73 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
         const Eigen::VectorXd gradient = jacobian.transpose() * mapped(e);
         bool improved = false, kept = true;
         double fall = 0;
+        struct Trial {
+            Hypothesis h;
+            Eigen::VectorXd step;
+            std::vector<Position> path = {};
+            std::vector<double> errors = {};
+        };
+        const auto placed = [&](const Eigen::VectorXd& change) {
+            Trial trial{h, Eigen::VectorXd(n)};
+            for (Eigen::Index i = 0; i < n; ++i) {
+                const auto& c = moved[static_cast<std::size_t>(i)];
+                // A factor of e^1.5 in one step is as far as differences can be trusted.
+                const double most = c.logarithmic ? 1.5 : 1e9;
+                const double here = c.read(h);
+                const double there = std::clamp(here - std::clamp(change[i], -most, most), c.low, c.high);
+                c.write(trial.h, there);
+                trial.step[i] = there - here;
+            }
+            return trial;
+        };
+        const auto simulate = [&](Trial& trial) {
+            trial.path = positions(trial.h);
+            trial.errors = errors(trial.h, trial.path);
+            trial.h.chi_square =
+                trial.errors.empty() ? std::numeric_limits<double>::infinity() : square_of(trial.errors);
+        };
+        const auto beyond_linear = [&](const Trial& trial) -> Eigen::VectorXd {
+            return mapped(trial.errors) - mapped(e) - jacobian * trial.step;
+        };
         for (int attempt = 0; attempt < (exact ? 7 : 2) && !improved; ++attempt) {
             Eigen::MatrixXd damped = normal;
             for (Eigen::Index i = 0; i < n; ++i)
                 damped(i, i) += damping * normal(i, i) + 1e-12 * normal.trace() / static_cast<double>(n) + 1e-300;
             go_on();
-            const Eigen::VectorXd change = damped.ldlt().solve(gradient);
-            Hypothesis next = h;
-            Eigen::VectorXd step(n);
-            for (Eigen::Index i = 0; i < n; ++i) {
-                const auto& c = moved[static_cast<std::size_t>(i)];
-                // A factor of e^1.5 or a standard deviation in one step is as far as differences can be trusted.
-                const double most = c.logarithmic ? 1.5 : c.field ? 1 : 1e9;
-                const double here = c.read(h);
-                const double there = std::clamp(here - std::clamp(change[i], -most, most), c.low, c.high);
-                c.write(next, there);
-                step[i] = there - here;
-            }
+            const auto solver = damped.ldlt();
+            Eigen::VectorXd change = solver.solve(gradient);
+            // Fields and effects that do alike move together or not at all.
+            double farthest = 0;
+            for (Eigen::Index i = 0; i < n; ++i)
+                if (moved[static_cast<std::size_t>(i)].field) farthest = std::max(farthest, std::abs(change[i]));
+            if (farthest > max_field_step) change *= max_field_step / farthest;
+            Trial next = placed(change);
             // No step is worth a run where the Jacobian promises next to nothing.
-            const double promised = -2 * gradient.dot(step) - step.dot(normal * step);
+            const double promised = -2 * gradient.dot(next.step) - next.step.dot(normal * next.step);
             if (promised < 0.01 * options.tolerance * h.chi_square) break;
-            auto next_path = positions(next);
-            const auto there = errors(next, next_path);
-            const double chi = there.empty() ? std::numeric_limits<double>::infinity() : square_of(there);
-            if (chi < h.chi_square) {
-                fall = (h.chi_square - chi) / chi;
-                kept = h.chi_square - chi > min_promise_kept * promised;
-                next.chi_square = chi;
-                const Eigen::VectorXd rest = mapped(there) - mapped(e) - jacobian * step;
-                jacobian.noalias() += rest * (step.transpose() / std::max(step.squaredNorm(), 1e-300));
-                h = std::move(next);
-                e = there;
-                path = std::move(next_path);
+            simulate(next);
+            if (exact && !(next.h.chi_square < h.chi_square) && !next.errors.empty()) {
+                // The way down may be a narrow valley that bends: what the errors did beyond the linear tells how
+                // [Transtrum 2012].
+                const Eigen::VectorXd bend = solver.solve(jacobian.transpose() * beyond_linear(next));
+                if (bend.dot(normal * bend) < change.dot(normal * change)) {
+                    next = placed(change + bend);
+                    simulate(next);
+                }
+            }
+            if (next.h.chi_square < h.chi_square) {
+                fall = (h.chi_square - next.h.chi_square) / next.h.chi_square;
+                kept = h.chi_square - next.h.chi_square > min_promise_kept * promised;
+                jacobian.noalias() +=
+                    beyond_linear(next) * (next.step.transpose() / std::max(next.step.squaredNorm(), 1e-300));
+                h = std::move(next.h);
+                e = std::move(next.errors);
+                path = std::move(next.path);
                 improved = true;
-                damping = std::max(damping / (attempt == 0 ? 8 : 2), 1e-9);
+                // Where noise is left, what is not at its minimum yet lies along a valley that damping would not let it
+                // follow.
+                const bool is_near = h.chi_square < nearly_noise * static_cast<double>(samples);
+                damping = std::max(damping / (attempt > 0 ? 2 : is_near ? 1000 : 8), 1e-9);
             } else {
                 damping = std::min(damping * 6, 1e9);
             }

@@ -4,11 +4,14 @@
 #include "tribode/diagnosis/residual_force.hpp"
 #include "tribode/diagnosis/response.hpp"
 
+#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <limits>
+#include <map>
+#include <numeric>
 #include <optional>
 #include <set>
 #include <tuple>
@@ -19,10 +22,12 @@ namespace tribode {
 namespace {
 
 // What the search spends, in counts: the answer must not depend on the clock.
-constexpr std::size_t beam_width = 3;       // hypotheses on which another effect is sought
-constexpr std::size_t screened_later = 12;  // candidates that are fitted for a second effect and more
-constexpr std::size_t validated_count = 3;  // of the ranking, with parameters of the fitted records alone
-constexpr int max_enriched = 4;             // times that a form is made richer
+constexpr std::size_t beam_width = 3;      // hypotheses on which another effect is sought
+constexpr std::size_t screened_later = 12; // candidates that are fitted for a second effect and more
+constexpr std::size_t validated_count = 3; // of the ranking, with parameters of the fitted records alone
+constexpr std::size_t fitted_pairs = 12;   // of two effects that are sought together
+constexpr double field_step = 0.05;        // of differences by an uncertain field, in its deviations
+constexpr int max_enriched = 4;            // times that a form is made richer
 // Samples of the record that is looked at first, where so many show the gap: to read where effects begin, and to fit them.
 constexpr std::size_t clue_samples = 10000, lead_samples = 4000;
 // A candidate with many local minima is found on beginnings of the record: samples from where the gap first shows, and
@@ -47,6 +52,9 @@ constexpr double hopeless = 1.5;
 constexpr double sure_gain = 2;
 // Chi square by that of a hypothesis for which others are sought, above which these are given up.
 constexpr double out_of_reach = 10;
+// What another effect must gain beyond the penalty of its parameters, unless it leaves noise alone: else errors are
+// correlated, and chi square falls by chance.
+constexpr double worth = 30;
 constexpr double shows = 8; // whitened errors of noise alone are seldom half as large
 
 std::size_t count(const std::vector<Evidence>& records) {
@@ -116,33 +124,48 @@ class Search {
             if (!result_.baseline.together.within_tolerance()) std::swap(beam[0], beam[1]);
         }
         choose_lead(beam.front().together);
+        const Scored bare = beam.front();
         for (std::size_t level = 1; level <= max_effects_ && !late(); ++level) {
             std::vector<Scored> pool;
             std::optional<std::set<std::string>> enough; // effects of a hypothesis to which noise alone is left
+            const auto look_for_enough = [&] {
+                for (const auto& one : pool) {
+                    if (enough || !adequate(one)) continue;
+                    const auto names = one.names();
+                    enough.emplace(names.begin(), names.end());
+                }
+            };
+            worth_following_ = std::numeric_limits<double>::infinity();
+            if (level > 1) {
+                // To be taken it must come to the noise or to a quarter of this, below.
+                const Hypothesis& before = result_.steps.back().together;
+                const ModelFit lead(machine_, lead_records_);
+                worth_following_ =
+                    std::max(0.5 * lead.chi_square(before), followed * static_cast<double>(lead.sample_count()));
+            }
+            if (level == 2) {
+                pool = paired(bare);
+                look_for_enough();
+            }
             for (const auto& base : beam) {
                 // Another way to such a hypothesis, or a rival of it, has one of its effects.
                 double best = std::numeric_limits<double>::infinity();
                 for (const auto& one : pool) best = std::min(best, one.together.chi_square);
                 for (auto& next : extended(base, level, enough, best)) pool.push_back(std::move(next));
-                if (enough) continue;
-                for (const auto& one : pool) {
-                    if (!adequate(one)) continue;
-                    const auto names = one.names();
-                    enough.emplace(names.begin(), names.end());
-                    break;
-                }
+                look_for_enough();
             }
             rank(pool);
             if (pool.empty()) break;
-            if (!late()) {
-                for (auto& next : simplified(pool, level)) pool.push_back(std::move(next));
-            }
             // The loop's noise is that of the machine as it is now known.
             try {
                 set_floors(ModelFit(machine_, all_).machine(pool.front().together));
             } catch (const InputError&) {
             }
             reassess(pool);
+            if (auto instead = simplified(pool, level); !instead.empty() && !late()) {
+                std::ranges::move(instead, std::back_inserter(pool));
+                reassess(pool);
+            }
             result_.baseline = scored(std::move(result_.baseline.together));
             validate(result_.baseline, control_.workers);
             for (auto& step : result_.steps) {
@@ -154,7 +177,7 @@ class Search {
             // parameters fitted to all records: those of the fitted ones alone predict little while the model still
             // lacks an effect.
             const bool better =
-                pool.front().score < before.score - 30 &&
+                pool.front().score < before.score - (adequate(pool.front()) ? 0 : worth) &&
                 (result_.validation.empty() || pool.front().together_validation < 0.97 * before.together_validation ||
                  adequate(pool.front()));
             // While more than noise remains it must also halve the error that the effects before it leave: what a model
@@ -298,9 +321,7 @@ class Search {
             one.together_validation = per_sample(h, result_.validation);
             h.chi_square += one.together_validation * static_cast<double>(count(result_.validation));
         }
-        one.score = h.chi_square;
-        one.score += static_cast<double>(h.parameter_count()) *
-                     std::log(static_cast<double>(count(result_.fitted) + count(result_.validation)));
+        one.score = score(h);
         one.hypothesis = h;
         one.fitted = one.together_fitted;
         one.validation = one.together_validation;
@@ -356,6 +377,7 @@ class Search {
     bool is_needlessly_rich(const Scored& richer, const Scored& simpler) const {
         if (richer.together.settled || simpler.together.settled) return false;
         if (simpler.together.chi_square > hopeless * richer.together.chi_square) return false;
+        if (adequate(richer) && !adequate(simpler)) return false; // it leaves the fields where they may be
         std::vector<std::size_t> rows;
         for (const auto& record : all_) rows.push_back(record.samples());
         const Eigen::VectorXd with = predicted(richer.together), without = predicted(simpler.together);
@@ -494,10 +516,15 @@ class Search {
         std::erase_if(pool, [&](const Scored& one) { return !seen.insert(one.names()).second; });
     }
 
-    // The base with one more effect, every one that may be, or one of `only`. `best`: chi square of the best that
-    // another base has come to.
-    std::vector<Scored> extended(const Scored& base, std::size_t level,
-                                 const std::optional<std::set<std::string>>& only, double best) const {
+    // A candidate beside a base, and the points from which a fit of it begins, the best first.
+    struct Begun {
+        std::shared_ptr<const Candidate> candidate;
+        std::vector<Hypothesis> points;
+    };
+
+    // Every effect that may be beside the base, or those of `only`.
+    std::vector<Begun> begun(const Scored& base, const std::string& what,
+                             const std::optional<std::set<std::string>>& only) const {
         const ModelFit lead(machine_, lead_records_);
         const MachineModel machine = lead.machine(base.together);
         const Evidence& record = clue_record_;
@@ -511,7 +538,7 @@ class Search {
         for (std::size_t k = 0; signals && k < gap.size(); ++k) gap[k] -= signals->position[k];
         const std::vector<double> whitened = record.floor.whitened(gap);
         const auto present = base.names();
-        std::vector<std::shared_ptr<const Candidate>> list;
+        std::vector<Begun> list;
         MachineModel described = machine;
         described.effects.clear();
         const ServoAxis axis = described.axis();
@@ -522,30 +549,161 @@ class Search {
                    (only ? only->contains(kind.name) : !kind.only_in_place);
         };
         for (auto& candidate : candidates(clues, wanted)) {
-            list.push_back(std::make_shared<const Candidate>(std::move(candidate)));
+            list.push_back({std::make_shared<const Candidate>(std::move(candidate)), {}});
         }
-        // Where each begins.
-        std::vector<std::vector<Hypothesis>> begun(list.size());
-        const std::string what = "effect " + std::to_string(level);
         for_each_index(list.size(), control_, what + ": screening", [&](std::size_t i) {
             if (late()) return;
-            begun[i] = list[i]->rugged    ? grown_starts(base.together, list[i])
-                       : list[i]->ringing ? ringing_starts(base.together, list[i])
-                                          : starts_of(base.together, list[i], lead);
+            auto& [candidate, points] = list[i];
+            points = candidate->rugged    ? grown_starts(base.together, candidate)
+                     : candidate->ringing ? ringing_starts(base.together, candidate)
+                                          : starts_of(base.together, candidate, lead);
         });
         go_on();
-        std::vector<std::size_t> order;
-        for (std::size_t i = 0; i < list.size(); ++i) {
-            if (!begun[i].empty()) order.push_back(i);
+        std::erase_if(list, [](const Begun& one) { return one.points.empty(); });
+        std::ranges::stable_sort(list, {}, [](const Begun& one) { return one.points.front().chi_square; });
+        return list;
+    }
+
+    // What candidates and uncertain fields do to the errors of a base, in proportion.
+    struct Responses {
+        struct Response {
+            std::size_t of; // candidate
+            const Hypothesis* point;
+        };
+        std::size_t fields;
+        std::vector<Response> list;
+        Eigen::MatrixXd products; // of all with one another: of the fields, of the list, and of the errors
+
+        struct Solution {
+            double explained = 0;          // of chi square
+            std::vector<std::size_t> used; // places in the list
+            Eigen::VectorXd times;         // of the fields' deviations, and of each that is used
+        };
+        // The fields and those together.
+        Solution explained_by(std::vector<std::size_t> used) const {
+            std::vector<Eigen::Index> chosen(fields);
+            std::iota(chosen.begin(), chosen.end(), Eigen::Index{0});
+            for (const std::size_t i : used) chosen.push_back(static_cast<Eigen::Index>(fields + i));
+            const Eigen::VectorXd right = products.col(products.cols() - 1)(chosen);
+            Solution found{0, std::move(used), products(chosen, chosen).completeOrthogonalDecomposition().solve(right)};
+            found.explained = found.times.dot(right);
+            return found;
         }
-        std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-            return begun[a].front().chi_square < begun[b].front().chi_square;
-        });
-        if (level > 1 && order.size() > screened_later) order.resize(screened_later);
-        // All are fitted a little, the better ones more, the best to convergence: none is judged after fewer steps than
-        // others.
+    };
+
+    Responses responses(const Scored& base, const std::vector<Begun>& begun) const {
+        Responses r{base.together.nominal.size(), {}, {}};
+        const ModelFit lead(machine_, lead_records_);
+        const std::vector<double> gap = lead.errors(base.together);
+        std::vector<std::vector<double>> columns;
+        const auto add = [&](const Hypothesis& there, double step) {
+            std::vector<double> column = lead.errors(there);
+            if (column.empty() || gap.empty()) return false;
+            for (std::size_t k = 0; k < column.size(); ++k) column[k] = (gap[k] - column[k]) / step;
+            columns.push_back(std::move(column));
+            return true;
+        };
+        for (std::size_t i = 0; i < r.fields; ++i) {
+            Hypothesis there = base.together;
+            there.nominal[i] += field_step;
+            if (!add(there, field_step)) return r;
+        }
+        for (std::size_t i = 0; i < begun.size(); ++i) {
+            for (const auto& point : begun[i].points) {
+                if (late()) return r;
+                if (!point.settled && add(point, 1)) r.list.push_back({i, &point});
+            }
+        }
+        columns.push_back(gap);
+        Eigen::MatrixXd all(static_cast<Eigen::Index>(gap.size()), static_cast<Eigen::Index>(columns.size()));
+        for (std::size_t i = 0; i < columns.size(); ++i) {
+            all.col(static_cast<Eigen::Index>(i)) =
+                Eigen::Map<const Eigen::VectorXd>(columns[i].data(), static_cast<Eigen::Index>(columns[i].size()));
+        }
+        r.products = all.transpose() * all;
+        return r;
+    }
+
+    // The base with what the solution uses, of the size and with the fields that it asks for.
+    Hypothesis moved_to(const Responses::Solution& solution, const Responses& r, const Scored& base,
+                        const std::vector<Begun>& begun) const {
+        Hypothesis h = base.together;
+        for (std::size_t i = 0; i < r.fields; ++i) h.nominal[i] += solution.times[static_cast<Eigen::Index>(i)];
+        for (std::size_t i = 0; i < solution.used.size(); ++i) {
+            const auto& [of, point] = r.list[solution.used[i]];
+            const auto& candidate = begun[of].candidate;
+            const auto own = point->values_of(base.together.effects.size());
+            std::vector<double> values(own.begin(), own.end());
+            if (candidate->size) {
+                const FitParameter& p = candidate->parameters[*candidate->size];
+                const double times = solution.times[static_cast<Eigen::Index>(r.fields + i)];
+                double& value = values[*candidate->size];
+                value = std::clamp(value * (p.logarithmic ? std::clamp(times, 0.1, 10.0) : times), p.low, p.high);
+            }
+            h = with(h, candidate, values);
+        }
+        ModelFit(machine_, lead_records_).evaluate(h);
+        return h;
+    }
+
+    // The base with one more effect, every one that may be, or one of `only`. `best`: chi square of the best that
+    // another base has come to.
+    std::vector<Scored> extended(const Scored& base, std::size_t level,
+                                 const std::optional<std::set<std::string>>& only, double best) const {
+        const std::string what = "effect " + std::to_string(level);
+        auto list = begun(base, what, only);
         std::vector<Hypothesis> running;
-        for (const std::size_t i : order) running.insert(running.end(), begun[i].begin(), begun[i].end());
+        if (level > 1 && list.size() > screened_later) {
+            // Fields may do a part of an effect's work: it is weighed with fields that give way.
+            const Responses r = responses(base, list);
+            std::vector<double> explained(list.size());
+            for (std::size_t i = 0; i < r.list.size(); ++i) {
+                double& most = explained[r.list[i].of];
+                most = std::max(most, r.explained_by({i}).explained);
+            }
+            std::vector<std::size_t> order;
+            for (std::size_t i = 0; i < list.size(); ++i) order.push_back(i);
+            std::ranges::stable_sort(order, std::ranges::greater{}, [&](std::size_t i) {
+                return list[i].points.front().settled ? std::numeric_limits<double>::infinity() : explained[i];
+            });
+            order.resize(screened_later);
+            std::vector<Begun> likeliest;
+            for (const std::size_t i : order) likeliest.push_back(std::move(list[i]));
+            list = std::move(likeliest);
+        }
+        for (auto& [candidate, points] : list) std::ranges::move(points, std::back_inserter(running));
+        return refined(std::move(running), what, only.has_value(), best);
+    }
+
+    // The base with two more effects, of which neither may do much alone: the pairs that explain most of the gap together.
+    std::vector<Scored> paired(const Scored& base) const {
+        const std::string what = "pairs of effects";
+        const auto list = begun(base, what, std::nullopt);
+        const Responses r = responses(base, list);
+        const auto name = [&](std::size_t i) { return list[r.list[i].of].candidate->kind().name; };
+        std::map<std::set<std::string>, Responses::Solution> best_of; // of each two kinds
+        for (std::size_t i = 0; i < r.list.size(); ++i) {
+            for (std::size_t j = i + 1; j < r.list.size(); ++j) {
+                if (name(i) == name(j)) continue;
+                auto& known = best_of[{name(i), name(j)}];
+                if (auto found = r.explained_by({i, j}); found.explained > known.explained) known = std::move(found);
+            }
+        }
+        std::vector<Responses::Solution> ranking;
+        for (auto& [names, solution] : best_of) ranking.push_back(std::move(solution));
+        std::ranges::stable_sort(ranking, std::ranges::greater{}, &Responses::Solution::explained);
+        if (ranking.size() > fitted_pairs) ranking.resize(fitted_pairs);
+        std::vector<Hypothesis> running;
+        for (const auto& solution : ranking) {
+            if (!solution.used.empty()) running.push_back(moved_to(solution, r, base, list));
+        }
+        return refined(std::move(running), what, false, std::numeric_limits<double>::infinity());
+    }
+
+    // Fits them, on the lead first. All are fitted a little, the better ones more, the best to convergence: none is judged
+    // after fewer steps than others.
+    std::vector<Scored> refined(std::vector<Hypothesis> running, const std::string& what, bool beside_enough,
+                                double best) const {
         for (const auto& [iterations, keep, factor] :
              {std::tuple{2, std::size_t{16}, 30.0}, {4, std::size_t{8}, 10.0}}) {
             for_each_index(running.size(), control_, what + ": fitting", [&, iterations = iterations](std::size_t i) {
@@ -555,8 +713,9 @@ class Search {
             });
             go_on();
             keep_best(running, keep, factor);
-            if (running.empty()) return {};
         }
+        std::erase_if(running, [&](const Hypothesis& h) { return h.chi_square > worth_following_; });
+        if (running.empty()) return {};
         // On all records. A hypothesis that covers less than a tenth of its distance to the best one in a round is not
         // refined further; nor one that is far from a best one to which noise alone is left, or only another way to it.
         std::vector<char> stalled(running.size(), false);
@@ -576,21 +735,20 @@ class Search {
                 const double distance = running[i].chi_square - best;
                 if (enough && &running[i] != &*first) {
                     const bool far = running[i].chi_square > hopeless * first->chi_square;
-                    const bool same = &running[i].effects.back()->kind() == &first->effects.back()->kind() &&
-                                      running[i].parameter_count() >= first->parameter_count();
+                    const bool same =
+                        same_kinds(running[i], *first) && running[i].parameter_count() >= first->parameter_count();
                     stalled[i] = stalled[i] || far || same;
                 }
                 // The first round came from another set of records.
                 const bool slow = round > 0 && distance > 100 && before[i] - running[i].chi_square < 0.1 * distance;
-                const bool lost = only && running[i].chi_square > out_of_reach * best;
+                const bool lost = beside_enough && running[i].chi_square > out_of_reach * best;
                 stalled[i] = stalled[i] || running[i].converged || !std::isfinite(distance) || slow || lost;
                 // Of an effect from several starts, one that stays behind is in a local minimum.
-                stalled[i] =
-                    stalled[i] || (round > 0 && std::ranges::any_of(running, [&](const Hypothesis& other) {
-                                       return &other.effects.back()->kind() == &running[i].effects.back()->kind() &&
-                                              other.parameter_count() <= running[i].parameter_count() &&
-                                              1.2 * other.chi_square < running[i].chi_square;
-                                   }));
+                stalled[i] = stalled[i] || (round > 0 && std::ranges::any_of(running, [&](const Hypothesis& other) {
+                                                return same_kinds(other, running[i]) &&
+                                                       other.parameter_count() <= running[i].parameter_count() &&
+                                                       1.2 * other.chi_square < running[i].chi_square;
+                                            }));
                 moving = moving || !stalled[i];
             }
             if (!moving) break;
@@ -629,11 +787,21 @@ class Search {
         }
     }
 
+    static bool same_kinds(const Hypothesis& a, const Hypothesis& b) {
+        return std::ranges::equal(
+            a.effects, b.effects, {}, [](const auto& effect) { return &effect->kind(); },
+            [](const auto& effect) { return &effect->kind(); });
+    }
+
+    // Chi square and the penalty of the parameters.
+    double score(const Hypothesis& h) const {
+        return h.chi_square + static_cast<double>(h.parameter_count()) * std::log(static_cast<double>(count(all_)));
+    }
+
     // The best so many, within a factor of the best of all, three at least.
-    static void keep_best(std::vector<Hypothesis>& list, std::size_t most, double factor) {
+    void keep_best(std::vector<Hypothesis>& list, std::size_t most, double factor) const {
         std::erase_if(list, [](const Hypothesis& h) { return !std::isfinite(h.chi_square); });
-        std::stable_sort(list.begin(), list.end(),
-                         [](const Hypothesis& a, const Hypothesis& b) { return a.chi_square < b.chi_square; });
+        std::ranges::stable_sort(list, {}, [&](const Hypothesis& h) { return score(h); });
         std::size_t kept = 0;
         while (kept < std::min(list.size(), most) &&
                (kept < 3 || list[kept].chi_square < factor * list.front().chi_square)) {
@@ -797,6 +965,7 @@ class Search {
     std::size_t lead_ = 0, lead_length_ = 0, clue_length_ = 0;
     std::vector<Evidence> lead_records_; // of all_, so much of one; and more of it
     Evidence clue_record_;
+    double worth_following_ = 0; // chi square of the lead after a few steps, above which a hypothesis is given up
     SearchResult result_;
 };
 

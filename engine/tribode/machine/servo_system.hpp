@@ -89,7 +89,7 @@ class ServoSystem : public HybridSystem, public PiecewiseAffine {
     const PiecewiseAffine* piecewise_affine() const override { return this; }
     void linear_part(std::span<double> matrix) const override { plant_.linear_part(matrix); }
     std::optional<std::string> why_not_affine() const override { return plant_.why_not_affine(); }
-    std::optional<std::string> why_not_nearly_affine() const override { return std::nullopt; }
+    std::optional<std::string> why_not_nearly_affine() const override { return plant_.why_not_nearly_affine(); }
     AffineForm affine_form(const DiscreteState& d) const override { return plant_.affine_form(plant_state(d)); }
     void append_affine_key(const DiscreteState& d, AffineKey& key) const override {
         plant_.append_affine_key(plant_state(d), key);

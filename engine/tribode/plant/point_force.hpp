@@ -28,6 +28,9 @@ class PointForce {
     // Why the machine is not affine with it, as part of a sentence.
     virtual std::string reason() const = 0;
     virtual std::vector<StateVariable> states() const { return {}; }
+    // Whether a step may be found by fixed points: its states follow the motion no faster than that changes, and its guards
+    // do not depend on them.
+    virtual bool is_nearly_affine() const { return states().empty(); }
     // ds/dt, one entry a state.
     virtual void rates(double /*t*/, double /*y*/, double /*v*/, std::span<const double> /*s*/,
                        std::span<double> /*dsdt*/) const {}

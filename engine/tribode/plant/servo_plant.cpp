@@ -461,6 +461,13 @@ void ServoPlant::append_affine_key(const State& s, AffineKey& key) const {
     key.push_back(static_cast<std::uint64_t>(watch));
 }
 
+std::optional<std::string> ServoPlant::why_not_nearly_affine() const {
+    for (const auto& force : p_.forces) {
+        if (!force->is_nearly_affine()) return force->reason();
+    }
+    return std::nullopt;
+}
+
 std::size_t ServoPlant::forcing_count() const {
     if (!why_not_affine()) return 0;
     return (has_dry_ && scaled_ ? 2 : 1) + own_states_ + own_guards_;

@@ -105,6 +105,7 @@ class ServoPlant {
     // the factor less one, for the level of the release; then the rates of the forces' own states, and their guards.
     void linear_part(std::span<double> matrix) const;
     std::optional<std::string> why_not_affine() const;
+    std::optional<std::string> why_not_nearly_affine() const;
     AffineForm affine_form(const State& s) const;
     void append_affine_key(const State& s, AffineKey& key) const;
     bool has_varying_input(const State& s) const { return s.input.rate != 0; }

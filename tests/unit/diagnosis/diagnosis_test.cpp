@@ -97,6 +97,18 @@ TEST(Diagnosis, ASimplerExplanationIsPreferredToTheRicherOne) {
     EXPECT_EQ(d.effects[1].parameters["dD_pos"], 0);
 }
 
+// Mass and friction both larger by a factor: a gain of the thrust alone does nearly the same, and each of them little.
+TEST(Diagnosis, TwoEffectsThatAThirdImitatesAreFoundTogether) {
+    const Diagnosis d = diagnosed(Json::parse(R"([{"name": "payload_mass", "parameters": {"ratio": 0.4}},
+        {"name": "coulomb_friction", "parameters": {"dF": 1.3}}])"),
+                                  small_axis(), 2);
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects.size(), 2u);
+    const bool first = d.effects[0].name == "payload_mass";
+    expect_parameter(d.effects[first ? 0 : 1], "ratio", 0.4);
+    expect_parameter(d.effects[first ? 1 : 0], "dF", 1.3);
+}
+
 TEST(Diagnosis, BristlesAreNotTakenForElementsThatSlip) {
     const Diagnosis d = diagnosed(Json::parse(R"([{"name": "lugre_friction",
         "parameters": {"F": 2, "Fs": 2, "velocity": 0.01, "K": 50000}}])"));

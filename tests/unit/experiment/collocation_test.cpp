@@ -63,8 +63,7 @@ INSTANTIATE_TEST_SUITE_P(
             "parameters": {"mode": "sine", "a": 0.3, "period_m": 0.01, "phase": 0.5}})",
         R"({"name": "time_varying_friction", "parameters": {"kind": "exp", "a": 0.4, "T": 1}})",
         R"({"name": "stribeck_friction", "parameters": {"dFs": 3, "velocity": 0.01}})",
-        R"({"name": "load_dependent_friction", "parameters": {"share": 0.1, "reach": 1e-4}})",
-        R"({"name": "dahl_friction", "parameters": {"F": 3, "K": 1e5, "exponent": 1}})"));
+        R"({"name": "load_dependent_friction", "parameters": {"share": 0.1, "reach": 1e-4}})"));
 
 // The reference is erk at 1e-12, itself good to 1e-13 m or so; an encoder step is 1e-7 m. A relative error of 1e-6 of a
 // deflection is one of a friction of 3 N, which moves a loop of 2e4 N/m by 1.5e-10 m.

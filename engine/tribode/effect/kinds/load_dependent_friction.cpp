@@ -15,6 +15,7 @@ class LoadDependent final : public DirectedLaw {
     double friction(double, double, double z) const override { return share_ / reach_ * z; }
     double rate(double v, double way, double z) const override { return v - way * v * z / reach_; }
     bool per_load() const override { return true; }
+    bool is_nearly_affine() const override { return true; }
     double fastest_rate(double v, std::span<const double>) const override { return std::abs(v) / reach_; }
     std::string reason() const override { return "the friction (load_dependent_friction) grows with the load"; }
 

@@ -27,6 +27,7 @@ class LuGre final : public DirectedLaw {
     double fastest_rate(double v, std::span<const double>) const override {
         return stiffness_ * std::abs(v) / level_.level(v);
     }
+    bool is_nearly_affine() const override { return true; }
 
   private:
     DryFriction level_;
