@@ -447,8 +447,10 @@ std::string run_gnuplot(const std::string& script) {
     posix_spawn_file_actions_adddup2(&actions, out.write_end, STDOUT_FILENO);
     posix_spawn_file_actions_adddup2(&actions, messages.write_end, STDERR_FILENO);
     // Without the start-up files of the user or of the folder: they may hold any command.
-    // The script by a name: what comes through "-" gnuplot reads with a call of the system for each character.
+    // The script by a name, where the system has it: what comes through "-" gnuplot reads with a call of the system for each
+    // character.
     std::string program = "gnuplot", no_start_up_files = "--default-settings", standard_input = "/dev/stdin";
+    if (access(standard_input.c_str(), R_OK) != 0) standard_input = "-";
     char* arguments[] = {program.data(), no_start_up_files.data(), standard_input.data(), nullptr};
     pid_t child = 0;
     const int failure = posix_spawnp(&child, "gnuplot", &actions, nullptr, arguments, environ);
