@@ -22,12 +22,12 @@ namespace tribode {
 namespace {
 
 // What the search spends, in counts: the answer must not depend on the clock.
-constexpr std::size_t beam_width = 3;      // hypotheses on which another effect is sought
-constexpr std::size_t screened_later = 12; // candidates that are fitted for a second effect and more
-constexpr std::size_t validated_count = 3; // of the ranking, with parameters of the fitted records alone
-constexpr std::size_t fitted_pairs = 12;   // of two effects that are sought together
-constexpr double field_step = 0.05;        // of differences by an uncertain field, in its deviations
-constexpr int max_enriched = 4;            // times that a form is made richer
+constexpr std::size_t beam_width = 3;         // hypotheses on which another effect is sought
+constexpr std::size_t screened_later = 12;    // candidates that are fitted for a second effect and more
+constexpr std::size_t validated_count = 3;    // of the ranking, with parameters of the fitted records alone
+constexpr std::size_t most_likely_pairs = 12; // of two effects that are sought together
+constexpr double field_step = 0.05;           // of differences by an uncertain field, in its deviations
+constexpr int max_enriched = 4;               // times that a form is made richer
 // Samples of the record that is looked at first, where so many show the gap: to read where effects begin, and to fit them.
 constexpr std::size_t clue_samples = 10000, lead_samples = 4000;
 // A candidate with many local minima is found on beginnings of the record: samples from where the gap first shows, and
@@ -692,7 +692,7 @@ class Search {
         std::vector<Responses::Solution> ranking;
         for (auto& [names, solution] : best_of) ranking.push_back(std::move(solution));
         std::ranges::stable_sort(ranking, std::ranges::greater{}, &Responses::Solution::explained);
-        if (ranking.size() > fitted_pairs) ranking.resize(fitted_pairs);
+        if (ranking.size() > most_likely_pairs) ranking.resize(most_likely_pairs);
         std::vector<Hypothesis> running;
         for (const auto& solution : ranking) {
             if (!solution.used.empty()) running.push_back(moved_to(solution, r, base, list));

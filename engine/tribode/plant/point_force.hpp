@@ -28,8 +28,8 @@ class PointForce {
     // Why the machine is not affine with it, as part of a sentence.
     virtual std::string reason() const = 0;
     virtual std::vector<StateVariable> states() const { return {}; }
-    // Whether a step may be found by fixed points: its states follow the motion no faster than that changes, and its guards
-    // do not depend on them.
+    // Whether the solver for machines that are affine but for smooth forces may take it: its guards must not depend on its
+    // states, and these should not decay much faster than a sample, or steps get short.
     virtual bool is_nearly_affine() const { return states().empty(); }
     // ds/dt, one entry a state.
     virtual void rates(double /*t*/, double /*y*/, double /*v*/, std::span<const double> /*s*/,
