@@ -234,6 +234,20 @@ local function random_force(stream, size)
   return n
 end
 
+-- The size at which the force moves the first record by as much as the noise; nil where the system runs away with it.
+local function size_of_force(kind, truth, u)
+  local plain = simulated(kind, truth, u[1])
+  local low, high = math.huge, -math.huge
+  for k = 1, #plain do low, high = math.min(low, plain[k]), math.max(high, plain[k]) end
+  local small = 1e-3 * kind.force
+  local moved = rms_between(plain, simulated(kind, truth, u[1], random_force(10 * case, small)))
+  local size = small * 0.003 * (high - low) / moved
+  for i = 1, 2 do
+    if not simulated(kind, truth, u[i], random_force(10 * case + i - 1, size)) then return nil end
+  end
+  return size
+end
+
 -- noise: of the output, negative relative to its range. size: of the random force, 0: none. Returns the noise, and what
 -- the true system without the random force leaves of the record, rms.
 local function record(kind, system, file, noise, stream, u, size)
@@ -274,7 +288,7 @@ end
 local confusion, truths, answers = {}, {}, {}
 for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
   case, draws = n, 0
-  local kind, hidden, true_parameters, nominal, u, truth, disturbed
+  local kind, hidden, true_parameters, nominal, u, truth, disturbed, size
   repeat -- until what is hidden shows
     kind = choice(kinds)
     for _, one in ipairs(kinds) do
@@ -306,19 +320,12 @@ for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
     u = { inputs_at_random(kind), inputs_at_random(kind) }
     truth = system_of(kind, true_parameters, hidden, disturbed)
     local without = system_of(kind, true_parameters)
-  until not hidden or (is_visible(kind, truth, without, u[1], 6 * 0.003) and
-    is_visible(kind, truth, without, u[2], 3 * 0.003))
+    size = 0
+    local shows = not hidden or (is_visible(kind, truth, without, u[1], 6 * 0.003) and
+      is_visible(kind, truth, without, u[2], 3 * 0.003))
+    if shows and disturbed then size = size_of_force(kind, truth, u) end
+  until shows and size
   local folder = string.format("case_%03d", n)
-  -- The force moves the first record by as much as the noise.
-  local size = 0
-  if disturbed then
-    local plain = simulated(kind, truth, u[1])
-    local low, high = math.huge, -math.huge
-    for k = 1, #plain do low, high = math.min(low, plain[k]), math.max(high, plain[k]) end
-    local small = 1e-3 * kind.force
-    local moved = rms_between(plain, simulated(kind, truth, u[1], random_force(10 * n, small)))
-    size = small * 0.003 * (high - low) / moved
-  end
   local noise = record(kind, truth, folder .. "_ident.csv", -0.003, 10 * n, u[1], size)
   local _, left = record(kind, truth, folder .. "_valid.csv", noise, 10 * n + 1, u[2], size)
   local common = { system = system_of(kind, nominal), data = { folder .. "_ident.csv" },
