@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <gtest/gtest.h>
+#include <map>
 #include <set>
 
 namespace tribode::cli {
@@ -57,9 +58,8 @@ class SystemDiagnosis : public ::testing::Test {
     }
 
     // The answer must not depend on the clock. What the model does not use cannot be fitted.
-    const std::vector<std::string> usual = {"--free",        "d",      "--free",  "g",        "--free",
-                                            "x.start",       "--free", "v.start", "--budget", "1e6",
-                                            "--max-effects", "1",      "--quiet"};
+    std::vector<std::string> usual = {"--free",   "d",   "--free",        "g", "--free", "x.start", "--free", "v.start",
+                                      "--budget", "1e6", "--max-effects", "1", "--quiet"};
 
     Ending diagnose(const std::vector<std::string>& arguments) {
         std::vector<std::string> all = {"diagnose"};
@@ -159,6 +159,27 @@ TEST_F(SystemDiagnosis, AForceOfNoNameIsFoundAsAFormula) {
 }
 
 // The vehicle stays in the hollows of the force that the model lacks, so that the two part at once.
+// Of three functions none explains much without the others, and the best two are not among them.
+TEST_F(SystemDiagnosis, ASumOfThreeFunctionsIsFoundAsAFormula) {
+    measure("-0.5 * s.q * s.x * s.p * s.v + 0.4 * (s.q * s.x)^2 * s.p * s.v + 0.3 * s.q * s.x * (s.p * s.v)^2");
+    usual[std::find(usual.begin(), usual.end(), "--max-effects") - usual.begin() + 1] = "3";
+    const Json found = diagnosis("model.lua", "out");
+    EXPECT_EQ(found["verdict"], "effect_found");
+    std::map<std::string, double> amplitudes;
+    for (const auto& effect : found["effects"]) {
+        amplitudes[effect["expression"]] = effect["parameters"].begin().value();
+    }
+    ASSERT_EQ(amplitudes.size(), 3u) << found["effects"];
+    for (const auto& [expression, value] : amplitudes) {
+        // In the truth: -h times the coefficient, p of v and q of x.
+        const bool has_two_x = expression.find("x*x") != std::string::npos;
+        const bool has_two_v = expression.find("v*v") != std::string::npos;
+        const double truth = has_two_x ? -0.5 * 0.4 * 4 * 3 : has_two_v ? -0.5 * 0.3 * 2 * 9 : 0.5 * 0.5 * 2 * 3;
+        EXPECT_NEAR(value, truth, 0.05 * std::abs(truth)) << expression;
+    }
+    EXPECT_LT(found["gap"]["validate"]["after"], 1.2e-3); // 1e-3 is noise
+}
+
 TEST_F(SystemDiagnosis, ARippleThatLeadsTheModelAwayIsFoundOverSegments) {
     measure("3 * math.sin(s.q * s.x)");
     const Json found = diagnosis("model.lua", "out");

@@ -9,7 +9,7 @@ namespace tribode {
 namespace {
 
 constexpr std::size_t min_segment_samples = 20, samples_per_state = 6; // of a segment
-constexpr double near_noise = 3, near_output = 0.02; // rms, over the noise and over the outputs' deviation
+constexpr double near_noise = 1.5, near_output = 0.01; // rms, over the noise and over the outputs' deviation
 constexpr int start_iterations = 6, all_iterations = 6;
 
 class Cutter {

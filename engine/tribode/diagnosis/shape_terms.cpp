@@ -102,6 +102,7 @@ class Shapes {
         std::vector<Term> symbols;
         for (const auto* variable : shape.of) {
             made.of += (made.of.empty() ? "" : " ") + variable->name;
+            made.variables.push_back(variable->name);
             symbols.push_back(variable->symbol);
         }
         if (!shape.text.empty()) made.of = shape.text;
@@ -179,8 +180,10 @@ class Shapes {
 
     // Dry friction that holds the velocity at zero, a force that nature chooses.
     void sticking(const SystemVariable& velocity) {
-        SystemTerm made{
-            .name = physical("dry_friction", velocity.name), .equation = target_->name, .of = velocity.name};
+        SystemTerm made{.name = physical("dry_friction", velocity.name),
+                        .equation = target_->name,
+                        .of = velocity.name,
+                        .variables = {velocity.name}};
         made.parameters = {library_.amplitude(*target_, "level", 1, "1")};
         made.parameters[0].low = 0;
         made.apply = [target = *target_, v = velocity.symbol](Equations& equations, const std::vector<Term>& p) {
@@ -333,7 +336,9 @@ class Shapes {
             const double distance = share * span;
             SystemTerm made{.name = load ? "load_dependent_presliding" : physical("hysteresis", variable.name),
                             .equation = target_->name,
-                            .of = variable.name + (load ? " " + load->name : "")};
+                            .of = variable.name + (load ? " " + load->name : ""),
+                            .variables = {variable.name}};
+            if (load) made.variables.push_back(load->name);
             const double rms = load ? rms_of_values(load->values) : 1;
             made.parameters = {library_.amplitude(*target_, "a", rms, load ? load->unit : "1"),
                                {"distance", distance, 1e-5 * span, span, distance, variable.unit}};
@@ -367,7 +372,8 @@ class Shapes {
         const double step = library_.duration / static_cast<double>(variable.values.size());
         for (const double share : {0.01, 0.05}) {
             const double time = share * library_.duration;
-            SystemTerm made{.name = "memory", .equation = target_->name, .of = variable.name};
+            SystemTerm made{
+                .name = "memory", .equation = target_->name, .of = variable.name, .variables = {variable.name}};
             made.parameters = {library_.amplitude(*target_, "a", rms_of_values(variable.values), variable.unit),
                                {"time", time, 0.5 * step, 0.5 * library_.duration, time, "s"}};
             made.apply = [target = *target_, name = variable.name, unit = variable.unit, w = variable.symbol,

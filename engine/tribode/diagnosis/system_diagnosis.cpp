@@ -26,7 +26,8 @@ constexpr double min_gain = 0.03; // of the rms of a prediction, for a term to b
 // on the validation records, which chose nothing.
 constexpr double sure_enough = 0.95;
 // How often the search goes on without what the validation records refused. Each attempt must be surer, as several are looked at.
-constexpr std::size_t max_attempts = 3;
+// After some of them only simpler ones count.
+constexpr std::size_t max_rich_attempts = 3, max_attempts = 5;
 // Of the fits to whole records: values that nearly make up for each other take many.
 constexpr int final_iterations = 100;
 constexpr double as_good = 1.02; // of the best score: then the simplest is taken
@@ -88,9 +89,10 @@ class Diagnoser {
         steps_.push_back({.candidate = search.begin()});
         stop_if_asked();
         for (std::size_t attempt = 1; attempt <= max_attempts; ++attempt) {
+            if (attempt > max_rich_attempts) most_new_ = std::max<std::size_t>(1, fewest_refused() - 1);
             extend(search);
             result_.out_of_time = search.late();
-            if (confirm(search, 1 - (1 - sure_enough) / static_cast<double>(attempt)) || search.late()) break;
+            if (confirm(search, 1 - (1 - sure_enough) / static_cast<double>(attempt))) break;
         }
         stop_if_asked();
         name_effects(search);
@@ -108,14 +110,14 @@ class Diagnoser {
             auto& text = result_.next_experiment->text;
             text = fmt::format("To tell {} from {}: {}", one.names_from(step.before), names, text);
         }
-        result_was_unknown_ = result_.verdict == "unknown_effect";
+        much_is_left_ = result_.verdict == "unknown_effect" || result_.verdict == "partial";
         return std::move(result_);
     }
 
     // After run(): the fitted records leave nothing but noise, and the validation records more than noise and the values that were
     // fitted explain.
     bool is_seen_in_validation_only() const {
-        return result_was_unknown_ && steps_.back().candidate.is_noise && !divided_ && !control_.stop_requested();
+        return much_is_left_ && steps_.back().candidate.is_noise && !divided_ && !control_.stop_requested();
     }
 
   private:
@@ -160,12 +162,12 @@ class Diagnoser {
     void extend(SystemSearch& search) {
         std::set<std::string> kinds;
         for (const auto& kind : kinds_of(steps_.back().candidate)) kinds.insert(kind);
-        while (kinds.size() < options_.max_effects && steps_.back().candidate.terms.size() < max_terms &&
-               !search.late()) {
+        while (kinds.size() < options_.max_effects && steps_.back().candidate.terms.size() < max_terms) {
             Step& last = steps_.back();
             const SystemCandidate& current = last.candidate;
             if (current.is_noise) break; // nothing is left to find
             if (!last.tried) {
+                if (search.late()) break;
                 last.tried = search.next(current);
                 last.first_told = result_.hypotheses.size();
             }
@@ -174,15 +176,32 @@ class Diagnoser {
             if (found.empty()) break;
             std::vector<double> gains, certainties;
             std::vector<std::size_t> passed;
-            for (std::size_t i = 0; i < found.size(); ++i) {
+            const auto judge = [&](std::size_t i) {
                 gains.push_back(1 - rms_of_errors(found[i].predicted) / rms_of_errors(current.predicted));
                 certainties.push_back(probability_of_gain(current.predicted, found[i].predicted));
                 if (gains[i] > min_gain && certainties[i] > sure_enough && found[i].score() < current.score() &&
-                    !is_too_rich(found[i]) && !refused(found[i]) && !found[i].is_chance_beside(current)) {
+                    !is_too_rich(found[i]) && !has_too_many_new(found[i], current) && !refused(found[i]) &&
+                    !found[i].is_chance_beside(current)) {
                     passed.push_back(i);
                 }
+            };
+            for (std::size_t i = 0; i < found.size(); ++i) judge(i);
+            auto chosen = simplest(found, passed);
+            SystemCandidate taken;
+            if (chosen) {
+                taken = found[*chosen];
+                search.reconsider_inputs(taken);
+                taken = search.pruned(std::move(taken));
+                if (auto other = search.exchanged(taken)) {
+                    last.tried->push_back(*other);
+                    judge(found.size() - 1);
+                    if (passed.back() + 1 == found.size()) {
+                        chosen = passed.back();
+                        taken = *std::move(other);
+                        std::ranges::stable_sort(passed, {}, [&](std::size_t i) { return found[i].score(); });
+                    }
+                }
             }
-            const auto chosen = simplest(found, passed);
             tell(last, gains, certainties, chosen);
             if (!chosen) {
                 for (std::size_t i = 0; i < found.size(); ++i) {
@@ -192,9 +211,7 @@ class Diagnoser {
                 }
                 break;
             }
-            SystemCandidate taken = found[*chosen];
-            search.reconsider_inputs(taken);
-            Step step{.candidate = search.pruned(std::move(taken)),
+            Step step{.candidate = std::move(taken),
                       .before = current.terms.size(),
                       .gain = gains[*chosen],
                       .certainty = certainties[*chosen]};
@@ -298,6 +315,17 @@ class Diagnoser {
         return std::set(names.begin(), names.end()).size() > options_.max_effects;
     }
 
+    bool has_too_many_new(const SystemCandidate& candidate, const SystemCandidate& current) const {
+        return candidate.terms.size() > current.terms.size() + most_new_;
+    }
+
+    // Terms of the simplest step that the validation records refused.
+    std::size_t fewest_refused() const {
+        std::size_t fewest = max_terms;
+        for (const Refusal& refusal : refused_) fewest = std::min(fewest, refusal.kinds.size());
+        return fewest;
+    }
+
     void tell(const Step& step, const std::vector<double>& gains, const std::vector<double>& certainties,
               std::optional<std::size_t> chosen) {
         const auto& current = step.candidate;
@@ -321,6 +349,9 @@ class Diagnoser {
                 one.lost = "explains no more than the best of so many frequencies does of random errors";
             } else if (const Refusal* refusal = refused(found[i])) {
                 one.lost = refusal->why;
+            } else if (has_too_many_new(found[i], current)) {
+                one.lost = fmt::format("brings {} terms, and the validation record refused simpler ones",
+                                       found[i].terms.size() - current.terms.size());
             } else if (is_too_rich(found[i])) {
                 one.lost = fmt::format("has more than {} kinds of terms", options_.max_effects);
             } else if (!chosen) {
@@ -348,8 +379,30 @@ class Diagnoser {
         return nullptr;
     }
 
-    // Each step fitted to all of the fitted records and simulated on the validation records, as long as it predicts these
-    // better than the step before, with the probability `sure_here`. False where a step does not: it is dropped.
+    struct Gain { // by a step, on the validation records
+        double share = 0, certainty = 0;
+    };
+
+    void refuse(const Step& step, const Gain& gain) {
+        const auto names = kinds_of(step.candidate);
+        const bool is_simulated = std::isfinite(gain.share);
+        const std::string lost =
+            !is_simulated    ? "cannot be simulated on the validation record"
+            : gain.share > 0 ? fmt::format("predicts the validation record {:.1f} % better, with a probability of only "
+                                           "{:.2f}",
+                                           100 * gain.share, gain.certainty)
+                             : fmt::format("raises the error on the validation record by {:.1f} %", -100 * gain.share);
+        for (auto& hypothesis : result_.hypotheses) {
+            if (hypothesis.lost.empty() && hypothesis.names == names) hypothesis.lost = lost;
+        }
+        result_.nearest = {step.candidate.names_from(step.before), is_simulated ? std::max(gain.share, 0.0) : 0.0};
+        const auto first_new = std::min(step.before, names.size() - 1);
+        refused_.push_back({{names.begin() + static_cast<std::ptrdiff_t>(first_new), names.end()}, lost});
+    }
+
+    // Each step fitted to all of the fitted records and simulated on the validation records. The last one stays that predicts
+    // these better than the last before it that does, with the probability `sure_here`; what comes behind it is dropped. False where
+    // something is.
     bool confirm(const SystemSearch& search, double sure_here) {
         const auto ended = ended_after(fit_share);
         const SystemFit whole = search.fit_of_all();
@@ -388,36 +441,20 @@ class Diagnoser {
             }
             return all;
         };
+        // What a step does not show for sure it may show together with the next ones.
         Judged current = judged(steps_.front().candidate);
         std::size_t kept = 0;
         const std::size_t all = steps_.size();
-        for (std::size_t s = 1; s < steps_.size(); ++s) {
+        std::vector<Gain> gains(all);
+        for (std::size_t s = 1; s < all; ++s) {
             Judged next = judged(steps_[s].candidate);
             const auto before = errors_after(current), now = errors_after(next);
-            const double sure = probability_of_gain(before, now);
-            const double gain = 1 - rms_of_errors(now) / rms_of_errors(before);
-            if (!(gain > 0) || sure < sure_here) {
-                const auto names = kinds_of(steps_[s].candidate);
-                const std::string lost =
-                    !std::isfinite(gain) ? "cannot be simulated on the validation record"
-                    : gain > 0
-                        ? fmt::format("predicts the validation record {:.1f} % better, with a probability of only "
-                                      "{:.2f}",
-                                      100 * gain, sure)
-                        : fmt::format("raises the error on the validation record by {:.1f} %", -100 * gain);
-                for (auto& hypothesis : result_.hypotheses) {
-                    if (hypothesis.lost.empty() && hypothesis.names == names) hypothesis.lost = lost;
-                }
-                result_.nearest = {steps_[s].candidate.names_from(steps_[s].before),
-                                   std::isfinite(gain) ? std::max(gain, 0.0) : 0.0};
-                const auto first_new = std::min(steps_[s].before, names.size() - 1);
-                refused_.push_back({{names.begin() + static_cast<std::ptrdiff_t>(first_new), names.end()}, lost});
-                break;
-            }
-            steps_[s].confirmed = sure;
+            gains[s] = {1 - rms_of_errors(now) / rms_of_errors(before), probability_of_gain(before, now)};
+            if (!(gains[s].share > 0) || gains[s].certainty < sure_here) continue;
+            while (kept < s) steps_[++kept].confirmed = gains[s].certainty;
             current = std::move(next);
-            kept = s;
         }
+        if (kept + 1 < all) refuse(steps_[kept + 1], gains[kept + 1]);
         steps_.resize(kept + 1);
         final_values_ = current.values;
         final_errors_ = current.errors;
@@ -590,13 +627,14 @@ class Diagnoser {
     const RunControl& control_;
     ProcessorTime time_{control_.workers};
     std::vector<Refusal> refused_;
-    std::vector<Step> steps_; // the first one is the model as it was given
+    std::size_t most_new_ = max_terms; // that a step may bring
+    std::vector<Step> steps_;          // the first one is the model as it was given
     std::vector<double> scale_;
     Interpolation between_ = Interpolation::hold;
     std::vector<double> baseline_values_, final_values_, final_errors_;
     std::vector<std::vector<double>> baseline_starts_; // of each validation record
     SystemDiagnosis result_;
-    bool result_was_unknown_ = false;
+    bool much_is_left_ = false; // of the gap on the validation records
 };
 
 } // namespace

@@ -28,7 +28,7 @@ constexpr double visible = 1e-3, max_step = 10;
 constexpr std::size_t max_growth = 64, samples_per_value = 10;
 // Factors of the damping that are tried side by side.
 constexpr std::array side_by_side = {1.0 / 25, 1.0 / 5, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0};
-constexpr int stiff_iterations = 5;
+constexpr int stiff_iterations = 2;
 constexpr int iterations_of_all = 3; // over all samples, after a fit over some
 constexpr double agreed = 4;         // times what is negligible: fixed steps and those of another solver
 
@@ -229,7 +229,8 @@ double SystemFit::noise() const {
 
 std::vector<double> SystemFit::errors(const SystemModel& model, const std::vector<double>& values) const {
     const auto lanes = LaneFit::of(*this, model, values);
-    return lanes ? lanes->errors({values})[0] : errors_by_runs(model, values);
+    if (lanes) return lanes->errors({values})[0];
+    return fixed_steps_only_ ? std::vector<double>() : errors_by_runs(model, values);
 }
 
 std::vector<double> SystemFit::errors_by_runs(const SystemModel& model, const std::vector<double>& values) const {
@@ -366,6 +367,7 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
     }
     auto lanes = LaneFit::of(*this, model, start);
     Result result{.values = start};
+    if (fixed_steps_only_) return lanes ? descend(model, std::move(start), iterations, ended, &*lanes) : result;
     if (lanes && iterations > 1) {
         // Most of the way over fewer samples, where steps of their length do. From there the noise of all samples moves the values
         // a little.

@@ -56,6 +56,10 @@ class SystemFit {
 
     double noise() const; // of the outputs over their scale, rms
 
+    // From here on there are no errors where fixed steps cannot follow the equations: a search among many records has no time for
+    // slow runs. Not for a model that has events itself.
+    void keep_to_fixed_steps() { fixed_steps_only_ = true; }
+
     struct Result {
         std::vector<double> values;
         std::vector<double> errors; // at the values; empty: no simulation succeeded
@@ -105,6 +109,7 @@ class SystemFit {
     std::vector<double> scale_;
     Interpolation between_;
     std::vector<std::size_t> used_;
+    bool fixed_steps_only_ = false;
 };
 
 } // namespace tribode

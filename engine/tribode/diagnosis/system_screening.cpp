@@ -17,8 +17,8 @@ constexpr double min_share = 1e-3;     // of the squared errors, for a term to b
 // Of a pair: times what the better one explains alone, or of what that one leaves.
 constexpr double min_of_pair = 1.2, rest_of_pair = 0.7;
 constexpr std::size_t max_pairs = 60;
-constexpr std::size_t terms_of_sum = 3;
-constexpr double rest_of_sum = 0.7; // of what two of them leave: as much as three may leave
+constexpr double rest_of_sum = 0.7; // of what a shorter one leaves: as much as a sum may leave
+constexpr std::size_t max_sums = 6;
 constexpr double too_large = 10;    // an effect of a probe, times the errors
 constexpr int max_probe_sizes = 4;  // to make it smaller
 constexpr double told_apart = 1e-3; // of the effect of a probe, beside what free values can do; less is rounding
@@ -101,7 +101,7 @@ class Screen {
         for (std::size_t a = 0; a < some.size(); ++a) {
             for (std::size_t b = a + 1; b < some.size() && !late(); ++b) {
                 if (terms_[some[a]].kind() == terms_[some[b]].kind()) continue;
-                const auto columns = both(some[a], some[b]);
+                const auto columns = columns_of({some[a], some[b]});
                 const Eigen::MatrixXd gram = columns.transpose() * columns;
                 const Eigen::VectorXd right = columns.transpose() * open_;
                 const Eigen::VectorXd c = gram.ldlt().solve(right);
@@ -126,7 +126,7 @@ class Screen {
         for (auto& pair : found) {
             const std::size_t i = pair.terms[0], j = pair.terms[1];
             Eigen::VectorXd coefficients;
-            solved(both(i, j), coefficients);
+            solved(columns_of({i, j}), coefficients);
             pair.starts = {started(terms_[i], coefficients.data()),
                            started(terms_[j], coefficients.data() + effect_[i].cols())};
         }
@@ -134,50 +134,93 @@ class Screen {
     }
 
     // After singles().
-    std::vector<ScreenedTerms> sums() const {
+    std::vector<ScreenedTerms> sums(const std::function<bool()>& late) const {
         std::map<std::string, std::vector<std::size_t>> of; // each derivative and output: the best term of each form
-        for (const std::size_t i : best_of_each_form()) of[terms_[i].equation].push_back(i);
+        for (const std::size_t i : best_of_each_form()) {
+            if (!terms_[i].variables.empty()) of[terms_[i].equation].push_back(i);
+        }
         std::vector<ScreenedTerms> found;
         for (const auto& [equation, some] : of) {
-            std::vector<std::size_t> taken;
-            Eigen::MatrixXd columns(error_.size(), 0);
-            Eigen::VectorXd coefficients;
-            double explained = 0, of_two = 0;
-            for (std::size_t n = 0; n < terms_of_sum && n < some.size(); ++n) {
-                std::size_t best = some.size();
-                Eigen::MatrixXd with_best;
-                of_two = explained;
-                for (std::size_t i = 0; i < some.size(); ++i) {
-                    if (std::find(taken.begin(), taken.end(), some[i]) != taken.end()) continue;
-                    Eigen::MatrixXd with(columns.rows(), columns.cols() + effect_[some[i]].cols());
-                    with << columns, effect_[some[i]];
-                    const double now = solved(with, coefficients);
-                    if (now <= explained) continue;
-                    explained = now;
-                    best = i;
-                    with_best = std::move(with);
+            std::set<std::string> variables;
+            for (const std::size_t i : some) variables.insert(terms_[i].variables.begin(), terms_[i].variables.end());
+            for (auto a = variables.begin(); a != variables.end(); ++a) {
+                for (auto b = std::next(a); b != variables.end() && !late(); ++b) {
+                    std::vector<std::size_t> own;
+                    for (const std::size_t i : some) {
+                        const auto is_own = [&](const std::string& name) { return name == *a || name == *b; };
+                        if (std::ranges::all_of(terms_[i].variables, is_own)) own.push_back(i);
+                    }
+                    add_best_sums(own, found);
                 }
-                if (best == some.size()) break;
-                taken.push_back(some[best]);
-                columns = std::move(with_best);
             }
-            const double all = open_.squaredNorm();
-            if (taken.size() < terms_of_sum || all - explained > rest_of_sum * (all - of_two)) continue;
-            solved(columns, coefficients);
-            ScreenedTerms sum{.terms = taken, .starts = {}, .explained = share(explained)};
+        }
+        std::stable_sort(found.begin(), found.end(), by_share);
+        std::set<std::set<std::size_t>> known; // functions of one variable belong to several pairs
+        std::erase_if(found, [&](const ScreenedTerms& sum) {
+            return !known.insert({sum.terms.begin(), sum.terms.end()}).second;
+        });
+        if (found.size() > max_sums) found.resize(max_sums);
+        for (auto& sum : found) {
+            Eigen::VectorXd coefficients;
+            solved(columns_of(sum.terms), coefficients);
             Eigen::Index place = 0;
-            for (const std::size_t i : taken) {
+            for (const std::size_t i : sum.terms) {
                 sum.starts.push_back(started(terms_[i], coefficients.data() + place));
                 place += effect_[i].cols();
             }
-            found.push_back(std::move(sum));
         }
-        std::stable_sort(found.begin(), found.end(), by_share);
         return found;
     }
 
   private:
     static bool by_share(const ScreenedTerms& a, const ScreenedTerms& b) { return a.explained > b.explained; }
+    // The best sum of two of these terms, and of three, where each explains much of what fewer leave.
+    void add_best_sums(const std::vector<std::size_t>& some, std::vector<ScreenedTerms>& found) const {
+        const Eigen::MatrixXd columns = columns_of(some), gram = columns.transpose() * columns;
+        const Eigen::VectorXd right = columns.transpose() * open_;
+        std::vector<Eigen::Index> begin(1, 0);
+        for (const std::size_t i : some) begin.push_back(begin.back() + effect_[i].cols());
+        const auto explained = [&](const std::vector<std::size_t>& places) {
+            std::vector<Eigen::Index> own;
+            for (const std::size_t n : places) {
+                for (Eigen::Index c = begin[n]; c < begin[n + 1]; ++c) own.push_back(c);
+            }
+            const Eigen::MatrixXd g = gram(own, own);
+            const Eigen::VectorXd r = right(own), c = g.ldlt().solve(r);
+            const double squares = 2 * c.dot(r) - c.dot(g * c);
+            return std::isfinite(squares) ? squares : 0;
+        };
+        double least = 0; // that the next longer one has to explain
+        const auto add_best = [&](const std::vector<std::size_t>& best, double squares) {
+            if (squares < least || best.empty()) return;
+            ScreenedTerms sum{.terms = {}, .starts = {}, .explained = share(squares)};
+            for (const std::size_t n : best) sum.terms.push_back(some[n]);
+            found.push_back(std::move(sum));
+        };
+        const double all = open_.squaredNorm();
+        for (const std::size_t i : some) least = std::max(least, explained_[i]);
+        least = all - rest_of_sum * (all - least);
+        std::vector<std::size_t> two, three;
+        double of_two = 0, of_three = 0;
+        for (std::size_t i = 0; i < some.size(); ++i) {
+            for (std::size_t j = i + 1; j < some.size(); ++j) {
+                if (const double squares = explained({i, j}); squares > of_two) {
+                    of_two = squares;
+                    two = {i, j};
+                }
+                for (std::size_t k = j + 1; k < some.size(); ++k) {
+                    if (const double squares = explained({i, j, k}); squares > of_three) {
+                        of_three = squares;
+                        three = {i, j, k};
+                    }
+                }
+            }
+        }
+        add_best(two, of_two);
+        least = all - rest_of_sum * (all - of_two);
+        add_best(three, of_three);
+    }
+
     double share(double squares) const { return squares / std::max(error_.squaredNorm(), 1e-300); }
 
     Eigen::VectorXd thinned(const std::vector<double>& errors) const {
@@ -235,9 +278,15 @@ class Screen {
         return places;
     }
 
-    Eigen::MatrixXd both(std::size_t i, std::size_t j) const {
-        Eigen::MatrixXd columns(error_.size(), effect_[i].cols() + effect_[j].cols());
-        columns << effect_[i], effect_[j];
+    Eigen::MatrixXd columns_of(const std::vector<std::size_t>& some) const {
+        Eigen::Index count = 0;
+        for (const std::size_t i : some) count += effect_[i].cols();
+        Eigen::MatrixXd columns(error_.size(), count);
+        count = 0;
+        for (const std::size_t i : some) {
+            columns.middleCols(count, effect_[i].cols()) = effect_[i];
+            count += effect_[i].cols();
+        }
         return columns;
     }
 
@@ -255,17 +304,35 @@ class Screen {
 
 } // namespace
 
-Screening screened_terms(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
-                         const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
-                         const std::function<bool()>& late) {
+namespace {
+
+Screen screen_of(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
+                 const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
+                 const std::function<bool()>& late) {
     Screen screen(model, values, errors, terms, fit);
     for_each_index(terms.size(), control, fmt::format("screening {} terms", terms.size()), [&](std::size_t i) {
         if (!late()) screen.simulate(i);
     });
+    return screen;
+}
+
+} // namespace
+
+std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std::vector<double>& values,
+                                            const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
+                                            const SystemFit& fit, const RunControl& control,
+                                            const std::function<bool()>& late) {
+    return screen_of(model, values, errors, terms, fit, control, late).singles();
+}
+
+Screening screened_terms(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
+                         const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
+                         const std::function<bool()>& late) {
+    Screen screen = screen_of(model, values, errors, terms, fit, control, late);
     Screening found;
     found.singles = screen.singles();
     found.pairs = screen.pairs(late);
-    found.sums = screen.sums();
+    found.sums = screen.sums(late);
     return found;
 }
 

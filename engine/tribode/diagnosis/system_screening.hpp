@@ -16,15 +16,20 @@ struct ScreenedTerms {
 
 struct Screening {
     std::vector<ScreenedTerms> singles, pairs; // what explains most first
-    std::vector<ScreenedTerms> sums;           // of three terms, of each derivative and output the best
+    std::vector<ScreenedTerms> sums;           // of two or three functions of the same two variables
 };
 
 // What each term, and each two of them, would explain of the errors beside a move of all free values, to first order: each
-// amplitude is simulated once, at its start. Pairs that explain little more than the better of the two are left out. A sum of
-// three is found one by one, beside those that are in it [Chen 1989].
+// amplitude is simulated once, at its start. Pairs that explain little more than the better of the two are left out. A function of two
+// variables that the library lacks is sought as a sum: of all sums of two and of three functions of these variables in one
+// derivative or output, the best.
 // `errors`: of the model at these values, over the part that `fit` counts. `late`: ends it, with what is known.
 Screening screened_terms(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
                          const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
                          const std::function<bool()>& late);
+std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std::vector<double>& values,
+                                            const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
+                                            const SystemFit& fit, const RunControl& control,
+                                            const std::function<bool()>& late);
 
 } // namespace tribode

@@ -1,5 +1,6 @@
 #include "tribode/diagnosis/system_search.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/diagnosis/fixed_steps.hpp"
 #include "tribode/diagnosis/lane_fit.hpp"
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/diagnosis/segments.hpp"
@@ -25,6 +26,7 @@ constexpr std::size_t fitted_singles = 8, fitted_of_a_kind = 2, fitted_pairs = 5
 constexpr std::size_t followed_of_a_length = 3;
 constexpr int segment_iterations = 8;
 constexpr std::size_t longest_sum = 3;
+constexpr int max_exchanges = 2; // of one term of a sum for another
 // Of a term, relative to what moves its derivative as much as all else does.
 constexpr std::array sizes = {0.03, -0.03, 0.1, -0.1, 0.3, -0.3, 1.0, -1.0};
 constexpr std::size_t shortest_beginning = 60; // samples
@@ -42,6 +44,8 @@ constexpr double begun[] = {1, 0.25, 0.05, 0.01};
 // growing parts of the records.
 constexpr double kept_promise = 0.5, worth_growing = 0.1;
 constexpr double worth_another_way = 0.98; // of both errors, for another way of the inputs between samples
+constexpr std::size_t alternatives = 4;    // that are fitted in the place of a term
+constexpr double worth_exchanging = 0.97;  // of the score
 // Of the best, how many are tried with another way of the inputs, and where one suits better, how many are fitted again.
 constexpr std::size_t first_reconsidered = 3, reconsidered = 8;
 constexpr double chance = 0.05;      // of the best of many frequencies, for a wave or a mode to be left out
@@ -219,13 +223,39 @@ SystemCandidate SystemSearch::begin() {
             between_ = kept;
         }
     }
-    if (best) return *std::move(best);
+    if (best) return with_way_over_segments(*std::move(best));
     std::string problem;
     const auto values = first_.values(records_.size());
     for (std::size_t r = 0; r < records_.size() && problem.empty(); ++r) {
         fit_of_all().simulate(first_, values, r, records_[r].size(), &problem);
     }
     throw InputError("the system cannot be simulated on the records with its own values: " + problem);
+}
+
+// A model that lacks something may be nearer the records with inputs that run as they do not. Over segments it lacks little, and the way
+// shows.
+SystemCandidate SystemSearch::with_way_over_segments(SystemCandidate candidate) {
+    const auto all = ways();
+    if (all.size() < 2 || candidate.is_noise || late()) return candidate;
+    const auto segments = segmented(candidate.model, candidate.values, fit_of_first_part(), late_);
+    if (!segments || late()) return candidate;
+    const Interpolation present = between_;
+    double least = worth_another_way * rms_of_errors(segments->errors);
+    for (const Interpolation between : all) {
+        if (between == present) continue;
+        SystemFit fit_segments = segments->fit(scale_, between);
+        if (FixedSteps::of(candidate.model)) fit_segments.keep_to_fixed_steps();
+        const auto result = fit_segments.fit(segments->model, segments->values, segment_iterations, late_);
+        const double error = rms_of_errors(result.errors);
+        if (!(error < least)) continue;
+        least = worth_another_way * error;
+        between_ = between;
+    }
+    if (between_ == present) return candidate;
+    SystemCandidate other = candidate;
+    if (fit(other, iterations)) return other;
+    between_ = present;
+    return candidate;
 }
 
 std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening,
@@ -261,7 +291,8 @@ std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening,
     return list;
 }
 
-std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) {
+// The library over the motion of the candidate; empty where it cannot be simulated.
+std::vector<SystemTerm> SystemSearch::terms_beside(const SystemCandidate& current, bool with_nameless) const {
     const SystemFit fit_first = fit_of_first_part();
     std::vector<SystemTrace> traces;
     for (std::size_t r = 0; r < records_.size(); ++r) {
@@ -270,11 +301,17 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
         traces.push_back(std::move(*trace));
     }
     const SystemModel model = current.model.with(current.values);
-    const auto variables = variables_of(model, first_.equations.states.size(), fit_first, traces);
-    const auto terms = system_terms(model, first_.equations.states.size(), fit_first, variables, current.fitted);
+    const std::size_t states = first_.equations.states.size();
+    return system_terms(model, states, fit_first, variables_of(model, states, fit_first, traces), current.fitted,
+                        with_nameless);
+}
+
+std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) {
+    const auto terms = terms_beside(current, false);
     std::vector<Hypothesis> list;
     for (auto& some : chosen(
-             screened_terms(current.model, current.values, current.fitted, terms, fit_first, control_, late_), terms)) {
+             screened_terms(current.model, current.values, current.fitted, terms, fit_of_first_part(), control_, late_),
+             terms)) {
         list.push_back({current, std::move(some)});
     }
     auto found = fitted(list, terms);
@@ -358,6 +395,27 @@ OnSegments extended_on_segments(const OnSegments& from, const ScreenedTerms& add
     return more;
 }
 
+// Without its term of this place. `begin`: what it grew from, without any.
+OnSegments less_on_segments(const OnSegments& from, std::size_t without, const OnSegments& begin,
+                            const std::vector<SystemTerm>& terms) {
+    OnSegments less{.terms = {}, .model = begin.model, .values = {}};
+    std::size_t place = begin.model.parameters.size();
+    less.values.assign(from.values.begin(), from.values.begin() + static_cast<std::ptrdiff_t>(place));
+    for (std::size_t i = 0; i < from.terms.terms.size(); ++i) {
+        const SystemTerm& term = terms[from.terms.terms[i]];
+        const auto first = from.values.begin() + static_cast<std::ptrdiff_t>(place);
+        const std::vector<double> own(first, first + static_cast<std::ptrdiff_t>(term.parameters.size()));
+        place += own.size();
+        if (i == without) continue;
+        less.values.insert(less.values.end(), own.begin(), own.end());
+        less.model = extended(less.model, term, own);
+        less.terms.terms.push_back(from.terms.terms[i]);
+        less.terms.starts.push_back(own);
+    }
+    less.values.insert(less.values.end(), from.values.begin() + static_cast<std::ptrdiff_t>(place), from.values.end());
+    return less;
+}
+
 void sort_by_criterion(std::vector<OnSegments>& list) {
     std::stable_sort(list.begin(), list.end(),
                      [](const OnSegments& a, const OnSegments& b) { return a.criterion() < b.criterion(); });
@@ -386,7 +444,8 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
         segments->values = current.values;
         segments->errors = current.fitted;
     }
-    const SystemFit fit_segments = segments->fit(scale_, between_);
+    SystemFit fit_segments = segments->fit(scale_, between_);
+    if (FixedSteps::of(current.model)) fit_segments.keep_to_fixed_steps();
     std::vector<SystemTrace> traces;
     for (std::size_t r = 0; r < segments->records.size(); ++r) {
         auto trace = fit_segments.simulate(segments->model, segments->values, r, segments->records[r].size());
@@ -409,37 +468,63 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
         sort_by_criterion(some);
         return some;
     };
-    const auto screened = [&](const OnSegments& one) {
-        return screened_terms(one.model, one.values, one.errors, terms, fit_segments, control_, late_);
-    };
     const OnSegments begin{
         .terms = {}, .model = segments->model, .values = segments->values, .errors = segments->errors};
+    // The best further terms beside a sum, each form once, without the sums that are known.
+    std::set<std::set<std::string>> known;
+    const auto longer = [&](const OnSegments& one) {
+        std::vector<OnSegments> list;
+        for (const auto& single :
+             screened_singles(one.model, one.values, one.errors, terms, fit_segments, control_, late_)) {
+            auto more = extended_on_segments(one, single, terms);
+            if (!known.insert(forms_of(more.terms, terms)).second) continue;
+            list.push_back(std::move(more));
+            if (list.size() == fitted_seconds) break;
+        }
+        return list;
+    };
     std::vector<OnSegments> list;
-    for (auto& some : chosen(screened(begin), terms)) list.push_back(extended_on_segments(begin, some, terms));
+    for (auto& some :
+         chosen(screened_terms(begin.model, begin.values, begin.errors, terms, fit_segments, control_, late_), terms)) {
+        list.push_back(extended_on_segments(begin, some, terms));
+        known.insert(forms_of(list.back().terms, terms));
+    }
     auto found = fitted_on_segments(std::move(list));
-    // What is left beside a term shows better where that term was fitted: sums grow from the best of each length.
-    bool gains = !found.empty();
+    const auto add = [&](std::vector<OnSegments> more) {
+        found.insert(found.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
+        sort_by_criterion(found);
+    };
+    // What is left beside a term shows better where that term was fitted: sums grow from the best of each length. What began a sum
+    // may have stood for terms that came later: each term of the best is taken out, and what suits the others best is sought again, as
+    // in a floating search [Pudil 1994].
+    const auto best_of = [&](std::size_t length) {
+        return std::ranges::find_if(found, [&](const OnSegments& one) { return one.terms.terms.size() == length; });
+    };
+    bool gains = true;
     for (std::size_t length = 1; length < longest_sum && gains; ++length) {
-        const double before = found.front().criterion();
         list.clear();
-        std::set<std::set<std::string>> known;
-        for (const auto& one : found) known.insert(forms_of(one.terms, terms));
         std::size_t grown = 0;
         for (const auto& one : found) {
             if (one.terms.terms.size() != length || late()) continue;
             if (grown++ == deepened_singles) break;
-            std::size_t seconds = 0;
-            for (const auto& single : screened(one).singles) {
-                auto longer = extended_on_segments(one, single, terms);
-                if (!known.insert(forms_of(longer.terms, terms)).second) continue;
-                list.push_back(std::move(longer));
-                if (++seconds == fitted_seconds) break;
-            }
+            for (auto& more : longer(one)) list.push_back(std::move(more));
         }
-        auto more = fitted_on_segments(std::move(list));
-        found.insert(found.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
-        sort_by_criterion(found);
-        gains = found.front().criterion() < before;
+        add(fitted_on_segments(std::move(list)));
+        for (int exchange = 0; exchange < max_exchanges && !late(); ++exchange) {
+            const auto best = best_of(length + 1);
+            if (best == found.end()) break;
+            const double present = best->criterion();
+            list.clear();
+            for (std::size_t i = 0; i <= length; ++i) list.push_back(less_on_segments(*best, i, begin, terms));
+            std::vector<OnSegments> exchanged;
+            for (const auto& less : fitted_on_segments(std::move(list))) {
+                for (auto& more : longer(less)) exchanged.push_back(std::move(more));
+            }
+            add(fitted_on_segments(std::move(exchanged)));
+            if (!(best_of(length + 1)->criterion() < present)) break;
+        }
+        const auto shorter = best_of(length), more = best_of(length + 1);
+        gains = more != found.end() && (shorter == found.end() || more->criterion() < shorter->criterion());
     }
     std::vector<Hypothesis> best;
     std::map<std::size_t, std::size_t> of_length;
@@ -485,12 +570,12 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
             continue;
         }
         kinds.insert(one->terms.back().kind());
-        const auto screening =
-            screened_terms(one->model, one->values, one->fitted, terms, fit_of_first_part(), control_, late_);
+        const auto screened =
+            screened_singles(one->model, one->values, one->fitted, terms, fit_of_first_part(), control_, late_);
         const SystemTerm& first = one->terms.back();
         std::set<std::string> seconds;
         std::size_t best = 0;
-        for (const auto& single : screening.singles) {
+        for (const auto& single : screened) {
             const SystemTerm& second = terms[single.terms[0]];
             // Two of a kind say little, and a pair is the same in either order.
             if (kinds.contains(second.kind()) || seconds.contains(second.form())) continue;
@@ -638,36 +723,69 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
     return found;
 }
 
+SystemCandidate SystemSearch::without(const SystemCandidate& candidate, std::size_t term) const {
+    // Built again from the first model, its values where they are.
+    SystemCandidate less{.model = first_, .library = candidate.library};
+    const auto place = [&](std::size_t end) {
+        std::size_t begin = first_.parameters.size();
+        for (std::size_t t = 0; t < end; ++t) begin += candidate.terms[t].parameters.size();
+        return static_cast<std::ptrdiff_t>(begin);
+    };
+    less.values.assign(candidate.values.begin(), candidate.values.begin() + place(0));
+    less.values.insert(less.values.end(), candidate.values.begin() + place(candidate.terms.size()),
+                       candidate.values.end());
+    for (std::size_t t = 0; t < candidate.terms.size(); ++t) {
+        if (t == term) continue;
+        const std::vector<double> own(candidate.values.begin() + place(t), candidate.values.begin() + place(t + 1));
+        std::string text;
+        less.values = more_values(less.model, less.values, own);
+        less.model = extended(less.model, candidate.terms[t], own, &text);
+        less.terms.push_back(candidate.terms[t]);
+        less.texts.push_back(text);
+    }
+    return less;
+}
+
 SystemCandidate SystemSearch::pruned(SystemCandidate candidate) const {
     for (std::size_t i = 0; candidate.terms.size() > 1 && i < candidate.terms.size() && !late();) {
-        // Built again from the first model without the term, its values where they are.
-        SystemCandidate without{.model = first_, .library = candidate.library};
-        const auto place = [&](std::size_t term) {
-            std::size_t begin = first_.parameters.size();
-            for (std::size_t t = 0; t < term; ++t) begin += candidate.terms[t].parameters.size();
-            return static_cast<std::ptrdiff_t>(begin);
-        };
-        without.values.assign(candidate.values.begin(), candidate.values.begin() + place(0));
-        without.values.insert(without.values.end(), candidate.values.begin() + place(candidate.terms.size()),
-                              candidate.values.end());
-        for (std::size_t t = 0; t < candidate.terms.size(); ++t) {
-            if (t == i) continue;
-            const std::vector<double> own(candidate.values.begin() + place(t), candidate.values.begin() + place(t + 1));
-            std::string text;
-            without.values = more_values(without.model, without.values, own);
-            without.model = extended(without.model, candidate.terms[t], own, &text);
-            without.terms.push_back(candidate.terms[t]);
-            without.texts.push_back(text);
-        }
-        if (fit(without, iterations) &&
-            (without.score() < dispensable * candidate.score() || candidate.is_chance_beside(without))) {
-            candidate = std::move(without);
+        SystemCandidate less = without(candidate, i);
+        if (fit(less, iterations) &&
+            (less.score() < dispensable * candidate.score() || candidate.is_chance_beside(less))) {
+            candidate = std::move(less);
             i = 0;
         } else {
             ++i;
         }
     }
     return candidate;
+}
+
+std::optional<SystemCandidate> SystemSearch::exchanged(const SystemCandidate& candidate) const {
+    std::optional<SystemCandidate> better;
+    for (int exchange = 0; exchange < max_exchanges; ++exchange) {
+        const SystemCandidate& present = better ? *better : candidate;
+        std::optional<SystemCandidate> best;
+        for (std::size_t i = 0; i < present.terms.size() && present.terms.size() > 1 && !late(); ++i) {
+            if (present.is_noise) break;
+            SystemCandidate less = without(present, i);
+            if (!fit(less, iterations)) continue;
+            const auto terms = terms_beside(less, true);
+            std::vector<Hypothesis> list;
+            std::set<std::string> forms = {present.terms[i].form()};
+            for (const auto& single :
+                 screened_singles(less.model, less.values, less.fitted, terms, fit_of_first_part(), control_, late_)) {
+                if (!forms.insert(terms[single.terms[0]].form()).second) continue;
+                list.push_back({less, single});
+                if (list.size() == alternatives) break;
+            }
+            for (auto& other : fitted(list, terms)) {
+                if (other.score() < worth_exchanging * (best ? *best : present).score()) best = std::move(other);
+            }
+        }
+        if (!best) break;
+        better = std::move(best);
+    }
+    return better;
 }
 
 } // namespace tribode

@@ -59,6 +59,10 @@ class SystemSearch {
     // Without the terms that others make unnecessary. The first `kept` terms stay.
     SystemCandidate pruned(SystemCandidate candidate) const;
 
+    // With other terms in the place of some, one at a time, where these suit the others better: what was found first may have stood for
+    // something else that was missing then. Nothing where none does.
+    std::optional<SystemCandidate> exchanged(const SystemCandidate& candidate) const;
+
     Interpolation interpolation() const { return between_; }
     const std::vector<double>& scale() const { return scale_; }
     SystemFit fit_of_all() const { return {records_, scale_, between_, whole_}; }
@@ -72,10 +76,13 @@ class SystemSearch {
     };
 
     bool reconsider_inputs(std::vector<SystemCandidate>& found); // true: another way is kept
+    SystemCandidate with_way_over_segments(SystemCandidate candidate);
     std::vector<Interpolation> ways() const;
     SystemFit fit_of_first_part() const { return {records_, scale_, between_, used_}; }
     bool fit(SystemCandidate& candidate, int iterations, bool growing = false) const;
     void fit_whole(SystemCandidate& candidate, int iterations) const; // where white noise is all that is left then
+    SystemCandidate without(const SystemCandidate& candidate, std::size_t term) const; // not fitted
+    std::vector<SystemTerm> terms_beside(const SystemCandidate& current, bool with_nameless) const;
     SystemCandidate started(const Hypothesis& hypothesis, const std::vector<SystemTerm>& terms) const;
     std::optional<SystemCandidate> sized(SystemCandidate candidate) const;
     std::vector<SystemCandidate> fitted(const std::vector<Hypothesis>& list,

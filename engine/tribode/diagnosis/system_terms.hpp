@@ -21,6 +21,7 @@ struct SystemTerm {
     std::string name;     // as in docs/effects.md, e.g. "dry_friction"; nameless_term where no name fits
     std::string equation; // "der(v)", "output y", "input u"
     std::string of;       // the variables it depends on: "v", "x p"; of a "term" the function: "x^2 v"
+    std::vector<std::string> variables = {}; // those that it is a function of; none of a path or a wave
     std::vector<Parameter> parameters;
     std::size_t amplitudes = 1; // the first so many parameters; where all are `neutral`, nothing changes
     std::vector<double> neutral = {0};
