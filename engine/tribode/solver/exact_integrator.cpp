@@ -50,7 +50,8 @@ void ExactIntegrator::restart(SystemState& state) {
 }
 
 PreparedSteps::Matrices ExactIntegrator::make_matrices(const AffineForm& form) const {
-    Matrices made{Columns(height_ * height_), Columns(height_ * height_), 0, {}, {0}, Columns(guard_room_)};
+    const std::size_t size = height_ * height_, count = power_count(height_);
+    Matrices made{Columns(count * size), 0, {}, {0}, Columns(guard_room_)};
     for (std::size_t guard = 0; guard < guard_count_; ++guard) {
         for (std::size_t j = 0; j < size_; ++j) {
             const double value = form.g[j * guard_count_ + guard];
@@ -60,14 +61,13 @@ PreparedSteps::Matrices ExactIntegrator::make_matrices(const AffineForm& form) c
         }
         made.first.push_back(made.entries.size());
     }
-    for (std::size_t j = 0; j < size_; ++j) {
-        std::copy_n(form.a.data() + j * size_, size_, made.a.data() + j * height_);
+    double* const a = made.powers.data();
+    for (std::size_t j = 0; j < size_; ++j) std::copy_n(form.a.data() + j * size_, size_, a + j * height_);
+    // Each is the square of the one before.
+    for (std::size_t i = 0; i < (count - 1) * size; i += height_) {
+        multiply_columns(a + i / size * size, height_, height_, a + i, a + size + i);
     }
-    for (std::size_t j = 0; j < size_; ++j) {
-        multiply_columns(made.a.data(), height_, height_, made.a.data() + j * height_,
-                         made.square.data() + j * height_);
-    }
-    made.decay = fastest_decay(made.a);
+    made.decay = fastest_decay(made.powers);
     return made;
 }
 
@@ -91,8 +91,8 @@ PreparedSteps::Propagation ExactIntegrator::prepare(double h) {
     Columns unit(height_);
     for (std::size_t j = 0; j < size_; ++j) {
         unit[j] = 1;
-        const int order = expand_columns(matrices_->a.data(), matrices_->square.data(), matrices_->decay, none.data(),
-                                         height_, unit.data(), h, max_terms, terms.data(), limit_.data());
+        const int order = expand_columns(matrices_->powers.data(), matrices_->decay, none.data(), height_, unit.data(),
+                                         h, max_terms, terms.data(), limit_.data());
         unit[j] = 0;
         // From rest any length comes to an end at once; from elsewhere this one does not.
         if (order == 0) {
@@ -150,8 +150,8 @@ bool ExactIntegrator::expand(double h) {
         ++counts_.derivative_evaluations;
     }
     if (pattern_) {
-        order_ = expand_columns(matrices_->a.data(), matrices_->square.data(), matrices_->decay, least_.data(), height_,
-                                f_.data(), h, max_terms, terms_.data(), limit_.data());
+        order_ = expand_columns(matrices_->powers.data(), matrices_->decay, least_.data(), height_, f_.data(), h,
+                                max_terms, terms_.data(), limit_.data());
         // A comparison with what is not a number hides it; in the last term it still shows.
         return order_ > 0 && std::all_of(term(order_), term(order_) + size_, [](double c) { return std::isfinite(c); });
     }

@@ -60,7 +60,7 @@ class ExactIntegrator final : public SeriesIntegrator {
     std::vector<double> limit_;          // (height): sizes of terms below which they do not count
     std::vector<double> end_;            // (height): x where the series ends
     std::vector<double> travel_;         // (height): how far each state can go in the step
-    Columns response_;                   // (height x max_terms + 1): terms of prepare()
+    Columns response_;                   // (height x max_terms + 3): terms of prepare()
     std::vector<double> f_;              // (height): the derivative where the step begins, and
     bool known_at_start_ = false; // whether it and the guards there are known: where the step could not be propagated
     std::vector<double> moved_;   // (height): how far x moves in a propagated step

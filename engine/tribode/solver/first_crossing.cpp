@@ -2,7 +2,6 @@
 
 #include <array>
 #include <cmath>
-#include <utility>
 
 namespace tribode {
 
@@ -41,19 +40,31 @@ Bernstein bernstein(std::span<const double> p) {
     return b;
 }
 
+struct Derivatives {
+    double value, first, second;
+};
+
 // Even and odd powers apart, p(s) = e(s^2) + s o(s^2), so that one half does not wait for the other.
-std::pair<double, double> value_and_slope(std::span<const double> p, double s) {
+Derivatives derivatives(std::span<const double> p, double s) {
     const double square = s * s;
-    double even = 0, even_slope = 0, odd = 0, odd_slope = 0;
+    struct Half {
+        double value = 0, first = 0, second = 0; // the second derivative by s^2 is twice that
+
+        void append(double square, double coefficient) {
+            second = second * square + first;
+            first = first * square + value;
+            value = value * square + coefficient;
+        }
+    };
+    Half even, odd;
     std::size_t n = p.size();
-    if (n % 2 == 1) even = p[--n];
+    if (n % 2 == 1) even.value = p[--n];
     while (n > 0) {
-        odd_slope = odd_slope * square + odd;
-        odd = odd * square + p[--n];
-        even_slope = even_slope * square + even;
-        even = even * square + p[--n];
+        odd.append(square, p[--n]);
+        even.append(square, p[--n]);
     }
-    return {even + s * odd, 2 * s * (even_slope + s * odd_slope) + odd};
+    return {even.value + s * odd.value, 2 * s * (even.first + s * odd.first) + odd.value,
+            2 * even.first + 6 * s * odd.first + 8 * square * (even.second + s * odd.second)};
 }
 
 // One root in [low, high], the polynomial positive before and negative after it.
@@ -63,18 +74,19 @@ double close_in(std::span<const double> p, double low, double high) {
     const double guess = square > 0 ? p[0] / (std::sqrt(square) - half) : low;
     double s = guess > low && guess < high ? guess : 0.5 * (low + high);
     for (int round = 0; round < 100; ++round) {
-        const auto [value, slope] = value_and_slope(p, s);
+        const auto [value, first, second] = derivatives(p, s);
         (value >= 0 ? low : high) = s;
-        const double next = s - value / slope;
-        if (!(slope < 0 && next > low && next < high)) {
+        // Halley's method.
+        const double next = s - 2 * value * first / (2 * first * first - value * second);
+        if (!(first < 0 && next > low && next < high)) {
             if (next == low || next == high) return next;
             const double middle = 0.5 * (low + high);
             if (middle == low || middle == high) return middle;
             s = middle;
             continue;
         }
-        // Newton's method squares the error, relative to s: after a step this short it is below rounding.
-        if (std::abs(next - s) < 1e-9 * next) return next;
+        // It takes the error, relative to s, to the third power: after a step this short it is below rounding.
+        if (std::abs(next - s) < 1e-7 * next) return next;
         s = next;
     }
     return s;

@@ -26,7 +26,7 @@ class PreparedSteps {
 
     // Of a pattern, from its form.
     struct Matrices {
-        Columns a, square;              // A, A^2 (height x height)
+        Columns powers;                 // A, A^2, ..., see power_count() (height x height each)
         double decay;                   // see ExactIntegrator::fastest_decay [1/s]
         std::vector<Entry> entries;     // of G, row by row
         std::vector<std::size_t> first; // (guards + 1): of each row, its first entry

@@ -11,7 +11,7 @@ SeriesIntegrator::SeriesIntegrator(const HybridSystem& system, std::size_t max_r
       size_(system.states().size()),
       height_(padded(size_)),
       guard_count_(system.guard_count()),
-      terms_((max_terms + 1) * height_),
+      terms_((max_terms + 3) * height_),
       guard_terms_((max_terms + 1) * guard_count_),
       recurring_(max_regular) {}
 

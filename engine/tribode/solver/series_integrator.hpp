@@ -205,7 +205,7 @@ class SeriesIntegrator : public Integrator {
     // that of the time state.t - behind_, and the next step makes up for it; lag_ is what the last step began with.
     double behind_ = 0, lag_ = 0;     // [s]
     int order_ = 0;                   // of its series; 0: there is none yet
-    Columns terms_;                   // (height x max_terms + 1): c_n
+    Columns terms_;                   // (height x max_terms + 3): c_n, and room for two that do not count
     std::vector<double> guard_terms_; // (guards x max_terms + 1)
     std::array<double, max_polynomial_terms> polynomial_{};
     RunStatistics counts_;

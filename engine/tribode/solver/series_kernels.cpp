@@ -1,6 +1,7 @@
 #include "tribode/solver/series_kernels.hpp"
 #include "tribode/solver/first_crossing.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -88,14 +89,23 @@ constexpr auto reciprocals = [] {
     return values;
 }();
 
+// 1/((n+1)(n+2)(n+3)(n+4))
+constexpr auto fourth_reciprocals = [] {
+    std::array<double, max_polynomial_terms> values{};
+    for (std::size_t n = 0; n < values.size(); ++n) {
+        values[n] = 1 / static_cast<double>((n + 1) * (n + 2) * (n + 3) * (n + 4));
+    }
+    return values;
+}();
+
 // From c_0 and c_1 = h f on, c_{n+1} = h/(n+1) A c_n, until two terms in a row are below half a unit in the last place of
 // the largest, as a rule one of the first five, `least` at least. Returns the last n, or 0 where max_terms, an even
 // number, do not do. Even and odd terms go each their own way by the square of A, c_{n+2} = h^2/((n+1)(n+2)) A^2 c_n: two
 // chains that do not wait for one another. Where nothing is left of two terms but an eigenvector of A, of eigenvalue
 // `rate`, numbers take its place.
-[[gnu::always_inline]] inline int expand(const double* a, const double* square, double rate, const double* least,
-                                         std::size_t height, const double* f, double h, int max_terms, double* terms,
-                                         double* limit) {
+[[gnu::always_inline]] inline int expand(const double* a, double rate, const double* least, std::size_t height,
+                                         const double* f, double h, int max_terms, double* terms, double* limit) {
+    const double* const square = a + height * height;
     const auto term = [&](int n) { return terms + static_cast<std::size_t>(n) * height; };
     const auto scale = [&](int from, double factor, int to) {
         for (std::size_t row = 0; row < height; row += block_size) {
@@ -157,9 +167,11 @@ constexpr auto reciprocals = [] {
     return small(max_terms - 1) ? max_terms : 0;
 }
 
-// The same where a column is one block: terms and limits stay in registers.
-[[gnu::always_inline]] inline int expand_block(const double* a, const double* square, double rate, const double* least,
-                                               const double* f, double h, int max_terms, double* terms, double* limit) {
+// The same where a column is one block, which stays in a register. Four chains that overlap go by
+// the fourth power of A, c_{n+4} = h^4/((n+1)...(n+4)) A^4 c_n.
+[[gnu::always_inline]] inline int expand_block(const double* a, double rate, const double* least, const double* f,
+                                               double h, int max_terms, double* terms, double* limit) {
+    const double *square = a + block_size * block_size, *fourth_power = square + block_size * block_size;
     const auto term = [&](int n) -> Block& { return block(terms + static_cast<std::size_t>(n) * block_size); };
     const auto enlarge = [](Block& largest, const Block& value) {
         const Block size = (Block)((Bits)value & not_sign);
@@ -174,42 +186,44 @@ constexpr auto reciprocals = [] {
     // f number by number, as it was written just before.
     Block first = Block{f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]} * h, second, third, fourth;
     multiply_block(a, first, h / 2, second);
+    multiply_block(square, first, h * h * (1.0 / 6), third);
+    multiply_block(square, second, h * h * (1.0 / 12), fourth);
     term(1) = first;
     term(2) = second;
+    term(3) = third;
+    term(4) = fourth;
     Block largest = block(least);
-    for (int n = 0; n <= 2; ++n) enlarge(largest, term(n));
-    Block most{};
+    for (int n = 0; n <= 4; ++n) enlarge(largest, term(n));
+    Block most = half_ulp * largest;
+    block(limit) = most;
+    const double power = (h * h) * (h * h), decay = (rate * rate) * (rate * rate) * power;
     bool only_decay = false;
-    for (int n = 1; n + 3 <= max_terms; n += 2) {
-        const double even = h * h * reciprocals[static_cast<std::size_t>(n)];
-        const double odd = h * h * reciprocals[static_cast<std::size_t>(n) + 1];
+    for (int n = 1; n + 4 < max_terms; n += 4) {
+        const double* reciprocal = fourth_reciprocals.data() + n;
         if (only_decay) {
-            third = first * (rate * rate * even);
-            fourth = second * (rate * rate * odd);
+            first *= decay * reciprocal[0];
+            second *= decay * reciprocal[1];
+            third *= decay * reciprocal[2];
+            fourth *= decay * reciprocal[3];
         } else {
-            multiply_block(square, first, even, third);
-            multiply_block(square, second, odd, fourth);
+            const Block before_third = third, before_fourth = fourth;
+            multiply_block(fourth_power, first, power * reciprocal[0], first);
+            multiply_block(fourth_power, second, power * reciprocal[1], second);
+            multiply_block(fourth_power, third, power * reciprocal[2], third);
+            multiply_block(fourth_power, fourth, power * reciprocal[3], fourth);
+            only_decay = rate != 0 && are_small(most, third - decay * reciprocal[2] * before_third,
+                                                fourth - decay * reciprocal[3] * before_fourth);
         }
-        term(n + 2) = third;
-        term(n + 3) = fourth;
-        if (n == 1) {
-            enlarge(largest, third);
-            enlarge(largest, fourth);
-            block(limit) = most = half_ulp * largest;
-        } else {
-            if (are_small(most, third, fourth)) return n + 3;
-            if (!only_decay && rate != 0) {
-                only_decay =
-                    are_small(most, third - (rate * rate * even) * first, fourth - (rate * rate * odd) * second);
-            }
-        }
-        first = third;
-        second = fourth;
+        term(n + 4) = first;
+        term(n + 5) = second;
+        term(n + 6) = third;
+        term(n + 7) = fourth;
+        if (are_small(most, third, fourth)) return are_small(most, first, second) ? n + 5 : std::min(n + 7, max_terms);
     }
     // States at the end of a long chain have their largest terms later.
     for (int n = 5; n <= max_terms; ++n) enlarge(largest, term(n));
     block(limit) = most = half_ulp * largest;
-    return are_small(most, first, second) ? max_terms : 0;
+    return are_small(most, third, fourth) ? max_terms : 0;
 }
 
 // Eight rows of matrix f, and as many as a group has of matrix abs(f); the matrix has a multiple of four columns.
@@ -641,12 +655,11 @@ TRIBODE_CLONES bool propagate_columns(const double* propagator, const double* re
     return propagate<0, 0>(propagator, rest, moving, g, height, groups, f, moved);
 }
 
-TRIBODE_CLONES int expand_columns(const double* a, const double* square, double rate, const double* least,
-                                  std::size_t height, const double* f, double h, int max_terms, double* terms,
-                                  double* limit) {
+TRIBODE_CLONES int expand_columns(const double* powers, double rate, const double* least, std::size_t height,
+                                  const double* f, double h, int max_terms, double* terms, double* limit) {
     switch (height) {
-    case 8: return expand_block(a, square, rate, least, f, h, max_terms, terms, limit);
-    default: return expand(a, square, rate, least, height, f, h, max_terms, terms, limit);
+    case 8: return expand_block(powers, rate, least, f, h, max_terms, terms, limit);
+    default: return expand(powers, rate, least, height, f, h, max_terms, terms, limit);
     }
 }
 

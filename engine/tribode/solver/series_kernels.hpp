@@ -27,11 +27,14 @@ bool propagate_columns(const double* propagator, const double* rest, const doubl
 void add_columns(const double* start, const double* matrix, std::size_t columns, std::size_t height, const double* x,
                  double* sum);
 
+// How many powers of A expand_columns() uses: A, A^2 and, of matrices of one block, A^4.
+constexpr std::size_t power_count(std::size_t height) { return height == block_size ? 3 : 2; }
+
 // From c_0 and c_1 = h f on c_{n+1} = h/(n+1) A c_n, until two terms in a row do not count any more. Returns the last n, or 0 where
-// max_terms, an even number, do not do. least: sizes of the states below which nothing counts; limit: set to the sizes
-// below which terms do not count; decay: see ExactIntegrator::fastest_decay.
-int expand_columns(const double* a, const double* square, double decay, const double* least, std::size_t height,
-                   const double* f, double h, int max_terms, double* terms, double* limit);
+// max_terms, two more than a multiple of four, do not do; terms has room for two more. least: sizes of the states below which
+// nothing counts; limit: set to the sizes below which terms do not count; decay: see ExactIntegrator::fastest_decay.
+int expand_columns(const double* powers, double decay, const double* least, std::size_t height, const double* f,
+                   double h, int max_terms, double* terms, double* limit);
 
 // The sum of all terms, x at the step's end, and of the sizes of those after the first.
 void sum_columns(const double* terms, int order, std::size_t height, double* end, double* travel);
