@@ -8,9 +8,13 @@ namespace tribode {
 
 namespace {
 
+// Within one sample: a machine as it is takes hundreds at most, where it slips and sticks. Parameters with which it slips and
+// sticks without end are none of a machine.
+constexpr long max_steps_of_a_sample = 2500;
+
 // Errors stay a hundredth of an encoder step and less.
 ServoRunOptions options_of(std::uint64_t seed) {
-    return {.solver = {.relative_tolerance = 1e-5, .absolute_tolerance = 1e-10},
+    return {.solver = {.relative_tolerance = 1e-5, .absolute_tolerance = 1e-10, .max_steps = max_steps_of_a_sample},
             .seed = seed,
             .channels = {.t = false, .r = false, .motion = false},
             .purpose = Purpose::search};

@@ -52,10 +52,15 @@ constexpr double hopeless = 1.5;
 constexpr double sure_gain = 2;
 // Chi square by that of a hypothesis for which others are sought, above which these are given up.
 constexpr double out_of_reach = 10;
+constexpr int max_rounds = 8;            // of a few steps each, on all records
+constexpr std::size_t most_followed = 8; // hypotheses that are fitted to all records
+constexpr double promising = 1000;       // chi square per sample of the lead after a few steps
 // What another effect must gain beyond the penalty of its parameters, unless it leaves noise alone: else errors are
 // correlated, and chi square falls by chance.
 constexpr double worth = 30;
-constexpr double shows = 8; // whitened errors of noise alone are seldom half as large
+constexpr double needed_fall = 4;    // of the score, while more than noise remains
+constexpr double straightened = 100; // chi square per sample up to which fields are led back
+constexpr double shows = 8;          // whitened errors of noise alone are seldom half as large
 
 std::size_t count(const std::vector<Evidence>& records) {
     std::size_t sum = 0;
@@ -99,6 +104,12 @@ class Search {
     }
 
   private:
+    // A candidate beside a base, and the points from which a fit of it begins, the best first.
+    struct Begun {
+        std::shared_ptr<const Candidate> candidate;
+        std::vector<Hypothesis> points;
+    };
+
     void search() {
         set_floors(machine_);
         Hypothesis none;
@@ -114,17 +125,31 @@ class Search {
         validate(result_.baseline, control_.workers);
         if (adequate(result_.baseline)) return;
         std::vector<Scored> beam{result_.baseline};
-        if (result_.baseline.together.sum_of_squares() > 0) {
+        const Hypothesis& bent = result_.baseline.together;
+        std::size_t bare_place = 0;
+        if (bent.sum_of_squares() > 0) {
             // The fields may be bent to do the work of the effect: it is sought beside those of the user, too, and
             // first where they left their tolerance.
-            Hypothesis as_described = result_.baseline.together;
+            Hypothesis as_described = bent;
             std::ranges::fill(as_described.nominal, 0.0);
             as_described.converged = false;
             beam.push_back(scored(std::move(as_described)));
-            if (!result_.baseline.together.within_tolerance()) std::swap(beam[0], beam[1]);
+            if (!bent.within_tolerance()) {
+                std::swap(beam[0], beam[1]);
+                // Where the fields do all of its work, one of them may do most, as a mass that of a payload: the effect shows
+                // best beside the others as they were found.
+                if (leaves_noise(result_.baseline)) {
+                    Hypothesis without = bent;
+                    *std::ranges::max_element(without.nominal, {}, [](double off) { return std::abs(off); }) = 0;
+                    without.converged = false;
+                    beam.insert(beam.begin(), scored(std::move(without)));
+                    bare_place = 1;
+                }
+            }
         }
         choose_lead(beam.front().together);
-        const Scored bare = beam.front();
+        const Scored bare = beam[bare_place];
+        std::vector<Begun> beside_bare;
         for (std::size_t level = 1; level <= max_effects_ && !late(); ++level) {
             std::vector<Scored> pool;
             std::optional<std::set<std::string>> enough; // effects of a hypothesis to which noise alone is left
@@ -136,26 +161,39 @@ class Search {
                 }
             };
             worth_following_ = std::numeric_limits<double>::infinity();
+            worth_taking_ = followed * static_cast<double>(count(all_));
             if (level > 1) {
                 // To be taken it must come to the noise or to a quarter of this, below.
+                worth_taking_ = std::max(worth_taking_, result_.steps.back().score / needed_fall);
                 const Hypothesis& before = result_.steps.back().together;
                 const ModelFit lead(machine_, lead_records_);
                 worth_following_ =
                     std::max(0.5 * lead.chi_square(before), followed * static_cast<double>(lead.sample_count()));
             }
             if (level == 2) {
-                pool = paired(bare);
+                pool = paired(bare, beside_bare);
                 look_for_enough();
             }
+            std::vector<Hypothesis> waiting; // fitted to the lead, of the bases so far
             for (const auto& base : beam) {
                 // Another way to such a hypothesis, or a rival of it, has one of its effects.
+                const std::string what = "effect " + std::to_string(level);
+                auto list = begun(base, what, enough);
+                if (level == 1 && &base == &beam[bare_place] && !enough) beside_bare = list;
+                std::ranges::move(fitted_to_lead(points_of(std::move(list), base, level), what),
+                                  std::back_inserter(waiting));
+                if (&base != &beam.back() && !is_promising(waiting)) continue;
                 double best = std::numeric_limits<double>::infinity();
                 for (const auto& one : pool) best = std::min(best, one.together.chi_square);
-                for (auto& next : extended(base, level, enough, best)) pool.push_back(std::move(next));
+                for (auto& next : fitted_to_all(std::exchange(waiting, {}), what, enough.has_value(), best)) {
+                    pool.push_back(std::move(next));
+                }
                 look_for_enough();
             }
             rank(pool);
             if (pool.empty()) break;
+            // What is left to do would not bring it there.
+            if (level > 1 && !adequate(pool.front()) && pool.front().score > 2 * worth_taking_) break;
             // The loop's noise is that of the machine as it is now known.
             try {
                 set_floors(ModelFit(machine_, all_).machine(pool.front().together));
@@ -182,7 +220,7 @@ class Search {
                  adequate(pool.front()));
             // While more than noise remains it must also halve the error that the effects before it leave: what a model
             // lacks that stays imperfect is not a sum of small pieces.
-            const bool halved = pool.front().score < before.score / 4;
+            const bool halved = pool.front().score < before.score / needed_fall;
             if (level > 1 && (!better || (!halved && !adequate(pool.front())))) break;
             result_.ranking = pool;
             result_.steps.push_back(pool.front());
@@ -268,6 +306,12 @@ class Search {
     }
 
     bool adequate(const Scored& one) const { return result_.explained_by_noise(one); }
+
+    // With the fields wherever they are.
+    bool leaves_noise(const Scored& one) const {
+        return one.together_fitted < SearchResult::limit(result_.fitted) &&
+               (result_.validation.empty() || one.together_validation < SearchResult::limit(result_.validation));
+    }
 
     void refine(Hypothesis& h, const std::vector<Evidence>& records, int iterations, unsigned workers,
                 bool move_fields = true) const {
@@ -419,6 +463,8 @@ class Search {
     // user's values.
     void straighten(Scored& one) const {
         if (one.together.sum_of_squares() == 0 || is_noise(one)) return;
+        // Far from the noise fields are the least of it.
+        if (one.together.chi_square > straightened * static_cast<double>(count(all_))) return;
         Hypothesis again = one.together;
         std::ranges::fill(again.nominal, 0.0);
         again.converged = false;
@@ -455,6 +501,11 @@ class Search {
                     std::ranges::find_if(pool, [&](const Scored& other) { return other.names() == with(name); });
                 if (known == pool.end()) {
                     missing.insert(name);
+                } else if (enough && known->together.chi_square > hopeless * one.together.chi_square) {
+                    // Its own fit may have ended early.
+                    Scored again = scored(in_place(one.together, i, known->together, name));
+                    instead.push_back(again.together);
+                    if (again.score < known->score) list.push_back(std::move(again));
                 } else {
                     instead.push_back(known->together);
                 }
@@ -463,7 +514,7 @@ class Search {
                 Hypothesis without = one.together;
                 without.remove(i);
                 refine(without, all_, 4, control_.workers);
-                for (auto& next : extended(scored(std::move(without)), level, missing, one.together.chi_square)) {
+                for (auto& next : fitted_beside(scored(std::move(without)), level, missing, one)) {
                     instead.push_back(next.together);
                     list.push_back(std::move(next));
                 }
@@ -478,11 +529,45 @@ class Search {
             if (!one.contains(best) || is_needlessly_rich(one, best)) continue;
             std::set<std::string> beside(kind.simpler.begin(), kind.simpler.end());
             beside.insert(kind.name);
-            for (auto& next : extended(best, level, beside, one.together.chi_square)) {
+            for (auto& next : fitted_beside(best, level, beside, one)) {
                 if (one.contains(next)) list.push_back(std::move(next));
             }
         }
         return list;
+    }
+
+    // A hypothesis with a simpler effect in the place of one of its own, fitted; begun with what another one has for it.
+    Hypothesis in_place(const Hypothesis& whole, std::size_t place, const Hypothesis& other,
+                        const std::string& simpler) const {
+        const auto is_meant = [&](const auto& effect) { return effect->kind().name == simpler; };
+        const auto effect = std::ranges::find_if(other.effects, is_meant);
+        const auto numbers = other.values_of(static_cast<std::size_t>(effect - other.effects.begin()));
+        Hypothesis rest = whole;
+        rest.remove(place);
+        // Alone first, in a machine that has all the rest, since together they may trade along a narrow valley.
+        const MachineModel machine = ModelFit(machine_, all_).machine(rest);
+        const ModelFit lead(machine, lead_records_);
+        Hypothesis alone;
+        alone.nominal.assign(lead.fields().size(), 0.0);
+        alone = with(alone, *effect, {numbers.begin(), numbers.end()});
+        ModelFit::Options options;
+        options.iterations = 10;
+        options.move_fields = false;
+        options.workers = control_.workers;
+        options.stop = control_.stop;
+        lead.fit(alone, options);
+        Hypothesis h = with(rest, *effect, alone.values);
+        refine(h, all_, 6, control_.workers, false);
+        if (h.chi_square < out_of_reach * whole.chi_square) refine(h, all_, 8, control_.workers);
+        return h;
+    }
+
+    // A base with one of these effects more, as a rival of what has been found.
+    std::vector<Scored> fitted_beside(const Scored& base, std::size_t level, const std::set<std::string>& effects,
+                                      const Scored& found) const {
+        const std::string what = "effect " + std::to_string(level);
+        auto points = points_of(begun(base, what, effects), base, level);
+        return fitted_to_all(fitted_to_lead(std::move(points), what), what, true, found.together.chi_square);
     }
 
     void reassess(std::vector<Scored>& pool) const {
@@ -490,16 +575,17 @@ class Search {
         quiet.workers = control_.workers;
         for (auto& one : pool) one = scored(std::move(one.together)); // by the new floors
         rank(pool);
-        const bool enough = adequate(pool.front());
         const double far = hopeless * pool.front().together.chi_square;
+        // No few steps bring those near that are farther off.
+        const double too_far = 3 * far;
         for_each_index(pool.size(), quiet, "", [&](std::size_t i) {
-            if (enough && pool[i].together.chi_square > far) return;
+            if (pool[i].together.chi_square > too_far) return;
             refine(pool[i].together, all_, 6, 1);
             pool[i] = scored(std::move(pool[i].together));
         });
         rank(pool);
         for (std::size_t i = 0; i < std::min<std::size_t>(pool.size(), 2) && !late(); ++i) {
-            if (i > 0 && enough && pool[i].together.chi_square > far) break;
+            if (i > 0 && pool[i].together.chi_square > far) break;
             straighten(pool[i]);
             prune(pool[i]);
         }
@@ -515,12 +601,6 @@ class Search {
         std::set<std::vector<std::string>> seen;
         std::erase_if(pool, [&](const Scored& one) { return !seen.insert(one.names()).second; });
     }
-
-    // A candidate beside a base, and the points from which a fit of it begins, the best first.
-    struct Begun {
-        std::shared_ptr<const Candidate> candidate;
-        std::vector<Hypothesis> points;
-    };
 
     // Every effect that may be beside the base, or those of `only`.
     std::vector<Begun> begun(const Scored& base, const std::string& what,
@@ -646,13 +726,8 @@ class Search {
         return h;
     }
 
-    // The base with one more effect, every one that may be, or one of `only`. `best`: chi square of the best that
-    // another base has come to.
-    std::vector<Scored> extended(const Scored& base, std::size_t level,
-                                 const std::optional<std::set<std::string>>& only, double best) const {
-        const std::string what = "effect " + std::to_string(level);
-        auto list = begun(base, what, only);
-        std::vector<Hypothesis> running;
+    // The points from which fits of one more effect begin: of all candidates, or, later, of those that explain most.
+    std::vector<Hypothesis> points_of(std::vector<Begun> list, const Scored& base, std::size_t level) const {
         if (level > 1 && list.size() > screened_later) {
             // Fields may do a part of an effect's work: it is weighed with fields that give way.
             const Responses r = responses(base, list);
@@ -671,14 +746,15 @@ class Search {
             for (const std::size_t i : order) likeliest.push_back(std::move(list[i]));
             list = std::move(likeliest);
         }
-        for (auto& [candidate, points] : list) std::ranges::move(points, std::back_inserter(running));
-        return refined(std::move(running), what, only.has_value(), best);
+        std::vector<Hypothesis> all;
+        for (auto& one : list) std::ranges::move(one.points, std::back_inserter(all));
+        return all;
     }
 
     // The base with two more effects, of which neither may do much alone: the pairs that explain most of the gap together.
-    std::vector<Scored> paired(const Scored& base) const {
+    // `list`: what each of them may begin with beside the base.
+    std::vector<Scored> paired(const Scored& base, const std::vector<Begun>& list) const {
         const std::string what = "pairs of effects";
-        const auto list = begun(base, what, std::nullopt);
         const Responses r = responses(base, list);
         const auto name = [&](std::size_t i) { return list[r.list[i].of].candidate->kind().name; };
         std::map<std::set<std::string>, Responses::Solution> best_of; // of each two kinds
@@ -697,15 +773,14 @@ class Search {
         for (const auto& solution : ranking) {
             if (!solution.used.empty()) running.push_back(moved_to(solution, r, base, list));
         }
-        return refined(std::move(running), what, false, std::numeric_limits<double>::infinity());
+        return fitted_to_all(fitted_to_lead(std::move(running), what), what, false,
+                             std::numeric_limits<double>::infinity());
     }
 
-    // Fits them, on the lead first. All are fitted a little, the better ones more, the best to convergence: none is judged
-    // after fewer steps than others.
-    std::vector<Scored> refined(std::vector<Hypothesis> running, const std::string& what, bool beside_enough,
-                                double best) const {
+    // All are fitted a little, the better ones more.
+    std::vector<Hypothesis> fitted_to_lead(std::vector<Hypothesis> running, const std::string& what) const {
         for (const auto& [iterations, keep, factor] :
-             {std::tuple{2, std::size_t{16}, 30.0}, {4, std::size_t{8}, 10.0}}) {
+             {std::tuple{1, std::size_t{30}, 100.0}, {1, 16, 30.0}, {4, most_followed, out_of_reach}}) {
             for_each_index(running.size(), control_, what + ": fitting", [&, iterations = iterations](std::size_t i) {
                 // With the uncertain fields, which the baseline may have moved so far that the effect alone gains
                 // little.
@@ -715,11 +790,46 @@ class Search {
             keep_best(running, keep, factor);
         }
         std::erase_if(running, [&](const Hypothesis& h) { return h.chi_square > worth_following_; });
-        if (running.empty()) return {};
-        // On all records. A hypothesis that covers less than a tenth of its distance to the best one in a round is not
-        // refined further; nor one that is far from a best one to which noise alone is left, or only another way to it.
+        return running;
+    }
+
+    // Whether the lead leaves one of them little more than noise: then other bases need no look before it.
+    bool is_promising(const std::vector<Hypothesis>& led) const {
+        const double enough = promising * static_cast<double>(count(lead_records_));
+        return std::ranges::any_of(led, [&](const Hypothesis& h) { return h.chi_square < enough; });
+    }
+
+    // Fits to all records those that do best on the lead, the best to convergence; the others where these leave more than
+    // noise. `best`: chi square of the best that another base has come to.
+    std::vector<Scored> fitted_to_all(std::vector<Hypothesis> led, const std::string& what, bool beside_enough,
+                                      double best) const {
+        keep_best(led, most_followed, out_of_reach);
+        if (led.empty()) return {};
+        const double near = out_of_reach * led.front().chi_square;
+        const auto far = std::ranges::stable_partition(led, [&](const Hypothesis& h) { return h.chi_square < near; });
+        std::vector<Hypothesis> others(std::make_move_iterator(far.begin()), std::make_move_iterator(far.end()));
+        led.erase(far.begin(), far.end());
+        converge(led, what, beside_enough, best);
+        for (const auto& h : led) best = std::min(best, h.chi_square);
+        if (std::ranges::any_of(led, [&](const Hypothesis& h) { return adequate(scored(h)); })) {
+            for (auto& h : others) ModelFit(machine_, all_).evaluate(h);
+        } else {
+            converge(others, what, beside_enough, best);
+        }
+        std::ranges::move(others, std::back_inserter(led));
+        keep_best(led, 6, 1e300);
+        if (!led.empty() && !late() && led.front().chi_square < out_of_reach * best) enrich(led.front());
+        std::vector<Scored> done;
+        for (auto& h : led) done.push_back(scored(std::move(h)));
+        return done;
+    }
+
+    // A hypothesis that covers less than a tenth of its distance to the best one in a round is not refined further; nor
+    // one that would not come where it must in the rounds that are left, at this pace; nor one that is far from a best one
+    // to which noise alone is left, or only another way to it. What falls by half in a round goes on.
+    void converge(std::vector<Hypothesis>& running, const std::string& what, bool beside_enough, double best) const {
         std::vector<char> stalled(running.size(), false);
-        for (int round = 0; round < 8; ++round) {
+        for (int round = 0; round < 2 * max_rounds; ++round) {
             std::vector<double> before;
             for (const auto& h : running) before.push_back(h.chi_square);
             for_each_index(running.size(), control_, what + ": refining", [&](std::size_t i) {
@@ -733,14 +843,18 @@ class Search {
             bool moving = false;
             for (std::size_t i = 0; i < running.size(); ++i) {
                 const double distance = running[i].chi_square - best;
+                // The first round came from another set of records.
+                const double fall = round > 0 ? before[i] - running[i].chi_square : 0;
+                const bool steep = fall > 0.5 * before[i]; // on its way, however far it is
                 if (enough && &running[i] != &*first) {
-                    const bool far = running[i].chi_square > hopeless * first->chi_square;
+                    const bool far = !steep && running[i].chi_square > hopeless * first->chi_square;
                     const bool same =
                         same_kinds(running[i], *first) && running[i].parameter_count() >= first->parameter_count();
                     stalled[i] = stalled[i] || far || same;
                 }
-                // The first round came from another set of records.
-                const bool slow = round > 0 && distance > 100 && before[i] - running[i].chi_square < 0.1 * distance;
+                const bool slow = round > 0 && !steep &&
+                                  ((distance > 100 && fall < 0.1 * distance) || round + 1 >= max_rounds ||
+                                   (max_rounds - 1 - round) * fall < running[i].chi_square - worth_taking_);
                 const bool lost = beside_enough && running[i].chi_square > out_of_reach * best;
                 stalled[i] = stalled[i] || running[i].converged || !std::isfinite(distance) || slow || lost;
                 // Of an effect from several starts, one that stays behind is in a local minimum.
@@ -753,11 +867,6 @@ class Search {
             }
             if (!moving) break;
         }
-        keep_best(running, 6, 1e300);
-        if (!running.empty() && !late() && running.front().chi_square < out_of_reach * best) enrich(running.front());
-        std::vector<Scored> done;
-        for (auto& h : running) done.push_back(scored(std::move(h)));
-        return done;
     }
 
     // Tries richer forms of the last effect while more than noise remains and they remove a good part of it.
@@ -966,6 +1075,7 @@ class Search {
     std::vector<Evidence> lead_records_; // of all_, so much of one; and more of it
     Evidence clue_record_;
     double worth_following_ = 0; // chi square of the lead after a few steps, above which a hypothesis is given up
+    double worth_taking_ = 0;    // chi square of all records which it must come to
     SearchResult result_;
 };
 
