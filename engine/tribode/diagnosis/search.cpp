@@ -806,9 +806,10 @@ class Search {
         keep_best(led, most_followed, out_of_reach);
         if (led.empty()) return {};
         const double near = out_of_reach * led.front().chi_square;
-        const auto far = std::ranges::stable_partition(led, [&](const Hypothesis& h) { return h.chi_square < near; });
-        std::vector<Hypothesis> others(std::make_move_iterator(far.begin()), std::make_move_iterator(far.end()));
-        led.erase(far.begin(), far.end());
+        const auto far =
+            std::stable_partition(led.begin(), led.end(), [&](const Hypothesis& h) { return h.chi_square < near; });
+        std::vector<Hypothesis> others(std::make_move_iterator(far), std::make_move_iterator(led.end()));
+        led.erase(far, led.end());
         converge(led, what, beside_enough, best);
         for (const auto& h : led) best = std::min(best, h.chi_square);
         if (std::ranges::any_of(led, [&](const Hypothesis& h) { return adequate(scored(h)); })) {
