@@ -206,19 +206,15 @@ class Diagnoser {
             if (!chosen) {
                 for (std::size_t i = 0; i < found.size(); ++i) {
                     if (!(gains[i] > 0) || refused(found[i])) continue;
-                    result_.nearest = {found[i].names_from(current.terms.size()), gains[i]};
+                    result_.nearest = {found[i].names_from(kept_of(found[i], current)), gains[i]};
                     break;
                 }
                 break;
             }
-            Step step{.candidate = std::move(taken),
-                      .before = current.terms.size(),
-                      .gain = gains[*chosen],
-                      .certainty = certainties[*chosen]};
+            Step step{.candidate = std::move(taken), .gain = gains[*chosen], .certainty = certainties[*chosen]};
             weigh(step, current, found, passed, *chosen);
             for (const auto& term : step.candidate.terms) kinds.insert(term.kind());
-            // What it made unnecessary is gone.
-            step.before = std::min(step.before, step.candidate.terms.size());
+            step.before = kept_of(step.candidate, current);
             if (step.candidate.score() >= current.score()) break;
             steps_.push_back(std::move(step));
         }
@@ -256,8 +252,7 @@ class Diagnoser {
         const double independent =
             std::max(4.0, static_cast<double>(best.fitted.size()) / correlation_length(best.fitted) +
                               static_cast<double>(best.predicted.size()) / correlation_length(best.predicted));
-        const std::size_t begin = current.terms.size();
-        const auto taken = kinds_from(best, begin);
+        const auto taken = new_kinds(best, current);
         struct Weight {
             double value = 0;
             std::size_t place = 0; // of the best that has these terms
@@ -267,8 +262,8 @@ class Diagnoser {
         for (const std::size_t i : passed) {
             const double w = std::exp(-independent * std::log(found[i].score() / found[passed.front()].score()));
             const bool is_same = found[i].equals(best);
-            if (is_same && i != chosen) step.same_as.push_back(found[i].names_from(begin));
-            auto& weight = weights[is_same ? taken : kinds_from(found[i], begin)];
+            if (is_same && i != chosen) step.same_as.push_back(found[i].names_from(kept_of(found[i], current)));
+            auto& weight = weights[is_same ? taken : new_kinds(found[i], current)];
             if (w <= weight.value) continue;
             sum += w - weight.value;
             weight = {w, i};
@@ -280,7 +275,8 @@ class Diagnoser {
                 if (kinds.contains(kind)) {
                     term.probability += weight.value / sum * step.certainty;
                 } else if (weight.value / sum > min_rival) {
-                    term.rivals.emplace_back(found[weight.place].names_from(begin), weight.value / sum);
+                    const auto& rival = found[weight.place];
+                    term.rivals.emplace_back(rival.names_from(kept_of(rival, current)), weight.value / sum);
                 }
             }
             std::stable_sort(term.rivals.begin(), term.rivals.end(),
@@ -296,6 +292,23 @@ class Diagnoser {
         if (rivals.size() > max_told_apart) rivals.resize(max_told_apart);
         step.contenders = {best};
         for (const Weight& rival : rivals) step.contenders.push_back(found[rival.place]);
+    }
+
+    // How many of its first terms those of the current model are: others may have been exchanged, and what was new came behind.
+    static std::size_t kept_of(const SystemCandidate& candidate, const SystemCandidate& current) {
+        std::multiset<std::string> there;
+        for (const auto& term : current.terms) there.insert(term.kind());
+        std::size_t kept = 0;
+        for (; kept < candidate.terms.size(); ++kept) {
+            const auto place = there.find(candidate.terms[kept].kind());
+            if (place == there.end()) break;
+            there.erase(place);
+        }
+        return kept;
+    }
+
+    static std::set<std::string> new_kinds(const SystemCandidate& candidate, const SystemCandidate& current) {
+        return kinds_from(candidate, kept_of(candidate, current));
     }
 
     static std::set<std::string> kinds_from(const SystemCandidate& candidate, std::size_t begin) {
