@@ -158,7 +158,6 @@ TEST_F(SystemDiagnosis, AForceOfNoNameIsFoundAsAFormula) {
     EXPECT_LT(found["gap"]["validate"]["after"], 1.5 * found["gap"]["validate"]["floor"].get<double>());
 }
 
-// The vehicle stays in the hollows of the force that the model lacks, so that the two part at once.
 // Of three functions none explains much without the others, and the best two are not among them.
 TEST_F(SystemDiagnosis, ASumOfThreeFunctionsIsFoundAsAFormula) {
     measure("-0.5 * s.q * s.x * s.p * s.v + 0.4 * (s.q * s.x)^2 * s.p * s.v + 0.3 * s.q * s.x * (s.p * s.v)^2");
@@ -180,6 +179,7 @@ TEST_F(SystemDiagnosis, ASumOfThreeFunctionsIsFoundAsAFormula) {
     EXPECT_LT(found["gap"]["validate"]["after"], 1.2e-3); // 1e-3 is noise
 }
 
+// The vehicle stays in the hollows of the force that the model lacks, so that the two part at once.
 TEST_F(SystemDiagnosis, ARippleThatLeadsTheModelAwayIsFoundOverSegments) {
     measure("3 * math.sin(s.q * s.x)");
     const Json found = diagnosis("model.lua", "out");

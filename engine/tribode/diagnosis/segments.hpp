@@ -25,7 +25,7 @@ struct Segments {
     std::vector<double> whole(const SystemModel& of, const std::vector<double>& all) const;
 };
 
-// The longest segments over which the model comes near the measurement: errors of a few times the noise, or of a few percent of
+// The longest segments over which the model comes near the measurement: errors of one and a half times the noise, or of one percent of
 // the outputs; of each record, over the samples that `fit` counts. Nothing for systems whose state is more than numbers that move
 // continuously, and where no simulation succeeds.
 std::optional<Segments> segmented(const SystemModel& model, const std::vector<double>& values, const SystemFit& fit,

@@ -56,9 +56,9 @@ struct Step {
     std::vector<SystemCandidate> contenders = {}; // the one taken and the likeliest that lack a term of it
     double gain = 0, certainty = 0;
     double confirmed = 1; // probability that it predicts the validation records better
-    // What was fitted beside its terms, and the place of the first of these among the hypotheses that are told.
+    // What was fitted beside its terms, and the place of each among the hypotheses that are told.
     std::optional<std::vector<SystemCandidate>> tried = {};
-    std::size_t first_told = 0;
+    std::vector<std::size_t> told = {};
 };
 
 // The new terms of a step that the validation records refused, and why.
@@ -169,7 +169,6 @@ class Diagnoser {
             if (!last.tried) {
                 if (search.late()) break;
                 last.tried = search.next(current);
-                last.first_told = result_.hypotheses.size();
             }
             const auto& found = *last.tried;
             stop_if_asked();
@@ -339,11 +338,15 @@ class Diagnoser {
         return fewest;
     }
 
-    void tell(const Step& step, const std::vector<double>& gains, const std::vector<double>& certainties,
+    void tell(Step& step, const std::vector<double>& gains, const std::vector<double>& certainties,
               std::optional<std::size_t> chosen) {
         const auto& current = step.candidate;
         const auto& found = *step.tried;
-        result_.hypotheses.resize(std::max(result_.hypotheses.size(), step.first_told + found.size()));
+        // One more may be tried after those of later steps were told.
+        while (step.told.size() < found.size()) {
+            step.told.push_back(result_.hypotheses.size());
+            result_.hypotheses.emplace_back();
+        }
         for (std::size_t i = 0; i < found.size(); ++i) {
             SystemHypothesis one{kinds_of(found[i]), found[i].score(), rms_of_errors(found[i].fitted),
                                  rms_of_errors(found[i].predicted), ""};
@@ -376,7 +379,7 @@ class Diagnoser {
                                        one.score < found[*chosen].score() ? "smaller" : "larger",
                                        found[i].model.parameters.size(), found[*chosen].model.parameters.size());
             }
-            result_.hypotheses[step.first_told + i] = std::move(one);
+            result_.hypotheses[step.told[i]] = std::move(one);
         }
     }
 

@@ -27,6 +27,7 @@ struct Screening {
 Screening screened_terms(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
                          const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
                          const std::function<bool()>& late);
+// The same of each term alone.
 std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std::vector<double>& values,
                                             const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
                                             const SystemFit& fit, const RunControl& control,

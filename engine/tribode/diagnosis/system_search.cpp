@@ -762,11 +762,11 @@ SystemCandidate SystemSearch::pruned(SystemCandidate candidate) const {
 
 std::optional<SystemCandidate> SystemSearch::exchanged(const SystemCandidate& candidate) const {
     std::optional<SystemCandidate> better;
+    if (candidate.terms.size() < 2) return better; // all alone were tried
     for (int exchange = 0; exchange < max_exchanges; ++exchange) {
         const SystemCandidate& present = better ? *better : candidate;
         std::optional<SystemCandidate> best;
-        for (std::size_t i = 0; i < present.terms.size() && present.terms.size() > 1 && !late(); ++i) {
-            if (present.is_noise) break;
+        for (std::size_t i = 0; i < present.terms.size() && !present.is_noise && !late(); ++i) {
             SystemCandidate less = without(present, i);
             if (!fit(less, iterations)) continue;
             const auto terms = terms_beside(less, true);

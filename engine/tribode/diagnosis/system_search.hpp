@@ -56,7 +56,7 @@ class SystemSearch {
     // The way of the inputs that suits the best of them is kept.
     std::vector<SystemCandidate> next(const SystemCandidate& current);
 
-    // Without the terms that others make unnecessary. The first `kept` terms stay.
+    // Without the terms that others make unnecessary.
     SystemCandidate pruned(SystemCandidate candidate) const;
 
     // With other terms in the place of some, one at a time, where these suit the others better: what was found first may have stood for
