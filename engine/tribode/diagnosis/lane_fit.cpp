@@ -11,6 +11,7 @@ namespace {
 constexpr std::size_t most_substeps = 32; // of a sample; where more are needed the equations are stiff
 // What steps may leave: of the noise, of the errors, and of the outputs' deviation, which is what other solvers leave.
 constexpr double of_noise = 0.02, of_errors = 1e-3, of_outputs = 1e-7;
+constexpr double of_errors_in_search = 0.01;
 constexpr std::size_t most_thinned = 32, least_samples = 500; // of a record, where every n-th sample counts
 constexpr double difference_step = 1e-6;                      // of a value or its scale
 
@@ -61,12 +62,15 @@ void LaneFit::lay_out() {
     }
 }
 
-std::optional<LaneFit> LaneFit::of(const SystemFit& fit, const SystemModel& model, const std::vector<double>& values) {
+std::optional<LaneFit> LaneFit::of(const SystemFit& fit, const SystemModel& model, const std::vector<double>& values,
+                                   std::size_t substeps) {
     auto steps = FixedSteps::of(model);
     if (!steps || !all_finite(values)) return std::nullopt;
     LaneFit made(fit, model, *std::move(steps));
     if (made.steps_.is_static()) {
         if (made.errors_with(values, 1).empty()) return std::nullopt;
+    } else if (substeps > 0) {
+        made.substeps_ = substeps;
     } else if (!made.shorten(values)) {
         return std::nullopt;
     }
@@ -86,8 +90,8 @@ std::vector<std::vector<double>> LaneFit::errors_of_record(std::size_t r, const 
             errors.reserve(outputs * samples);
             const double* y = &simulated[l * outputs * samples];
             for (std::size_t o = 0; o < outputs; ++o) {
-                for (std::size_t k = 0; k < samples; ++k) {
-                    errors.push_back((measured[o][k] - *y++) / fit_.scale()[o]);
+                for (std::size_t k = 0; k < samples; ++k, ++y) {
+                    if (!std::isnan(measured[o][k])) errors.push_back((measured[o][k] - *y) / fit_.scale()[o]);
                 }
             }
             if (!all_finite(errors)) errors.clear();
@@ -127,13 +131,19 @@ std::vector<double> LaneFit::errors_with(const std::vector<double>& values, std:
 }
 
 double LaneFit::negligible(const std::vector<double>& errors) const {
-    return std::max({of_noise * noise_, of_errors * rms_of_errors(errors), of_outputs});
+    const double share = fit_.is_search() ? of_errors_in_search : of_errors;
+    return std::max({of_noise * noise_, share * rms_of_errors(errors), of_outputs});
 }
 
 bool LaneFit::halve(const std::vector<double>& values) {
     if (substeps_ >= most_substeps) return false;
     substeps_ *= 2;
     return substeps_ == most_substeps || shorten(values);
+}
+
+bool LaneFit::are_short_enough(const std::vector<double>& values, const std::vector<double>& errors) const {
+    const auto fine = errors_with(values, 2 * substeps_);
+    return !fine.empty() && rms_of_difference(errors, fine) < negligible(fine);
 }
 
 bool LaneFit::shorten(const std::vector<double>& values) {
@@ -153,7 +163,7 @@ bool LaneFit::shorten(const std::vector<double>& values) {
 bool LaneFit::thin_out(const std::vector<double>& values) {
     if (steps_.is_static()) return false;
     const auto fine = errors_with(values, substeps_);
-    const std::size_t outputs = steps_.measured(), substeps = substeps_;
+    const std::size_t substeps = substeps_;
     if (fine.empty()) return false;
     for (std::size_t n = most_thinned; n > 1; n /= 2) {
         std::vector<SystemRecord> some;
@@ -164,8 +174,12 @@ bool LaneFit::thin_out(const std::vector<double>& values) {
             const std::size_t used = fit_.used()[r];
             is_enough = is_enough && (used == 0 || used / n >= least_samples);
             some.push_back(thinned(fit_.records()[r], used, n, fit_.interpolation()));
-            for (std::size_t o = 0; o < outputs; ++o, row += used) {
-                for (std::size_t k = 0; k < used; k += n) common.push_back(fine[row + k]);
+            for (const auto& measured : fit_.records()[r].outputs) {
+                for (std::size_t k = 0; k < used; ++k) {
+                    if (std::isnan(measured[k])) continue;
+                    if (k % n == 0) common.push_back(fine[row]);
+                    ++row;
+                }
             }
         }
         if (!is_enough) continue;
@@ -207,7 +221,7 @@ Eigen::MatrixXd LaneFit::jacobian(const std::vector<double>& values, const std::
             moves[i] = sets[i][i] - here[i];
         }
         auto moved = errors_of_record(r, sets, substeps_);
-        const auto rows = static_cast<Eigen::Index>(courses_[r].samples * steps_.measured());
+        const auto rows = static_cast<Eigen::Index>(record(r).measured(courses_[r].samples));
         for (std::size_t i = 0; i < parameters + starts; ++i) {
             if (moved[i].empty() || moves[i] == 0) continue;
             const std::size_t place = i < parameters ? i : i + r * starts; // of all values

@@ -7,8 +7,11 @@ namespace tribode {
 // Errors of a model and their derivatives by many runs side by side, in steps so short that halved ones change nothing that counts.
 class LaneFit {
   public:
-    // Nothing where the model cannot be simulated so at these values. `fit` must outlive it.
-    static std::optional<LaneFit> of(const SystemFit& fit, const SystemModel& model, const std::vector<double>& values);
+    // Nothing where the model cannot be simulated so at these values. `fit` must outlive it. `substeps`: so many steps of a sample are
+    // taken unseen; 0: as many as these values need.
+    static std::optional<LaneFit> of(const SystemFit& fit, const SystemModel& model, const std::vector<double>& values,
+                                     std::size_t substeps = 0);
+    std::size_t substeps() const { return substeps_; }
 
     // As SystemFit::errors(), of each set of values; empty where a run is not finite.
     std::vector<std::vector<double>> errors(const std::vector<std::vector<double>>& sets) const;
@@ -18,6 +21,9 @@ class LaneFit {
 
     // Halves the steps once, and on until that changes nothing that counts at these values. False where they are as short as may be.
     bool halve(const std::vector<double>& values);
+
+    // Whether halved steps come to the same errors, but for what is negligible.
+    bool are_short_enough(const std::vector<double>& values, const std::vector<double>& errors) const;
 
     // Over every n-th sample only, n as large as steps of that length still agree with those of every sample at these values. For the
     // long part of a fit; the errors are those of fewer samples then. False where all are needed.

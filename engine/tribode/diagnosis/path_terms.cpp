@@ -11,6 +11,7 @@ namespace {
 
 using Parameter = SystemTerm::Parameter;
 constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr double no_lag = 0.2; // of a sample: shorter ones show nowhere, and make the equations stiff
 
 } // namespace
 
@@ -22,7 +23,7 @@ void add_overflows(TermLibrary& library) {
                                        [&](const auto& one) { return one.state == own.place; });
         if (from == library.variables.end()) continue;
         const double span = from->high - from->low;
-        const double step = library.duration / static_cast<double>(from->values.size());
+        const double step = library.step;
         if (!(span > 0) || !(step > 0)) continue;
         for (const double share : {0.6, 0.8, 0.95}) {
             const double level = lower_quantile(from->values, share);
@@ -119,9 +120,8 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
                    },
                    {{.name = "size", .start = size, .unit = unit}});
     if (library.model.equations.states.empty() || !(library.duration > 0)) return;
-    const double step = library.duration / std::max<double>(1, static_cast<double>(library.errors.size()));
-    const double lag = std::max(2 * step, 1e-3 * library.duration);
-    add_input_path(library, input, "lag", {{"time", lag, 0.02 * step, 0.5 * library.duration, lag, "s"}}, {0.02 * step},
+    const double step = library.step, lag = std::max(2 * step, 1e-3 * library.duration), none = no_lag * step;
+    add_input_path(library, input, "lag", {{"time", lag, none, 0.5 * library.duration, lag, "s"}}, {none},
                    [name = input.name, unit](const TermArithmetic& m, Equations& equations, Term u, const auto& p) {
                        Equations::State behind{.name = name + "_behind", .unit = unit};
                        behind.symbol = equations.graph->variable(behind.name);
@@ -194,11 +194,10 @@ void add_output_paths(TermLibrary& library, std::size_t o) {
     add("clipping", {"limit", high - 0.05 * span, low, high + 0.05 * span, span, output.unit}, high + 0.05 * span,
         [](const TermArithmetic& m, Term y, Term p) { return m.where(m.less(p, y), p, y); });
     if (!library.model.equations.states.empty() && library.duration > 0) {
-        const double step = library.duration / std::max<double>(1, static_cast<double>(library.errors.size()));
-        const double lag = std::max(2 * step, 1e-3 * library.duration);
+        const double step = library.step, lag = std::max(2 * step, 1e-3 * library.duration), none = no_lag * step;
         SystemTerm made{.name = "lag", .equation = "output " + output.name};
-        made.parameters = {{"time", lag, 0.02 * step, 0.5 * library.duration, lag, "s"}};
-        made.neutral = {0.02 * step};
+        made.parameters = {{"time", lag, none, 0.5 * library.duration, lag, "s"}};
+        made.neutral = {none};
         made.apply = [place, first = library.fit.records()[0].outputs[o][0]](Equations& equations,
                                                                              const std::vector<Term>& p) {
             const TermArithmetic m{*equations.graph};

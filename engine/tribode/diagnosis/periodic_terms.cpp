@@ -26,17 +26,12 @@ Periods periods(const TermLibrary& library, const TermTarget& target, const std:
     for (std::size_t o = 0; o < measured.size(); ++o) {
         if (target.is_output && measured[o] == target.place) output = o;
     }
-    // The errors of that output, in the order of the values.
-    std::vector<double> errors;
-    std::size_t begin = 0;
-    for (const std::size_t n : library.fit.used()) {
-        for (std::size_t k = 0; k < n; ++k) errors.push_back(library.errors[begin + output * n + k]);
-        begin += n * measured.size();
-    }
+    const std::vector<double> errors = library.errors_of(output);
     const std::size_t stride = std::max<std::size_t>(1, errors.size() / max_samples);
     std::vector<double> w, e;
     double mean = 0;
     for (std::size_t k = 0; k < errors.size(); k += stride) {
+        if (std::isnan(errors[k])) continue;
         w.push_back(values[k]);
         e.push_back(errors[k]);
         mean += errors[k];

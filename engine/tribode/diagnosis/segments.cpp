@@ -32,13 +32,13 @@ class Cutter {
         std::vector<double> starts;
         for (std::size_t r = 0; r < fit_.records().size(); ++r) {
             made.first_of.push_back(made.records.size());
-            const std::size_t used = fit_.used()[r], count = std::max<std::size_t>(1, used / length);
+            const auto bounds = bounds_of(r, length);
             // Where the first segment begins the whole record does.
             SystemModel one = model_.with(own_values(r));
             std::vector<double> from;
             for (const std::size_t i : made.model.starts) from.push_back(one.equations.states[i].start);
-            for (std::size_t s = 0; s < count; ++s) {
-                const std::size_t begin = used * s / count, end = used * (s + 1) / count;
+            for (std::size_t s = 0; s + 1 < bounds.size(); ++s) {
+                const std::size_t begin = bounds[s], end = bounds[s + 1];
                 made.records.push_back(fit_.records()[r].part(begin, end - begin));
                 // Each begins where the one before it ends, moved until it fits.
                 const auto next = followed(made.model, one, made.records.back(),
@@ -61,6 +61,21 @@ class Cutter {
   private:
     std::vector<double> own_values(std::size_t r) const { return model_.values_of(values_, r); }
 
+    // Where the segments of a record begin, and its end. Each has as many samples that were measured: what was not belongs to the
+    // segment before it.
+    std::vector<std::size_t> bounds_of(std::size_t r, std::size_t length) const {
+        std::vector<std::size_t> measured;
+        for (std::size_t k = 0; k < fit_.used()[r]; ++k) {
+            const auto is_there = [k](const std::vector<double>& values) { return !std::isnan(values[k]); };
+            if (std::ranges::any_of(fit_.records()[r].outputs, is_there)) measured.push_back(k);
+        }
+        const std::size_t count = std::max<std::size_t>(1, measured.size() / length);
+        std::vector<std::size_t> bounds = {0};
+        for (std::size_t s = 1; s < count; ++s) bounds.push_back(measured[measured.size() * s / count]);
+        bounds.push_back(measured.empty() ? 0 : measured.back() + 1);
+        return bounds;
+    }
+
     // Fits the start values of a segment, and gives the states at its end. `longer`: with the sample behind it.
     std::optional<std::vector<double>> followed(const SystemModel& with_starts, const SystemModel& at,
                                                 const SystemRecord& segment, const SystemRecord& longer,
@@ -71,7 +86,8 @@ class Cutter {
         }
         one.parameters.clear();
         const std::vector<SystemRecord> records = {segment}, more = {longer};
-        const SystemFit fit(records, fit_.scale(), fit_.interpolation(), {segment.size()});
+        SystemFit fit(records, fit_.scale(), fit_.interpolation(), {segment.size()});
+        fit.begin_search();
         const auto result = fit.fit(one, start, start_iterations, ended_);
         if (result.errors.empty()) return std::nullopt;
         start = result.values;
@@ -94,7 +110,9 @@ class Cutter {
 SystemFit Segments::fit(const std::vector<double>& scale, Interpolation between) const {
     std::vector<std::size_t> all;
     for (const auto& record : records) all.push_back(record.size());
-    return {records, scale, between, all};
+    SystemFit made{records, scale, between, all};
+    made.begin_search();
+    return made;
 }
 
 std::vector<double> Segments::whole(const SystemModel& of, const std::vector<double>& all) const {

@@ -369,7 +369,7 @@ class Shapes {
     // What lags behind a state; what lags behind an input is its path. It begins where the state does, as if that had rested.
     void memory(const SystemVariable& variable) {
         if (target_->is_output || !variable.state || !(library_.duration > 0)) return;
-        const double step = library_.duration / static_cast<double>(variable.values.size());
+        const double step = library_.step;
         for (const double share : {0.01, 0.05}) {
             const double time = share * library_.duration;
             SystemTerm made{

@@ -30,7 +30,8 @@ constexpr double sure_enough = 0.95;
 constexpr std::size_t max_rich_attempts = 3, max_attempts = 5;
 // Of the fits to whole records: values that nearly make up for each other take many.
 constexpr int final_iterations = 100;
-constexpr double as_good = 1.02; // of the best score: then the simplest is taken
+constexpr double told_from_nothing = 2; // standard errors that an amplitude must have
+constexpr double as_good = 1.02;        // of the best score: then the simplest is taken
 constexpr std::size_t max_terms = 12, max_rivals = 5;
 constexpr double min_rival = 0.05;        // probability worth showing
 constexpr std::size_t max_told_apart = 3; // rivals, by the next experiment
@@ -399,21 +400,43 @@ class Diagnoser {
         double share = 0, certainty = 0;
     };
 
-    void refuse(const Step& step, const Gain& gain) {
+    // `share`: of the gap on the validation records that it explains.
+    void refuse(const Step& step, double share, const std::string& why) {
         const auto names = kinds_of(step.candidate);
-        const bool is_simulated = std::isfinite(gain.share);
-        const std::string lost =
-            !is_simulated    ? "cannot be simulated on the validation record"
-            : gain.share > 0 ? fmt::format("predicts the validation record {:.1f} % better, with a probability of only "
-                                           "{:.2f}",
-                                           100 * gain.share, gain.certainty)
-                             : fmt::format("raises the error on the validation record by {:.1f} %", -100 * gain.share);
         for (auto& hypothesis : result_.hypotheses) {
-            if (hypothesis.lost.empty() && hypothesis.names == names) hypothesis.lost = lost;
+            if (hypothesis.lost.empty() && hypothesis.names == names) hypothesis.lost = why;
         }
-        result_.nearest = {step.candidate.names_from(step.before), is_simulated ? std::max(gain.share, 0.0) : 0.0};
+        result_.nearest = {step.candidate.names_from(step.before), share};
         const auto first_new = std::min(step.before, names.size() - 1);
-        refused_.push_back({{names.begin() + static_cast<std::ptrdiff_t>(first_new), names.end()}, lost});
+        refused_.push_back({{names.begin() + static_cast<std::ptrdiff_t>(first_new), names.end()}, why});
+    }
+
+    static std::string why_not_confirmed(const Gain& gain) {
+        if (!std::isfinite(gain.share)) return "cannot be simulated on the validation record";
+        if (gain.share > 0) {
+            return fmt::format("predicts the validation record {:.1f} % better, with a probability of only {:.2f}",
+                               100 * gain.share, gain.certainty);
+        }
+        return fmt::format("raises the error on the validation record by {:.1f} %", -100 * gain.share);
+    }
+
+    // Of the terms of a model from this one on, whether some have amplitudes none of which is told from nothing: others do as well in
+    // their place.
+    static bool has_unsure_term(const SystemCandidate& candidate, std::size_t first, const std::vector<double>& values,
+                                const std::vector<double>& deviation) {
+        std::size_t place = candidate.model.parameters.size();
+        for (const auto& term : candidate.terms) place -= term.parameters.size();
+        for (std::size_t t = 0; t < candidate.terms.size(); ++t) {
+            const auto& term = candidate.terms[t];
+            bool is_sure = t < first;
+            for (std::size_t p = 0; p < term.amplitudes; ++p) {
+                const double size = std::abs(values[place + p] - term.neutral[p]);
+                is_sure = is_sure || size > told_from_nothing * deviation[place + p];
+            }
+            if (!is_sure) return true;
+            place += term.parameters.size();
+        }
+        return false;
     }
 
     // Each step fitted to all of the fitted records and simulated on the validation records. The last one stays that predicts
@@ -458,20 +481,36 @@ class Diagnoser {
             return all;
         };
         // What a step does not show for sure it may show together with the next ones.
-        Judged current = judged(steps_.front().candidate);
-        std::size_t kept = 0;
+        std::vector<Judged> of_step;
+        of_step.push_back(judged(steps_.front().candidate));
+        std::size_t kept = 0, before_kept = 0;
         const std::size_t all = steps_.size();
         std::vector<Gain> gains(all);
         for (std::size_t s = 1; s < all; ++s) {
-            Judged next = judged(steps_[s].candidate);
-            const auto before = errors_after(current), now = errors_after(next);
+            of_step.push_back(judged(steps_[s].candidate));
+            const auto before = errors_after(of_step[kept]), now = errors_after(of_step[s]);
             gains[s] = {1 - rms_of_errors(now) / rms_of_errors(before), probability_of_gain(before, now)};
             if (!(gains[s].share > 0) || gains[s].certainty < sure_here) continue;
+            before_kept = kept;
             while (kept < s) steps_[++kept].confirmed = gains[s].certainty;
-            current = std::move(next);
         }
-        if (kept + 1 < all) refuse(steps_[kept + 1], gains[kept + 1]);
+        if (kept + 1 < all) {
+            const Gain& gain = gains[kept + 1];
+            refuse(steps_[kept + 1], std::isfinite(gain.share) ? std::max(gain.share, 0.0) : 0.0,
+                   why_not_confirmed(gain));
+        } else if (kept > 0) {
+            const Judged& last = of_step[kept];
+            const auto deviation = whole.standard_errors(steps_[kept].candidate.model, last.values, last.errors);
+            for (std::size_t s = before_kept + 1; s <= kept; ++s) {
+                const Step& step = steps_[s];
+                if (!has_unsure_term(step.candidate, step.before, last.values, deviation)) continue;
+                refuse(step, std::max(gains[s].share, 0.0), "has a term whose size is not told from nothing");
+                kept = before_kept;
+                break;
+            }
+        }
         steps_.resize(kept + 1);
+        Judged current = std::move(of_step[kept]);
         final_values_ = current.values;
         final_errors_ = current.errors;
         result_.validation = std::move(current.validation);

@@ -28,9 +28,9 @@ constexpr double visible = 1e-3, max_step = 10;
 constexpr std::size_t max_growth = 64, samples_per_value = 10;
 // Factors of the damping that are tried side by side.
 constexpr std::array side_by_side = {1.0 / 25, 1.0 / 5, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0};
-constexpr int stiff_iterations = 2;
-constexpr int iterations_of_all = 3; // over all samples, after a fit over some
-constexpr double agreed = 4;         // times what is negligible: fixed steps and those of another solver
+constexpr int stiff_iterations = 2, iterations_of_halved = 3; // at least, in halved steps
+constexpr int iterations_of_all = 3;                          // over all samples, after a fit over some
+constexpr double agreed = 4; // times what is negligible: fixed steps and those of another solver
 
 } // namespace
 
@@ -220,7 +220,9 @@ double SystemFit::noise() const {
     double sum = 0, count = 0;
     for (const auto& record : records_) {
         for (std::size_t o = 0; o < record.outputs.size(); ++o, ++count) {
-            const double noise = white_noise(record.outputs[o]) / scale_[o];
+            std::vector<double> measured = record.outputs[o];
+            std::erase_if(measured, [](double y) { return std::isnan(y); });
+            const double noise = white_noise(measured) / scale_[o];
             sum += noise * noise;
         }
     }
@@ -228,7 +230,7 @@ double SystemFit::noise() const {
 }
 
 std::vector<double> SystemFit::errors(const SystemModel& model, const std::vector<double>& values) const {
-    const auto lanes = LaneFit::of(*this, model, values);
+    const auto lanes = LaneFit::of(*this, model, values, substeps_);
     if (lanes) return lanes->errors({values})[0];
     return fixed_steps_only_ ? std::vector<double>() : errors_by_runs(model, values);
 }
@@ -248,7 +250,8 @@ bool SystemFit::append_errors(const SystemModel& model, const std::vector<double
     if (!trace) return false;
     for (std::size_t o = 0; o < trace->outputs.size(); ++o) {
         for (std::size_t k = 0; k < used_[r]; ++k) {
-            all.push_back((records_[r].outputs[o][k] - trace->outputs[o][k]) / scale_[o]);
+            const double measured = records_[r].outputs[o][k];
+            if (!std::isnan(measured)) all.push_back((measured - trace->outputs[o][k]) / scale_[o]);
         }
     }
     return true;
@@ -263,7 +266,7 @@ double SystemFit::sum_of_squares(const std::vector<double>& errors) {
 
 std::vector<std::size_t> SystemFit::rows_before() const {
     std::vector<std::size_t> rows(1, 0);
-    for (const std::size_t used : used_) rows.push_back(rows.back() + used * scale_.size());
+    for (std::size_t r = 0; r < records_.size(); ++r) rows.push_back(rows.back() + records_[r].measured(used_[r]));
     return rows;
 }
 
@@ -280,8 +283,10 @@ std::optional<Eigen::MatrixXd> SystemFit::exact_jacobian(const SystemModel& mode
             const std::size_t place = v < model.parameters.size() ? v : v + r * model.starts.size(); // of all values
             std::size_t row = first_row[r];
             for (std::size_t o = 0; o < scale_.size(); ++o) {
-                for (const double slope : derivatives[v][o]) {
-                    matrix(static_cast<Eigen::Index>(row++), static_cast<Eigen::Index>(place)) = slope / scale_[o];
+                for (std::size_t k = 0; k < used_[r]; ++k) {
+                    if (std::isnan(records_[r].outputs[o][k])) continue;
+                    matrix(static_cast<Eigen::Index>(row++), static_cast<Eigen::Index>(place)) =
+                        derivatives[v][o][k] / scale_[o];
                 }
             }
         }
@@ -291,8 +296,11 @@ std::optional<Eigen::MatrixXd> SystemFit::exact_jacobian(const SystemModel& mode
 
 Eigen::MatrixXd SystemFit::jacobian(const SystemModel& model, const std::vector<double>& values,
                                     const std::vector<double>& errors) const {
-    const auto lanes = LaneFit::of(*this, model, values);
-    return lanes ? lanes->jacobian(values, errors) : jacobian_by_runs(model, values, errors, nullptr);
+    // The errors may be those of another solver: from what steps of one length make of the same values they differ by more than a small
+    // move changes.
+    const auto lanes = LaneFit::of(*this, model, values, substeps_);
+    return lanes ? lanes->jacobian(values, lanes->errors({values})[0])
+                 : jacobian_by_runs(model, values, errors, nullptr);
 }
 
 // `steps`: by how much each value moves for a difference; the next call begins with them.
@@ -365,9 +373,9 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
     for (std::size_t i = 0; i < model.parameters.size(); ++i) {
         start[i] = std::clamp(start[i], model.parameters[i].low, model.parameters[i].high);
     }
-    auto lanes = LaneFit::of(*this, model, start);
+    auto lanes = LaneFit::of(*this, model, start, substeps_);
     Result result{.values = start};
-    if (fixed_steps_only_) return lanes ? descend(model, std::move(start), iterations, ended, &*lanes) : result;
+    if (fixed_steps_only_ && !lanes) return result;
     if (lanes && iterations > 1) {
         // Most of the way over fewer samples, where steps of their length do. From there the noise of all samples moves the values
         // a little.
@@ -385,6 +393,13 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
         result = descend(model, std::move(result.values), iterations - before, ended, &*lanes);
         result.iterations += before;
         if (result.errors.empty()) break;
+        if (is_search_) {
+            result.substeps = lanes->substeps();
+            if (lanes->are_short_enough(result.values, result.errors)) return result;
+            if (!lanes->halve(result.values)) break;
+            iterations = std::max(iterations, result.iterations + iterations_of_halved);
+            continue;
+        }
         // What steps of one length make of the values that were found is compared with steps of the length that they need.
         auto errors = errors_by_runs(model, result.values);
         double sum = 0;
@@ -399,6 +414,7 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
         }
         if (errors.empty() || !lanes->halve(result.values)) break;
     }
+    if (fixed_steps_only_) return {.values = std::move(start)};
     // What fixed steps cannot follow is stiff or runs away. A run takes long then, and what lies near a measurement is rarely so.
     return descend(model, std::move(start), FixedSteps::of(model) ? std::min(iterations, stiff_iterations) : iterations,
                    ended, nullptr);
@@ -509,16 +525,20 @@ std::vector<double> SystemFit::standard_errors(const SystemModel& model, const s
     for (const std::size_t used : used_) rows.push_back(used);
     Eigen::MatrixXd scores = Eigen::MatrixXd::Zero(
         static_cast<Eigen::Index>(std::accumulate(rows.begin(), rows.end(), std::size_t{0})), slopes.cols());
-    Eigen::Index first = 0, begin = 0;
+    Eigen::Index first = 0, row = 0; // of the scores, of the errors
     double correlation = 1;
     for (std::size_t r = 0; r < rows.size(); ++r) {
-        const auto samples = static_cast<Eigen::Index>(rows[r]);
-        for (std::size_t o = 0; o < records_[r].outputs.size(); ++o, begin += samples) {
-            const Eigen::Map<const Eigen::VectorXd> e(errors.data() + begin, samples);
-            scores.middleRows(first, samples) += e.asDiagonal() * slopes.middleRows(begin, samples);
-            correlation = std::max(correlation, correlation_length({e.begin(), e.end()}));
+        for (const auto& measured : records_[r].outputs) {
+            std::vector<double> own;
+            for (std::size_t k = 0; k < rows[r]; ++k) {
+                if (std::isnan(measured[k])) continue;
+                own.push_back(errors[static_cast<std::size_t>(row)]);
+                scores.row(first + static_cast<Eigen::Index>(k)) += own.back() * slopes.row(row);
+                ++row;
+            }
+            correlation = std::max(correlation, correlation_length(own));
         }
-        first += samples;
+        first += static_cast<Eigen::Index>(rows[r]);
     }
     const Eigen::MatrixXd correlated = covariance_of_correlated_errors(inverse, scores, rows, correlation);
     for (std::size_t i = 0; i < deviation.size(); ++i) {

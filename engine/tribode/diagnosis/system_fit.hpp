@@ -56,15 +56,25 @@ class SystemFit {
 
     double noise() const; // of the outputs over their scale, rms
 
-    // From here on there are no errors where fixed steps cannot follow the equations: a search among many records has no time for
-    // slow runs. Not for a model that has events itself.
+    // From here on there are no errors where fixed steps cannot follow the equations: a search has no time for slow runs. Not for a
+    // model that has events itself.
     void keep_to_fixed_steps() { fixed_steps_only_ = true; }
+
+    // From here on fits are those of a search, whose results are fitted once more: what fixed steps found is compared with halved ones
+    // only, and not with a solver that controls its error, and errors may be off by a hundredth. `substeps`: so many of a sample
+    // are enough to begin with, or to simulate; 0: not known.
+    void begin_search(std::size_t substeps = 0) {
+        is_search_ = true;
+        substeps_ = substeps;
+    }
+    bool is_search() const { return is_search_; }
 
     struct Result {
         std::vector<double> values;
         std::vector<double> errors; // at the values; empty: no simulation succeeded
         double sum = std::numeric_limits<double>::infinity();
         int iterations = 0;
+        std::size_t substeps = 0; // of a sample, that were enough; 0: not known
     };
     // Where `ended` says so the values are those reached by then.
     Result fit(const SystemModel& model, std::vector<double> start, int iterations,
@@ -109,7 +119,8 @@ class SystemFit {
     std::vector<double> scale_;
     Interpolation between_;
     std::vector<std::size_t> used_;
-    bool fixed_steps_only_ = false;
+    bool fixed_steps_only_ = false, is_search_ = false;
+    std::size_t substeps_ = 0;
 };
 
 } // namespace tribode

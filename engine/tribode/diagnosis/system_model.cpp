@@ -35,6 +35,14 @@ bool is_even(const std::vector<double>& t, double period) {
 
 } // namespace
 
+std::size_t SystemRecord::measured(std::size_t samples) const {
+    std::size_t count = 0;
+    for (const auto& values : outputs) {
+        for (std::size_t k = 0; k < samples; ++k) count += std::isnan(values[k]) ? 0 : 1;
+    }
+    return count;
+}
+
 SystemRecord SystemRecord::part(std::size_t from, std::size_t samples) const {
     from = std::min(from, size());
     samples = std::min(samples, size() - from);

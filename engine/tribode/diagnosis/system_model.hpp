@@ -9,7 +9,7 @@
 
 namespace tribode {
 
-// A measured record of a system of equations.
+// A measured record of a system of equations. Where an output was not measured it is not a number, and counts nowhere.
 struct SystemRecord {
     std::string source;
     std::vector<double> t;                    // [s], ascending; of a system without states the number of the row
@@ -19,6 +19,7 @@ struct SystemRecord {
     std::size_t size() const { return t.size(); }
     SystemRecord head(std::size_t samples) const { return part(0, samples); } // its first samples
     SystemRecord part(std::size_t from, std::size_t samples) const;           // at the instants that they have
+    std::size_t measured(std::size_t samples) const; // values of outputs among the first samples
 };
 
 // Equations of which some values may move: parameters, the same for all records, and start values, which each record has

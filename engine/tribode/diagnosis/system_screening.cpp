@@ -21,6 +21,7 @@ constexpr double rest_of_sum = 0.7; // of what a shorter one leaves: as much as 
 constexpr std::size_t max_sums = 6;
 constexpr double too_large = 10;    // an effect of a probe, times the errors
 constexpr int max_probe_sizes = 4;  // to make it smaller
+constexpr double alike = 0.95;      // cosine of the angle between what two terms explain
 constexpr double told_apart = 1e-3; // of the effect of a probe, beside what free values can do; less is rounding
 
 class Screen {
@@ -81,15 +82,23 @@ class Screen {
 
     std::vector<ScreenedTerms> singles() {
         std::vector<ScreenedTerms> found;
+        std::vector<Eigen::VectorXd> part(terms_.size()); // of the errors, that each explains
         explained_.assign(terms_.size(), 0);
         for (std::size_t i = 0; i < terms_.size(); ++i) {
             Eigen::VectorXd coefficients;
             explained_[i] = solved(effect_[i], coefficients);
             if (explained_[i] > min_share * open_.squaredNorm()) {
                 found.push_back({{i}, {started(terms_[i], coefficients.data())}, share(explained_[i])});
+                part[i] = (effect_[i] * coefficients).normalized();
             }
         }
         std::stable_sort(found.begin(), found.end(), by_share);
+        std::vector<std::size_t> distinct;
+        for (auto& one : found) {
+            const std::size_t i = one.terms[0];
+            one.is_alike = std::ranges::any_of(distinct, [&](std::size_t d) { return part[d].dot(part[i]) > alike; });
+            if (!one.is_alike) distinct.push_back(i);
+        }
         return found;
     }
 

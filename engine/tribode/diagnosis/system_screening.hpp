@@ -12,6 +12,7 @@ struct ScreenedTerms {
     std::vector<std::size_t> terms;          // places in the list that was screened
     std::vector<std::vector<double>> starts; // of the parameters of each
     double explained = 0;                    // share of the squared errors, to first order
+    bool is_alike = false;                   // what it explains is nearly what a better single one does
 };
 
 struct Screening {

@@ -17,8 +17,12 @@ namespace tribode {
 
 namespace {
 
-// Of each record, the part that is fitted in the search; the rest is predicted.
-constexpr double fitted_share = 0.7;
+// Parts of each record that the search does not fit, but predicts. One lies within the record: what comes last in a sweep or a staircase
+// may be like nothing before it, so that a model of the beginning alone lacks what shows only there.
+struct Part {
+    double begin, end; // shares of the samples
+};
+constexpr std::array hidden_parts = {Part{0.3, 0.45}, Part{0.85, 1.0}};
 // How many hypotheses are fitted: the best of all, the best of each name, and pairs, of which some are of terms with one
 // parameter each: richer ones explain more to first order, whatever is missing.
 constexpr std::size_t fitted_singles = 8, fitted_of_a_kind = 2, fitted_pairs = 5, fitted_plain_pairs = 5;
@@ -119,21 +123,34 @@ SystemSearch::SystemSearch(const SystemModel& model, const std::vector<SystemRec
       late_(std::move(late)),
       control_(control) {
     for (const auto& record : records_) {
-        used_.push_back(
-            std::max<std::size_t>(static_cast<std::size_t>(fitted_share * static_cast<double>(record.size())), 2));
         whole_.push_back(record.size());
+        SystemRecord shown = record, hidden = record;
+        for (auto& values : hidden.outputs) std::ranges::fill(values, std::numeric_limits<double>::quiet_NaN());
+        const auto samples = static_cast<double>(record.size());
+        for (const Part& part : hidden_parts) {
+            const auto end = static_cast<std::size_t>(std::round(part.end * samples));
+            for (auto k = static_cast<std::size_t>(std::round(part.begin * samples)); k < end; ++k) {
+                for (std::size_t o = 0; o < record.outputs.size(); ++o) {
+                    std::swap(shown.outputs[o][k], hidden.outputs[o][k]);
+                }
+            }
+        }
+        shown_.push_back(std::move(shown));
+        hidden_.push_back(std::move(hidden));
     }
 }
 
 bool SystemSearch::fit(SystemCandidate& candidate, int steps, bool growing) const {
-    const SystemFit part = fit_of_first_part();
+    SystemFit part = fit_of(shown_, candidate.substeps);
+    if (is_followed_ && FixedSteps::of(candidate.model)) part.keep_to_fixed_steps();
     const auto ended = [this] { return late(); };
     const auto result = growing ? part.fit_growing(candidate.model, candidate.values, steps, ended)
                                 : part.fit(candidate.model, candidate.values, steps, ended);
     if (result.errors.empty()) return false;
     candidate.values = result.values;
     candidate.fitted = result.errors;
-    candidate.predicted = predicted(candidate.model, candidate.values);
+    candidate.substeps = result.substeps;
+    candidate.predicted = fit_of(hidden_, candidate.substeps).errors(candidate.model, candidate.values);
     candidate.is_noise = false;
     if (is_white(candidate.fitted)) fit_whole(candidate, steps);
     return !candidate.predicted.empty();
@@ -148,32 +165,18 @@ void SystemSearch::fit_whole(SystemCandidate& candidate, int steps) const {
         for (const auto& record : records_) {
             used.push_back(static_cast<std::size_t>(std::ceil(share * static_cast<double>(record.size()))));
         }
-        const auto result = SystemFit(records_, scale_, between_, used).fit(whole.model, whole.values, steps, ended);
+        SystemFit part(records_, scale_, between_, used);
+        part.begin_search(whole.substeps);
+        const auto result = part.fit(whole.model, whole.values, steps, ended);
         if (result.errors.empty() || late()) return;
         whole.values = result.values;
         if (!is_white(result.errors)) return;
     }
-    whole.fitted = fit_of_first_part().errors(whole.model, whole.values);
-    whole.predicted = predicted(whole.model, whole.values);
+    whole.fitted = fit_of(shown_, whole.substeps).errors(whole.model, whole.values);
+    whole.predicted = fit_of(hidden_, whole.substeps).errors(whole.model, whole.values);
     if (whole.fitted.empty() || whole.predicted.empty()) return;
     whole.is_noise = true;
     candidate = std::move(whole);
-}
-
-// The errors over what was not fitted, simulated on from the beginning of each record; empty where that fails.
-std::vector<double> SystemSearch::predicted(const SystemModel& model, const std::vector<double>& values) const {
-    const SystemFit fit = fit_of_all();
-    std::vector<double> all;
-    for (std::size_t r = 0; r < records_.size(); ++r) {
-        const auto trace = fit.simulate(model, values, r, records_[r].size());
-        if (!trace) return {};
-        for (std::size_t o = 0; o < trace->outputs.size(); ++o) {
-            for (std::size_t k = used_[r]; k < records_[r].size(); ++k) {
-                all.push_back((records_[r].outputs[o][k] - trace->outputs[o][k]) / scale_[o]);
-            }
-        }
-    }
-    return all;
 }
 
 // The ways in which inputs may run between their samples. Without states, nothing is between these.
@@ -223,7 +226,10 @@ SystemCandidate SystemSearch::begin() {
             between_ = kept;
         }
     }
-    if (best) return with_way_over_segments(*std::move(best));
+    if (best) {
+        is_followed_ = best->substeps > 0;
+        return with_way_over_segments(*std::move(best));
+    }
     std::string problem;
     const auto values = first_.values(records_.size());
     for (std::size_t r = 0; r < records_.size() && problem.empty(); ++r) {
@@ -237,7 +243,7 @@ SystemCandidate SystemSearch::begin() {
 SystemCandidate SystemSearch::with_way_over_segments(SystemCandidate candidate) {
     const auto all = ways();
     if (all.size() < 2 || candidate.is_noise || late()) return candidate;
-    const auto segments = segmented(candidate.model, candidate.values, fit_of_first_part(), late_);
+    const auto segments = segmented(candidate.model, candidate.values, fit_of_shown(), late_);
     if (!segments || late()) return candidate;
     const Interpolation present = between_;
     double least = worth_another_way * rms_of_errors(segments->errors);
@@ -293,25 +299,25 @@ std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening,
 
 // The library over the motion of the candidate; empty where it cannot be simulated.
 std::vector<SystemTerm> SystemSearch::terms_beside(const SystemCandidate& current, bool with_nameless) const {
-    const SystemFit fit_first = fit_of_first_part();
+    const SystemFit fit_shown = fit_of_shown();
     std::vector<SystemTrace> traces;
     for (std::size_t r = 0; r < records_.size(); ++r) {
-        auto trace = fit_first.simulate(current.model, current.values, r, used_[r]);
+        auto trace = fit_shown.simulate(current.model, current.values, r, whole_[r]);
         if (!trace) return {};
         traces.push_back(std::move(*trace));
     }
     const SystemModel model = current.model.with(current.values);
     const std::size_t states = first_.equations.states.size();
-    return system_terms(model, states, fit_first, variables_of(model, states, fit_first, traces), current.fitted,
+    return system_terms(model, states, fit_shown, variables_of(model, states, fit_shown, traces), current.fitted,
                         with_nameless);
 }
 
 std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) {
     const auto terms = terms_beside(current, false);
     std::vector<Hypothesis> list;
-    for (auto& some : chosen(
-             screened_terms(current.model, current.values, current.fitted, terms, fit_of_first_part(), control_, late_),
-             terms)) {
+    for (auto& some :
+         chosen(screened_terms(current.model, current.values, current.fitted, terms, fit_of_shown(), control_, late_),
+                terms)) {
         list.push_back({current, std::move(some)});
     }
     auto found = fitted(list, terms);
@@ -430,8 +436,8 @@ std::set<std::string> forms_of(const ScreenedTerms& some, const std::vector<Syst
 } // namespace
 
 std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& current) const {
-    const SystemFit fit_first = fit_of_first_part();
-    auto segments = segmented(current.model, current.values, fit_first, late_);
+    const SystemFit fit_shown = fit_of_shown();
+    auto segments = segmented(current.model, current.values, fit_shown, late_);
     if (late()) return {};
     // Without segments, the records themselves.
     if (!segments) {
@@ -439,7 +445,7 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
         segments->model = current.model;
         for (std::size_t r = 0; r < records_.size(); ++r) {
             segments->first_of.push_back(r);
-            segments->records.push_back(records_[r].head(used_[r]));
+            segments->records.push_back(shown_[r]);
         }
         segments->values = current.values;
         segments->errors = current.fitted;
@@ -571,18 +577,27 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
         }
         kinds.insert(one->terms.back().kind());
         const auto screened =
-            screened_singles(one->model, one->values, one->fitted, terms, fit_of_first_part(), control_, late_);
+            screened_singles(one->model, one->values, one->fitted, terms, fit_of_shown(), control_, late_);
         const SystemTerm& first = one->terms.back();
         std::set<std::string> seconds;
         std::size_t best = 0;
+        // A delay or a lag does what time constants do, but for what shows where these have moved.
+        for (std::size_t i = 0; i < terms.size(); ++i) {
+            const bool is_timing = terms[i].of.empty() && terms[i].parameters.front().unit == "s";
+            if (!is_timing || kinds.contains(terms[i].kind()) || !seconds.insert(terms[i].form()).second) continue;
+            list.push_back({*one, {.terms = {i}, .starts = {{}}, .explained = 0}});
+            for (const auto& parameter : terms[i].parameters) list.back().terms.starts[0].push_back(parameter.start);
+        }
         for (const auto& single : screened) {
             const SystemTerm& second = terms[single.terms[0]];
             // Two of a kind say little, and a pair is the same in either order.
             if (kinds.contains(second.kind()) || seconds.contains(second.form())) continue;
             // Functions of the same variable make up a curve together that none of them is, as drag and dry friction do.
             const bool is_same_variable = second.equation == first.equation && second.of == first.of;
-            if (best == fitted_seconds && !is_same_variable) continue;
-            if (best < fitted_seconds) ++best;
+            // Others that explain what a better one does say nothing new.
+            const bool is_further = best < fitted_seconds && !single.is_alike;
+            if (!is_further && !is_same_variable) continue;
+            if (is_further) ++best;
             seconds.insert(second.form());
             list.push_back({*one, single});
         }
@@ -597,14 +612,15 @@ SystemCandidate SystemSearch::started(const Hypothesis& hypothesis, const std::v
                               .values = {},
                               .terms = from.terms,
                               .texts = from.texts,
-                              .library = std::max<std::size_t>(1, terms.size())};
+                              .library = std::max<std::size_t>(1, terms.size()),
+                              .substeps = from.substeps};
     for (std::size_t i = 0; i < added.terms.size(); ++i) {
         std::string text;
         candidate.model = extended(candidate.model, terms[added.terms[i]], added.starts[i], &text);
         candidate.terms.push_back(terms[added.terms[i]]);
         candidate.texts.push_back(text);
     }
-    const SystemFit fit_first = fit_of_first_part();
+    const SystemFit fit_shown = fit_of(shown_, from.substeps);
     const double before = SystemFit::sum_of_squares(from.fitted);
     for (const double share : begun) {
         if (hypothesis.is_followed && share < 1) break;
@@ -620,7 +636,7 @@ SystemCandidate SystemSearch::started(const Hypothesis& hypothesis, const std::v
                                                                     from.model.parameters.size()),
                                     own.begin(), own.end());
         }
-        const double sum = SystemFit::sum_of_squares(fit_first.errors(candidate.model, candidate.values));
+        const double sum = SystemFit::sum_of_squares(fit_shown.errors(candidate.model, candidate.values));
         if (late() || sum <= before) break;
     }
     return candidate;
@@ -632,8 +648,8 @@ std::optional<SystemCandidate> SystemSearch::sized(SystemCandidate candidate) co
     const SystemTerm& term = candidate.terms.back();
     if (term.amplitudes != 1) return std::nullopt;
     std::vector<std::size_t> beginning;
-    for (const std::size_t used : used_) beginning.push_back(std::min(used, std::max(used / 8, shortest_beginning)));
-    const SystemFit fit(records_, scale_, between_, beginning);
+    for (const std::size_t size : whole_) beginning.push_back(std::min(size, std::max(size / 12, shortest_beginning)));
+    const SystemFit fit(shown_, scale_, between_, beginning);
     const std::size_t place = candidate.model.parameters.size() - term.parameters.size();
     const auto& amplitude = term.parameters.front();
     std::vector<std::vector<double>> sets;
@@ -641,7 +657,7 @@ std::optional<SystemCandidate> SystemSearch::sized(SystemCandidate candidate) co
         sets.push_back(candidate.values);
         sets.back()[place] = std::clamp(term.neutral[0] + share * amplitude.scale, amplitude.low, amplitude.high);
     }
-    const auto lanes = LaneFit::of(fit, candidate.model, sets.front());
+    const auto lanes = LaneFit::of(fit, candidate.model, sets.front(), candidate.substeps);
     if (!lanes) return std::nullopt;
     double best = std::numeric_limits<double>::infinity();
     const auto errors = lanes->errors(sets);
@@ -725,7 +741,7 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
 
 SystemCandidate SystemSearch::without(const SystemCandidate& candidate, std::size_t term) const {
     // Built again from the first model, its values where they are.
-    SystemCandidate less{.model = first_, .library = candidate.library};
+    SystemCandidate less{.model = first_, .library = candidate.library, .substeps = candidate.substeps};
     const auto place = [&](std::size_t end) {
         std::size_t begin = first_.parameters.size();
         for (std::size_t t = 0; t < end; ++t) begin += candidate.terms[t].parameters.size();
@@ -773,7 +789,7 @@ std::optional<SystemCandidate> SystemSearch::exchanged(const SystemCandidate& ca
             std::vector<Hypothesis> list;
             std::set<std::string> forms = {present.terms[i].form()};
             for (const auto& single :
-                 screened_singles(less.model, less.values, less.fitted, terms, fit_of_first_part(), control_, late_)) {
+                 screened_singles(less.model, less.values, less.fitted, terms, fit_of_shown(), control_, late_)) {
                 if (!forms.insert(terms[single.terms[0]].form()).second) continue;
                 list.push_back({less, single});
                 if (list.size() == alternatives) break;

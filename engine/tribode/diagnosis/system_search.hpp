@@ -9,15 +9,16 @@
 
 namespace tribode {
 
-// A model with the terms found so far, fitted to the first part of the records, and what it makes of the rest.
+// A model with the terms found so far, fitted to what is shown of the records, and what it makes of the rest.
 struct SystemCandidate {
     SystemModel model;
     std::vector<double> values;
     std::vector<SystemTerm> terms; // all that it has beyond the first model
     std::vector<std::string> texts;
-    std::vector<double> fitted;    // errors over the fitted part
+    std::vector<double> fitted;    // errors over what is shown
     std::vector<double> predicted; // over the rest
     std::size_t library = 1;       // from how many terms these were chosen
+    std::size_t substeps = 0;      // of a sample, that its simulation needs; 0: not known
     // Whether the fitted part leaves nothing but white noise, and the whole records, to which it is fitted then, too. What
     // it would predict beyond them is off by what its values are, and not by what it lacks.
     bool is_noise = false;
@@ -78,7 +79,12 @@ class SystemSearch {
     bool reconsider_inputs(std::vector<SystemCandidate>& found); // true: another way is kept
     SystemCandidate with_way_over_segments(SystemCandidate candidate);
     std::vector<Interpolation> ways() const;
-    SystemFit fit_of_first_part() const { return {records_, scale_, between_, used_}; }
+    SystemFit fit_of_shown() const { return fit_of(shown_); }
+    SystemFit fit_of(const std::vector<SystemRecord>& records, std::size_t substeps = 0) const {
+        SystemFit made{records, scale_, between_, whole_};
+        made.begin_search(substeps);
+        return made;
+    }
     bool fit(SystemCandidate& candidate, int iterations, bool growing = false) const;
     void fit_whole(SystemCandidate& candidate, int iterations) const; // where white noise is all that is left then
     SystemCandidate without(const SystemCandidate& candidate, std::size_t term) const; // not fitted
@@ -90,7 +96,6 @@ class SystemSearch {
     std::vector<Hypothesis> deepened(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
                                      const std::vector<SystemTerm>& terms) const;
     std::vector<SystemCandidate> followed(const SystemCandidate& current) const;
-    std::vector<double> predicted(const SystemModel& model, const std::vector<double>& values) const;
     std::vector<ScreenedTerms> chosen(const Screening& screening, const std::vector<SystemTerm>& terms) const;
 
     const SystemModel& first_;
@@ -98,7 +103,10 @@ class SystemSearch {
     std::vector<double> scale_;
     std::function<bool()> late_;
     const RunControl& control_;
-    std::vector<std::size_t> used_, whole_;
+    std::vector<SystemRecord> shown_,
+        hidden_; // the records without what is hidden from the search, and with nothing else
+    std::vector<std::size_t> whole_;
+    bool is_followed_ = false; // the first model, by fixed steps
     Interpolation between_ = Interpolation::hold;
 };
 

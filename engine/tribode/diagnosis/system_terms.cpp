@@ -53,7 +53,10 @@ TermLibrary::TermLibrary(const SystemModel& m, std::size_t n, const SystemFit& f
       variables(v),
       errors(e) {
     for (std::size_t r = 0; r < fit.records().size(); ++r) {
-        if (fit.used()[r] > 1) duration = std::max(duration, fit.records()[r].t[fit.used()[r] - 1]);
+        const auto& t = fit.records()[r].t;
+        if (fit.used()[r] < 2 || t[fit.used()[r] - 1] <= duration) continue;
+        duration = t[fit.used()[r] - 1];
+        step = median_step(t);
     }
     for (std::size_t i = 0; i < states; ++i) {
         const auto& state = model.equations.states[i];
@@ -183,6 +186,21 @@ bool TermLibrary::is_state(Term term) const {
 bool TermLibrary::is_definition(Term rate) const {
     const Op op = (*model.equations.graph)[rate].op;
     return op == Op::variable || op == Op::constant;
+}
+
+std::vector<double> TermLibrary::errors_of(std::size_t output) const {
+    std::vector<double> own;
+    std::size_t next = 0;
+    for (std::size_t r = 0; r < fit.records().size(); ++r) {
+        for (std::size_t o = 0; o < model.measured.size(); ++o) {
+            for (std::size_t k = 0; k < fit.used()[r]; ++k) {
+                const double measured = fit.records()[r].outputs[o][k];
+                const double error = std::isnan(measured) ? measured : errors[next++];
+                if (o == output) own.push_back(error);
+            }
+        }
+    }
+    return own;
 }
 
 double TermLibrary::rate_scale(const std::vector<double>& values) const {

@@ -49,6 +49,7 @@ struct TermLibrary {
     const std::vector<SystemVariable>& variables;
     const std::vector<double>& errors;
     double duration = 0; // of the longest record [s]
+    double step = 0;     // between its samples, median [s]
     std::vector<TermTarget> targets;
     std::vector<SystemVariable> differences; // of two states or inputs, which are in the equations
     std::vector<SystemTerm> terms;
@@ -61,6 +62,8 @@ struct TermLibrary {
     bool is_state(Term term) const;
     // Whether a rate is nothing but another variable or a number: the definition of a velocity, which lacks nothing.
     bool is_definition(Term rate) const;
+    // Of a measured output, over the samples of the records; not a number where it was not measured.
+    std::vector<double> errors_of(std::size_t output) const;
     // Values of a term of the model over the samples of the records, from its variables.
     std::vector<double> values_of(Term term) const;
     // Typical rate of change of a state over the samples of the records [1/s].
