@@ -10,6 +10,8 @@
 #include <cassert>
 #include <cmath>
 #include <fmt/format.h>
+#include <iterator>
+#include <map>
 #include <optional>
 #include <set>
 #include <tuple>
@@ -20,9 +22,31 @@ namespace tribode {
 
 namespace {
 
-// A sum: sum_code; of few summands, n, sum_code + n, so that it is written out.
+// Kinds of cells beside those of Op. A sum: sum_code; of few summands, n, sum_code + n, so that it is written out.
 constexpr auto sum_code = static_cast<std::uint32_t>(Op::no_event) + 1;
 constexpr std::uint32_t few = 12;
+constexpr std::uint32_t lesser_code = sum_code + few + 1;  // a < b: a, else b
+constexpr std::uint32_t greater_code = sum_code + few + 2; // a < b: b, else a
+constexpr std::uint32_t block_code = sum_code + few + 3;   // the head of a block
+static_assert(block_code < 256);
+constexpr std::uint32_t bits_of_step = 2;
+
+std::optional<BlockOperation> block_operation(std::uint32_t code) {
+    switch (code) {
+    case static_cast<std::uint32_t>(Op::add): return BlockOperation::add;
+    case static_cast<std::uint32_t>(Op::subtract): return BlockOperation::subtract;
+    case static_cast<std::uint32_t>(Op::multiply): return BlockOperation::multiply;
+    case static_cast<std::uint32_t>(Op::divide): return BlockOperation::divide;
+    case static_cast<std::uint32_t>(Op::negate): return BlockOperation::negate;
+    case static_cast<std::uint32_t>(Op::less): return BlockOperation::less;
+    case static_cast<std::uint32_t>(Op::less_equal): return BlockOperation::less_equal;
+    case static_cast<std::uint32_t>(Op::equal): return BlockOperation::equal;
+    case static_cast<std::uint32_t>(Op::select): return BlockOperation::select;
+    case lesser_code: return BlockOperation::lesser;
+    case greater_code: return BlockOperation::greater;
+    default: return std::nullopt;
+    }
+}
 
 // A product as a summand takes no register: factor a b, in the order in which it was written.
 struct Summand {
@@ -39,6 +63,15 @@ struct Instruction {
     std::vector<Term> operands;
     std::vector<Summand> summands;
     std::size_t depth = 0; // those of one depth do not need one another
+    std::size_t form = 0;  // the same where the same has been written with other variables and constants
+
+    // In the places of the same number stand operands that correspond to one another where the form is the same.
+    std::size_t slot_count() const { return operands.size() + 2 * summands.size(); }
+    std::optional<Term> slot(std::size_t i) const {
+        if (i < operands.size()) return operands[i];
+        const Summand& summand = summands[(i - operands.size()) / 2];
+        return (i - operands.size()) % 2 == 0 ? summand.a : summand.b;
+    }
 };
 
 // What a tape does, as terms.
@@ -69,13 +102,24 @@ class Program {
         }
         std::reverse(leaves_.begin(), leaves_.end());
         std::reverse(code_.begin(), code_.end());
-        std::unordered_map<Term, std::size_t> depth;
+        std::unordered_map<Term, std::size_t> depth, form;
+        std::map<std::vector<std::size_t>, std::size_t> forms; // by code and forms of the operands, as they come
+        constexpr std::size_t constant = 1, variable = 2;
+        const auto form_of = [&](const std::optional<Term>& operand) {
+            if (!operand) return std::size_t{0};
+            if (operand_count(graph[*operand].op) > 0) return form.at(*operand);
+            return graph[*operand].op == Op::constant ? constant : variable;
+        };
         for (auto& made : code_) {
             for (const Term operand : operands_of(made)) made.depth = std::max(made.depth, depth[operand]);
             depth[made.term] = ++made.depth;
+            std::vector<std::size_t> parts = {made.code, made.summands.size()};
+            for (std::size_t i = 0; i < made.slot_count(); ++i) parts.push_back(form_of(made.slot(i)));
+            form[made.term] = made.form = forms.try_emplace(parts, variable + 1 + forms.size()).first->second;
         }
-        const auto key = [](const Instruction& i) { return std::tuple(i.depth, i.code, i.summands.size()); };
+        const auto key = [](const Instruction& i) { return std::tuple(i.depth, i.code, i.summands.size(), i.form); };
         std::stable_sort(code_.begin(), code_.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
+        order_leaves();
     }
 
     const std::vector<Term>& leaves() const { return leaves_; } // constants and variables
@@ -88,6 +132,25 @@ class Program {
     }
 
   private:
+    // As the instructions need them, those of corresponding operands one behind another.
+    void order_leaves() {
+        std::vector<Term> ordered;
+        std::set<Term> left(leaves_.begin(), leaves_.end());
+        for (std::size_t i = 0, end = 0; i < code_.size(); i = end) {
+            while (end < code_.size() && code_[end].form == code_[i].form && code_[end].depth == code_[i].depth) ++end;
+            for (std::size_t slot = 0; slot < code_[i].slot_count(); ++slot) {
+                for (std::size_t k = i; k < end; ++k) {
+                    const auto operand = code_[k].slot(slot);
+                    if (operand && left.erase(*operand) > 0) ordered.push_back(*operand);
+                }
+            }
+        }
+        // Those that are outputs as they are.
+        std::copy_if(leaves_.begin(), leaves_.end(), std::back_inserter(ordered),
+                     [&](Term leaf) { return left.contains(leaf); });
+        leaves_ = std::move(ordered);
+    }
+
     static bool is_sum(Op op) { return op == Op::add || op == Op::subtract; }
 
     static std::vector<Term> operands_of(const Instruction& instruction) {
@@ -152,6 +215,16 @@ class Program {
             return made;
         }
         made.summands.clear();
+        if (node.op == Op::select && graph_[node.a].op == Op::less && uses_.at(node.a) == 1) {
+            // A minimum or maximum needs no condition of its own.
+            const Term a = value_of(graph_[node.a].a), b = value_of(graph_[node.a].b);
+            const Term holds = value_of(node.b), fails = value_of(node.c);
+            if ((holds == a && fails == b) || (holds == b && fails == a)) {
+                made.code = holds == a ? lesser_code : greater_code;
+                made.operands = {a, b};
+                return made;
+            }
+        }
         if (count > 0) made.operands.push_back(value_of(node.a));
         if (count > 1) made.operands.push_back(value_of(node.b));
         if (count > 2) made.operands.push_back(value_of(node.c));
@@ -173,71 +246,186 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
            const Parts& parts) {
     const Program program(graph, outputs);
     std::unordered_map<Term, std::uint32_t> place;
-    std::uint32_t next = 1;
-    const std::set<Term> leaves(program.leaves().begin(), program.leaves().end());
-    std::uint32_t part = 0, first = 0; // the place of its first input
+    std::unordered_map<Term, std::pair<std::uint32_t, std::uint32_t>> input_of; // its part, its place in it
+    std::uint32_t next = 1, part = 0, first = 0;                                // the place of the part's first input
     for (std::uint32_t i = 0; i < inputs.size(); ++i) {
         while (i - first >= parts[part]) first += static_cast<std::uint32_t>(parts[part++]);
-        if (!leaves.contains(inputs[i])) continue;
-        place[inputs[i]] = next++;
-        reads_.push_back({part, i - first});
+        input_of.try_emplace(inputs[i], part, i - first);
     }
-    for (const Term leaf : program.leaves()) {
-        if (graph[leaf].op == Op::constant) {
+    const auto is_constant = [&](Term leaf) { return graph[leaf].op == Op::constant; };
+    for (part = 0; part < parts.size(); ++part) {
+        for (const Term leaf : program.leaves()) {
+            if (is_constant(leaf)) continue;
+            const auto input = input_of.find(leaf);
+            if (input == input_of.end()) throw InputError(fmt::format("{} is not known here", graph.name(leaf)));
+            if (input->second.first != part) continue;
             place[leaf] = next++;
-            constants_.push_back(graph[leaf].value);
-        } else if (!place.contains(leaf)) {
-            throw InputError(fmt::format("{} is not known here", graph.name(leaf)));
+            reads_.push_back(input->second.second);
+            ++read_counts_[part];
         }
     }
+    for (const Term leaf : program.leaves()) {
+        if (!is_constant(leaf)) continue;
+        place[leaf] = next++;
+        constants_.push_back(graph[leaf].value);
+    }
     for (const auto& made : program.code()) {
-        // A run may go on into the next depth: within it, too, operands come first.
-        auto length = static_cast<std::uint32_t>(made.summands.size());
+        const auto length = static_cast<std::uint32_t>(made.summands.size());
+        if (length > 0) {
+            code_.push_back({made.code + (length <= few ? length : 0), length, 0, 0});
+            for (const auto& [factor, a, b] : made.summands) {
+                code_.push_back(Cell::summand(factor, a ? place[*a] : one, b ? place[*b] : one));
+            }
+        } else {
+            const auto operand = [&](std::size_t i) {
+                return place[made.operands[std::min(i, made.operands.size() - 1)]];
+            };
+            code_.push_back({made.code, operand(0), operand(1), operand(2)});
+        }
         if (made.code == static_cast<std::uint32_t>(Op::lookup)) {
             const auto& table = graph.table_of(made.term);
             const auto known = std::find(tables_.begin(), tables_.end(), table);
-            length = static_cast<std::uint32_t>(known - tables_.begin());
+            code_.back().code += 256 * static_cast<std::uint32_t>(known - tables_.begin());
             if (known == tables_.end()) {
                 tables_.push_back(table);
                 slopes_.push_back({table->slope(0), table->variables() > 1 ? table->slope(1) : nullptr});
             }
-        }
-        const std::uint32_t code = made.code + (made.code == sum_code && length <= few ? length : 0);
-        if (runs_.empty() || runs_.back().code != code || runs_.back().length != length) {
-            runs_.push_back({code, 0, length});
-        }
-        ++runs_.back().count;
-        for (const auto& summand : made.summands) {
-            summands_.push_back(
-                {summand.factor, summand.a ? place[*summand.a] : one, summand.b ? place[*summand.b] : one});
-        }
-        if (made.summands.empty()) {
-            const auto operand = [&](std::size_t i) {
-                return place[made.operands[std::min(i, made.operands.size() - 1)]];
-            };
-            operands_.push_back({operand(0), operand(1), operand(2)});
         }
         place[made.term] = next++;
     }
     register_count_ = next;
     instruction_count_ = program.code().size();
     for (const Term output : outputs) outputs_.push_back(place[program.value_of(output)]);
+    find_blocks();
+}
+
+Tape::Cell Tape::Cell::summand(double factor, std::uint32_t a, std::uint32_t b) {
+    const auto halves = std::bit_cast<std::array<std::uint32_t, 2>>(factor);
+    return {halves[0], halves[1], a, b};
+}
+
+std::uint32_t Tape::Cell::summand_count() const {
+    return kind() < sum_code || kind() > sum_code + few ? 0 : kind() == sum_code ? a : kind() - sum_code;
+}
+
+template <class Visit>
+void Tape::for_instructions(const Visit& visit) const {
+    for (std::size_t i = 0; i < code_.size();) {
+        const Cell& head = code_[i++];
+        if (head.kind() == block_code) continue;
+        const std::size_t count = head.summand_count();
+        visit(head, std::span(code_).subspan(i, count));
+        i += count;
+    }
+}
+
+std::vector<Tape::Placed> Tape::instructions() const {
+    std::vector<Placed> all;
+    for_instructions([&](const Cell& head, std::span<const Cell> summands) { all.push_back({&head, summands}); });
+    return all;
+}
+
+// Puts heads before instructions that can be carried out in blocks: those of one kind that do not need one another, and each
+// operand of which is a constant number of registers ahead of that of the instruction before.
+void Tape::find_blocks() {
+    constexpr auto longest_step = static_cast<std::uint32_t>(Step::two);
+    const std::vector<Placed> all = instructions();
+    const auto slot = [&](std::size_t i, std::size_t k) {
+        const auto& [head, summands] = all[i];
+        if (!summands.empty()) return k % 2 == 0 ? summands[k / 2].b : summands[k / 2].c;
+        return k == 0 ? head->a : k == 1 ? head->b : head->c;
+    };
+    const auto step = [&](std::size_t i, std::size_t k) { return slot(i + 1, k) - slot(i, k); };
+    const auto first_result = static_cast<std::uint32_t>(1 + reads_.size() + constants_.size());
+    const auto end_of_block = [&](std::size_t i, std::size_t slots) {
+        const auto goes_on = [&](std::size_t next, std::size_t k) {
+            return step(next - 1, k) == step(i, k) && step(i, k) <= longest_step && slot(next, k) < first_result + i;
+        };
+        std::size_t end = i + 1;
+        for (; end < all.size() && all[end].head->code == all[i].head->code; ++end) {
+            for (std::size_t k = 0; k < slots; ++k) {
+                if (!goes_on(end, k)) return end;
+            }
+        }
+        return end;
+    };
+    std::vector<Cell> code;
+    for (std::size_t i = 0, end = 0; i < all.size(); i = end) {
+        const auto& [head, summands] = all[i];
+        const bool is_sum = !summands.empty();
+        const auto operation = block_operation(head->kind());
+        const bool may_be_block = is_sum ? summands.size() <= few : operation.has_value();
+        const std::size_t slots = is_sum ? 2 * summands.size() : 3;
+        end = may_be_block ? end_of_block(i, slots) : i + 1;
+        const std::size_t whole = (end - i) / smallest_block * smallest_block;
+        if (whole > 0) {
+            std::uint64_t steps = 0;
+            for (std::size_t k = slots; k-- > 0;) steps = (steps << bits_of_step) + step(i, k);
+            code.push_back(
+                {block_code + 256 * static_cast<std::uint32_t>(whole),
+                 is_sum ? static_cast<std::uint32_t>(factors_.size()) : static_cast<std::uint32_t>(*operation),
+                 static_cast<std::uint32_t>(steps), static_cast<std::uint32_t>(steps >> 32)});
+            for (std::size_t n = 0; n < summands.size(); ++n) {
+                for (std::size_t at = i; at < i + whole; ++at) factors_.push_back(all[at].summands[n].factor());
+            }
+        }
+        for (std::size_t at = i; at < end; ++at) {
+            code.push_back(*all[at].head);
+            code.insert(code.end(), all[at].summands.begin(), all[at].summands.end());
+        }
+    }
+    code_ = std::move(code);
+}
+
+void Tape::operate(const Cell& block, const Cell* first, const double* registers, double* results) const {
+    static_assert(2 * few * bits_of_step <= 64);
+    std::uint64_t steps = block.b + (std::uint64_t{block.c} << 32);
+    const auto next_step = [&] {
+        const auto step = static_cast<Step>(steps % (1U << bits_of_step));
+        steps >>= bits_of_step;
+        return step;
+    };
+    const std::uint32_t count = block.extra(), length = first->summand_count();
+    if (length == 0) {
+        BlockOperands operands{{registers + first->a, registers + first->b, registers + first->c}, {}};
+        for (Step& step : operands.step) step = next_step();
+        operate_in_blocks(static_cast<BlockOperation>(block.a), operands, count, results);
+        return;
+    }
+    std::array<BlockSummand, few> summands;
+    const double* factors = factors_.data() + block.a;
+    for (std::uint32_t n = 0; n < length; ++n, factors += count) {
+        const Cell& summand = first[1 + n];
+        const Step a = next_step(), b = next_step();
+        summands[n] = {factors, {registers + summand.b, registers + summand.c}, {a, b}};
+    }
+    sum_in_blocks({summands.data(), length}, count, results);
 }
 
 template <std::size_t lanes, bool by_lane_functions>
 inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* outputs) const {
-    WorkSpace<double, 512 * (lanes > 1 ? 4 : 1)> memory(register_count_ * lanes);
+    WorkSpace<double, 512 * (lanes > 1 ? 4 : 1)> memory(register_count_ * lanes + 1); // see operate_in_blocks()
     double* registers = memory.data();
     double* next = registers;
     const auto fill = [&next](double value) {
         for (std::size_t l = 0; l < lanes; ++l) *next++ = value;
     };
     fill(1);
-    for (const auto& [part, index] : reads_) {
-        for (std::size_t l = 0; l < lanes; ++l) *next++ = inputs[part][index * lanes + l];
+    const std::uint32_t* read = reads_.data();
+    for (std::size_t part = 0; part < read_counts_.size(); ++part) {
+        const double* input = inputs[part];
+        for (std::uint32_t count = read_counts_[part]; count > 0; --count) {
+            const std::size_t index = *read++;
+            for (std::size_t l = 0; l < lanes; ++l) *next++ = input[index * lanes + l];
+        }
     }
     // A loop, because a call for a handful of numbers costs more than they do.
-    for (const double value : constants_) fill(value);
+    constexpr std::size_t handful = 16;
+    if (lanes == 1 && constants_.size() > handful) {
+        next = std::copy(constants_.begin(), constants_.end(), next);
+    } else {
+        for (const double value : constants_) fill(value);
+    }
 
     // The results of all lanes before one is written: what is written is none of the operands.
     const auto write = [&](const auto& value) {
@@ -245,113 +433,104 @@ inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* 
         for (std::size_t l = 0; l < lanes; ++l) results[l] = value(l);
         for (std::size_t l = 0; l < lanes; ++l) *next++ = results[l];
     };
-    const Operands* operands = operands_.data();
-    const auto run = [&](std::uint32_t count, const auto& operation) {
-        for (const Operands* end = operands + count; operands != end; ++operands) {
-            const double *a = registers + operands->a * lanes, *b = registers + operands->b * lanes,
-                         *c = registers + operands->c * lanes;
-            write([&](std::size_t l) { return static_cast<double>(operation(a[l], b[l], c[l])); });
-        }
+    const auto of_operands = [&](const Cell& cell, const auto& operation) {
+        const double *a = registers + cell.a * lanes, *b = registers + cell.b * lanes, *c = registers + cell.c * lanes;
+        write([&](std::size_t l) { return static_cast<double>(operation(a[l], b[l], c[l])); });
     };
-    const Summand* summands = summands_.data();
-    const auto product = [&](const Summand& s, std::size_t l) {
-        return s.factor * registers[s.a * lanes + l] * registers[s.b * lanes + l];
+    const Cell* at = code_.data();
+    const auto product = [&](const Cell& summand, std::size_t l) {
+        return summand.factor() * registers[summand.b * lanes + l] * registers[summand.c * lanes + l];
     };
     const auto add_up = [&]<std::size_t... i>(std::index_sequence<i...>, std::size_t l) {
-        return (... + product(summands[i], l));
+        return (... + product(at[i], l));
     };
-    // Sums of one length: a loop over the summands of each would cost more than they do.
-    const auto sums = [&]<std::size_t... i>(std::uint32_t count, std::index_sequence<i...> all) {
-        for (; count > 0; --count, summands += sizeof...(i)) {
-            write([&](std::size_t l) { return add_up(all, l); });
+    // Of few summands written out: a loop over them would cost more than they do.
+    const auto sum = [&]<std::size_t... i>(std::index_sequence<i...> all) {
+        write([&](std::size_t l) { return add_up(all, l); });
+        at += sizeof...(i);
+    };
+    const auto long_sum = [&](std::uint32_t length) {
+        const Cell* end = at + length;
+        double sums[lanes];
+        for (std::size_t l = 0; l < lanes; ++l) sums[l] = add_up(std::make_index_sequence<few>(), l);
+        for (at += few; end - at > 1; at += 2) {
+            for (std::size_t l = 0; l < lanes; ++l) sums[l] = sums[l] + product(at[0], l) + product(at[1], l);
         }
-    };
-    const auto long_sums = [&](std::uint32_t count, std::uint32_t length) {
-        for (; count > 0; --count) {
-            const Summand* end = summands + length;
-            double sum[lanes];
-            for (std::size_t l = 0; l < lanes; ++l) sum[l] = add_up(std::make_index_sequence<few>(), l);
-            for (summands += few; end - summands > 1; summands += 2) {
-                for (std::size_t l = 0; l < lanes; ++l) {
-                    sum[l] = sum[l] + product(summands[0], l) + product(summands[1], l);
-                }
-            }
-            if (summands != end) {
-                for (std::size_t l = 0; l < lanes; ++l) sum[l] += product(*summands, l);
-                ++summands;
-            }
-            write([&](std::size_t l) { return sum[l]; });
+        if (at != end) {
+            for (std::size_t l = 0; l < lanes; ++l) sums[l] += product(*at, l);
+            ++at;
         }
+        write([&](std::size_t l) { return sums[l]; });
     };
+    const auto of_lanes = [&](const Cell& cell, const auto& function) {
+        function(registers + cell.a * lanes, next);
+        next += lanes;
+    };
+    constexpr auto op = [](Op of) { return static_cast<std::uint32_t>(of); };
 
-    const auto of_lanes = [&](std::uint32_t count, const auto& function) {
-        for (const Operands* end = operands + count; operands != end; ++operands, next += lanes) {
-            function(registers + operands->a * lanes, next);
-        }
-    };
-
-    for (const auto& [code, count, length] : runs_) {
+    for (const Cell* const end = at + code_.size(); at != end;) {
+        const Cell& cell = *at++;
         if constexpr (by_lane_functions) {
-            switch (static_cast<Op>(code)) {
+            switch (static_cast<Op>(cell.kind())) {
             case Op::sin:
-                of_lanes(count, [](const double* x, double* y) { lane_functions::sin<lanes>(x, y); });
+                of_lanes(cell, [](const double* x, double* y) { lane_functions::sin<lanes>(x, y); });
                 continue;
             case Op::cos:
-                of_lanes(count, [](const double* x, double* y) { lane_functions::cos<lanes>(x, y); });
+                of_lanes(cell, [](const double* x, double* y) { lane_functions::cos<lanes>(x, y); });
                 continue;
             case Op::exp:
-                of_lanes(count, [](const double* x, double* y) { lane_functions::exp<lanes>(x, y); });
+                of_lanes(cell, [](const double* x, double* y) { lane_functions::exp<lanes>(x, y); });
                 continue;
             case Op::tanh:
-                of_lanes(count, [](const double* x, double* y) { lane_functions::tanh<lanes>(x, y); });
+                of_lanes(cell, [](const double* x, double* y) { lane_functions::tanh<lanes>(x, y); });
                 continue;
             default: break;
             }
         }
-        switch (code) {
-        case sum_code: long_sums(count, length); break;
-        case sum_code + 1: sums(count, std::make_index_sequence<1>()); break;
-        case sum_code + 2: sums(count, std::make_index_sequence<2>()); break;
-        case sum_code + 3: sums(count, std::make_index_sequence<3>()); break;
-        case sum_code + 4: sums(count, std::make_index_sequence<4>()); break;
-        case sum_code + 5: sums(count, std::make_index_sequence<5>()); break;
-        case sum_code + 6: sums(count, std::make_index_sequence<6>()); break;
-        case sum_code + 7: sums(count, std::make_index_sequence<7>()); break;
-        case sum_code + 8: sums(count, std::make_index_sequence<8>()); break;
-        case sum_code + 9: sums(count, std::make_index_sequence<9>()); break;
-        case sum_code + 10: sums(count, std::make_index_sequence<10>()); break;
-        case sum_code + 11: sums(count, std::make_index_sequence<11>()); break;
-        case sum_code + 12: sums(count, std::make_index_sequence<12>()); break;
-        case static_cast<std::uint32_t>(Op::add): run(count, [](double a, double b, double) { return a + b; }); break;
-        case static_cast<std::uint32_t>(Op::subtract):
-            run(count, [](double a, double b, double) { return a - b; });
+        switch (cell.kind()) {
+        case sum_code: long_sum(cell.a); break;
+        case sum_code + 1: sum(std::make_index_sequence<1>()); break;
+        case sum_code + 2: sum(std::make_index_sequence<2>()); break;
+        case sum_code + 3: sum(std::make_index_sequence<3>()); break;
+        case sum_code + 4: sum(std::make_index_sequence<4>()); break;
+        case sum_code + 5: sum(std::make_index_sequence<5>()); break;
+        case sum_code + 6: sum(std::make_index_sequence<6>()); break;
+        case sum_code + 7: sum(std::make_index_sequence<7>()); break;
+        case sum_code + 8: sum(std::make_index_sequence<8>()); break;
+        case sum_code + 9: sum(std::make_index_sequence<9>()); break;
+        case sum_code + 10: sum(std::make_index_sequence<10>()); break;
+        case sum_code + 11: sum(std::make_index_sequence<11>()); break;
+        case sum_code + 12: sum(std::make_index_sequence<12>()); break;
+        case block_code:
+            if constexpr (lanes == 1) { // else the instructions follow one by one
+                operate(cell, at, registers, next);
+                next += cell.extra();
+                at += std::size_t{cell.extra()} * (1 + at->summand_count());
+            }
             break;
-        case static_cast<std::uint32_t>(Op::multiply):
-            run(count, [](double a, double b, double) { return a * b; });
-            break;
-        case static_cast<std::uint32_t>(Op::divide):
-            run(count, [](double a, double b, double) { return a / b; });
-            break;
-        case static_cast<std::uint32_t>(Op::negate): run(count, [](double a, double, double) { return -a; }); break;
-        case static_cast<std::uint32_t>(Op::select):
-            run(count, [](double a, double b, double c) { return a != 0 ? b : c; });
-            break;
-        case static_cast<std::uint32_t>(Op::less): run(count, [](double a, double b, double) { return a < b; }); break;
-        case static_cast<std::uint32_t>(Op::less_equal):
-            run(count, [](double a, double b, double) { return a <= b; });
-            break;
-        case static_cast<std::uint32_t>(Op::equal):
-            run(count, [](double a, double b, double) { return a == b; });
-            break;
-        case static_cast<std::uint32_t>(Op::all):
-            run(count, [](double a, double b, double) { return a != 0 && b != 0; });
-            break;
-        case static_cast<std::uint32_t>(Op::lookup):
-            run(count, [&table = *tables_[length]](double x, double y, double side) {
+        case lesser_code: of_operands(cell, [](double a, double b, double) { return a < b ? a : b; }); break;
+        case greater_code: of_operands(cell, [](double a, double b, double) { return a < b ? b : a; }); break;
+        case op(Op::add): of_operands(cell, [](double a, double b, double) { return a + b; }); break;
+        case op(Op::subtract): of_operands(cell, [](double a, double b, double) { return a - b; }); break;
+        case op(Op::multiply): of_operands(cell, [](double a, double b, double) { return a * b; }); break;
+        case op(Op::divide): of_operands(cell, [](double a, double b, double) { return a / b; }); break;
+        case op(Op::negate): of_operands(cell, [](double a, double, double) { return -a; }); break;
+        case op(Op::select): of_operands(cell, [](double a, double b, double c) { return a != 0 ? b : c; }); break;
+        case op(Op::less): of_operands(cell, [](double a, double b, double) { return a < b; }); break;
+        case op(Op::less_equal): of_operands(cell, [](double a, double b, double) { return a <= b; }); break;
+        case op(Op::equal): of_operands(cell, [](double a, double b, double) { return a == b; }); break;
+        case op(Op::all): of_operands(cell, [](double a, double b, double) { return a != 0 && b != 0; }); break;
+        case op(Op::any): of_operands(cell, [](double a, double b, double) { return a != 0 || b != 0; }); break;
+        case op(Op::logical_not): of_operands(cell, [](double a, double, double) { return a == 0; }); break;
+        case op(Op::floor): of_operands(cell, [](double a, double, double) { return std::floor(a); }); break;
+        case op(Op::lookup):
+            of_operands(cell, [&table = *tables_[cell.extra()]](double x, double y, double side) {
                 return table.value(x, y, static_cast<int>(side));
             });
             break;
-        default: run(count, [op = static_cast<Op>(code)](double a, double b, double c) { return apply(op, a, b, c); });
+        default:
+            of_operands(cell,
+                        [&](double a, double b, double c) { return apply(static_cast<Op>(cell.kind()), a, b, c); });
         }
     }
     for (std::size_t i = 0; i < outputs_.size(); ++i) {
@@ -383,30 +562,33 @@ void Tape::enclose(const EnclosedInputs& inputs, std::span<Enclosure> outputs) c
     Enclosure* registers = memory.data();
     Enclosure* next = registers;
     *next++ = Enclosure::constant(1);
-    for (const auto& [part, index] : reads_) {
-        *next++ =
-            part < inputs.moving.size() ? inputs.moving[part][index] : Enclosure::constant(inputs.constant[index]);
-    }
-    for (const double value : constants_) *next++ = Enclosure::constant(value);
-    const Operands* operands = operands_.data();
-    const Summand* summands = summands_.data();
-    for (const auto& [code, count, length] : runs_) {
-        for (std::uint32_t i = 0; i < count; ++i) {
-            Enclosure result;
-            if (code >= sum_code) {
-                for (std::uint32_t n = 0; n < length; ++n, ++summands) {
-                    const Enclosure part = product(summands->factor, registers[summands->a], registers[summands->b]);
-                    result = n == 0 ? part : sum(result, part);
-                }
-            } else {
-                const Enclosure &a = registers[operands->a], &b = registers[operands->b], &c = registers[operands->c];
-                const auto op = static_cast<Op>(code);
-                result = op == Op::lookup ? look_up(*tables_[length], slopes_[length], a, b, c) : apply(op, a, b, c);
-                ++operands;
-            }
-            *next++ = result;
+    const std::uint32_t* read = reads_.data();
+    for (std::size_t part = 0; part < read_counts_.size(); ++part) {
+        for (std::uint32_t i = 0; i < read_counts_[part]; ++i, ++read) {
+            *next++ =
+                part < inputs.moving.size() ? inputs.moving[part][*read] : Enclosure::constant(inputs.constant[*read]);
         }
     }
+    for (const double value : constants_) *next++ = Enclosure::constant(value);
+    for_instructions([&](const Cell& head, std::span<const Cell> summands) {
+        Enclosure result;
+        bool is_first = true;
+        for (const Cell& summand : summands) {
+            const Enclosure part = product(summand.factor(), registers[summand.b], registers[summand.c]);
+            result = is_first ? part : sum(result, part);
+            is_first = false;
+        }
+        if (summands.empty()) {
+            const Enclosure &a = registers[head.a], &b = registers[head.b], &c = registers[head.c];
+            const auto op = static_cast<Op>(head.kind());
+            const bool is_lesser = head.kind() == lesser_code;
+            result = is_lesser || head.kind() == greater_code
+                         ? apply(Op::select, apply(Op::less, a, b, c), is_lesser ? a : b, is_lesser ? b : a)
+                     : op == Op::lookup ? look_up(*tables_[head.extra()], slopes_[head.extra()], a, b, c)
+                                        : apply(op, a, b, c);
+        }
+        *next++ = result;
+    });
     for (std::size_t i = 0; i < outputs_.size(); ++i) outputs[i] = registers[outputs_[i]];
 }
 
@@ -415,20 +597,13 @@ Tape Tape::part(std::span<const std::size_t> outputs) const {
     std::vector<char> needed(register_count_);
     needed[one] = true;
     for (const std::size_t output : outputs) needed[outputs_[output]] = true;
-    std::size_t result = register_count_, operand = operands_.size(), summand = summands_.size();
-    for (auto run = runs_.rbegin(); run != runs_.rend(); ++run) {
-        for (std::uint32_t i = 0; i < run->count; ++i) {
-            const bool is_needed = needed[--result] != 0;
-            if (run->code < sum_code) {
-                const auto& [a, b, c] = operands_[--operand];
-                if (is_needed) needed[a] = needed[b] = needed[c] = true;
-                continue;
-            }
-            summand -= run->length;
-            for (std::uint32_t n = 0; is_needed && n < run->length; ++n) {
-                needed[summands_[summand + n].a] = needed[summands_[summand + n].b] = true;
-            }
-        }
+    const std::vector<Placed> all = instructions();
+    std::size_t result = register_count_;
+    for (auto instruction = all.rbegin(); instruction != all.rend(); ++instruction) {
+        const auto& [head, summands] = *instruction;
+        if (needed[--result] == 0) continue;
+        for (const Cell& summand : summands) needed[summand.b] = needed[summand.c] = true;
+        if (summands.empty()) needed[head->a] = needed[head->b] = needed[head->c] = true;
     }
     Tape part;
     std::vector<std::uint32_t> place(register_count_);
@@ -440,31 +615,29 @@ Tape Tape::part(std::span<const std::size_t> outputs) const {
         return is_needed;
     };
     keeps(); // the number 1
-    for (const Read& read : reads_) {
-        if (keeps()) part.reads_.push_back(read);
+    const std::uint32_t* read = reads_.data();
+    for (std::size_t of = 0; of < read_counts_.size(); ++of) {
+        for (std::uint32_t i = 0; i < read_counts_[of]; ++i, ++read) {
+            if (!keeps()) continue;
+            part.reads_.push_back(*read);
+            ++part.read_counts_[of];
+        }
     }
     for (const double value : constants_) {
         if (keeps()) part.constants_.push_back(value);
     }
-    for (const Run& run : runs_) {
-        Run kept{run.code, 0, run.length};
-        for (std::uint32_t i = 0; i < run.count; ++i) {
-            const bool is_kept = keeps();
-            if (is_kept) ++kept.count;
-            if (run.code < sum_code) {
-                const auto& [a, b, c] = operands_[operand++];
-                if (is_kept) part.operands_.push_back({place[a], place[b], place[c]});
-                continue;
-            }
-            for (std::uint32_t n = 0; n < run.length; ++n) {
-                const auto& [factor, a, b] = summands_[summand++];
-                if (is_kept) part.summands_.push_back({factor, place[a], place[b]});
-            }
+    for (const auto& [head, summands] : all) {
+        if (!keeps()) continue;
+        ++part.instruction_count_;
+        part.code_.push_back(*head);
+        Cell& kept = part.code_.back();
+        if (summands.empty()) kept = {head->code, place[head->a], place[head->b], place[head->c]};
+        for (const Cell& summand : summands) {
+            part.code_.push_back(Cell::summand(summand.factor(), place[summand.b], place[summand.c]));
         }
-        part.instruction_count_ += kept.count;
-        if (kept.count > 0) part.runs_.push_back(kept);
     }
     part.register_count_ = next;
+    part.find_blocks();
     part.tables_ = tables_;
     part.slopes_ = slopes_;
     for (const std::size_t output : outputs) part.outputs_.push_back(place[outputs_[output]]);
@@ -535,7 +708,11 @@ const char* Tape::c_declarations() {
 
 std::string Tape::c_function(const std::string& name) const {
     std::vector<std::string> registers = {"1.0"};
-    for (const auto& [part, index] : reads_) registers.push_back(fmt::format("p{}[{}]", part, index));
+    const std::uint32_t* read = reads_.data();
+    for (std::size_t part = 0; part < read_counts_.size(); ++part) {
+        for (std::uint32_t i = 0; i < read_counts_[part]; ++i)
+            registers.push_back(fmt::format("p{}[{}]", part, *read++));
+    }
     std::size_t constant_count = 0;
     const auto next_constant = [&] { return fmt::format("k[{}]", constant_count++); };
     for (std::size_t i = 0; i < constants_.size(); ++i) registers.push_back(next_constant());
@@ -543,37 +720,36 @@ std::string Tape::c_function(const std::string& name) const {
     std::string text = fmt::format("void {}(const double *p0, const double *p1, const double *p2, const double *k, "
                                    "double *y) {{\n",
                                    name);
-    const auto factors =
-        std::count_if(summands_.begin(), summands_.end(), [](const auto& s) { return !s.is_signed(); });
-    const std::size_t first_table = constants_.size() + static_cast<std::size_t>(factors);
-    const auto product = [&](const Summand& summand, bool first) {
+    std::size_t factors = 0;
+    for_instructions([&](const Cell&, std::span<const Cell> summands) {
+        for (const Cell& summand : summands) factors += summand.is_signed() ? 0 : 1;
+    });
+    const std::size_t first_table = constants_.size() + factors;
+    const auto product = [&](const Cell& summand, bool first) {
         const bool is_signed = summand.is_signed();
-        std::string written = is_signed && summand.factor < 0 ? (first ? "-" : " - ") : (first ? "" : " + ");
-        written += is_signed ? registers[summand.a] : next_constant();
-        if (!is_signed && summand.a != one) written += " * " + registers[summand.a];
-        if (summand.b != one) written += " * " + registers[summand.b];
+        std::string written = is_signed && summand.factor() < 0 ? (first ? "-" : " - ") : (first ? "" : " + ");
+        written += is_signed ? registers[summand.b] : next_constant();
+        if (!is_signed && summand.b != one) written += " * " + registers[summand.b];
+        if (summand.c != one) written += " * " + registers[summand.c];
         return written;
     };
-    auto operands = operands_.begin();
-    auto summands = summands_.begin();
-    for (const auto& [code, count, length] : runs_) {
-        for (std::uint32_t i = 0; i < count; ++i) {
-            const std::string result = fmt::format("r{}", registers.size());
-            text += fmt::format("  const double {} = ", result);
-            if (code >= sum_code) {
-                for (std::uint32_t n = 0; n < length; ++n) text += product(*summands++, n == 0);
-            } else {
-                const auto& [a, b, c] = *operands++;
-                if (code == static_cast<std::uint32_t>(Op::lookup)) {
-                    text += fmt::format("lookup(k + {}, {}, {}, {})", first_table + 2 * length, registers[a],
-                                        registers[b], registers[c]);
-                } else
-                    text += c_text(static_cast<Op>(code), registers[a], registers[b], registers[c]);
-            }
-            text += ";\n";
-            registers.push_back(result);
+    for_instructions([&](const Cell& head, std::span<const Cell> summands) {
+        const std::string result = fmt::format("r{}", registers.size());
+        text += fmt::format("  const double {} = ", result);
+        for (const Cell& summand : summands) text += product(summand, &summand == summands.data());
+        if (head.kind() == lesser_code || head.kind() == greater_code) {
+            const bool is_lesser = head.kind() == lesser_code;
+            const auto &a = registers[head.a], &b = registers[head.b];
+            text += fmt::format("{} < {} ? {} : {}", a, b, is_lesser ? a : b, is_lesser ? b : a);
+        } else if (head.kind() == static_cast<std::uint32_t>(Op::lookup)) {
+            text += fmt::format("lookup(k + {}, {}, {}, {})", first_table + 2 * head.extra(), registers[head.a],
+                                registers[head.b], registers[head.c]);
+        } else if (summands.empty()) {
+            text += c_text(static_cast<Op>(head.kind()), registers[head.a], registers[head.b], registers[head.c]);
         }
-    }
+        text += ";\n";
+        registers.push_back(result);
+    });
     for (std::size_t i = 0; i < outputs_.size(); ++i) {
         text += fmt::format("  y[{}] = {};\n", i, registers[outputs_[i]]);
     }
@@ -584,9 +760,11 @@ void Tape::use(CFunction function, std::shared_ptr<const void> owner) {
     function_ = function;
     owner_ = std::move(owner);
     function_constants_ = constants_;
-    for (const auto& summand : summands_) {
-        if (!summand.is_signed()) function_constants_.push_back(summand.factor);
-    }
+    for_instructions([&](const Cell&, std::span<const Cell> summands) {
+        for (const Cell& summand : summands) {
+            if (!summand.is_signed()) function_constants_.push_back(summand.factor());
+        }
+    });
     for (const auto& table : tables_) {
         function_constants_.push_back(std::bit_cast<double>(&value_of_table));
         function_constants_.push_back(std::bit_cast<double>(static_cast<const void*>(table.get())));

@@ -1,9 +1,11 @@
 #pragma once
+#include "tribode/system/block_operations.hpp"
 #include "tribode/system/enclosed_operations.hpp"
 #include "tribode/system/expressions.hpp"
 
 #include <array>
 #include <cassert>
+#include <cstring>
 #include <initializer_list>
 #include <memory>
 #include <span>
@@ -12,10 +14,10 @@
 
 namespace tribode {
 
-// Expressions as a list of instructions on numbered registers, operands first. A sum of products is one instruction;
-// instructions of the same kind that do not need one another stand in runs, so that what to do is asked once a run.
-// Every operation is rounded as it was written. Evaluating calls nothing but the functions of <cmath>, and allocates nothing
-// unless the tape is very long; a tape is constant and may be shared by threads.
+// Expressions as a list of instructions on numbered registers, operands first. A sum of products is one instruction. Where the
+// same is done to operands that stand side by side, as where a loop of the script has written it for each element, several
+// instructions are carried out at one time. Every operation is rounded as it was written. Evaluating calls nothing but the
+// functions of <cmath>, and allocates nothing unless the tape is very long; a tape is constant and may be shared by threads.
 class Tape {
   public:
     Tape() = default; // no outputs
@@ -27,7 +29,8 @@ class Tape {
          const Parts& parts);
 
     // The values of the inputs, part by part; one value per output, in no place that is also read.
-    void evaluate(std::initializer_list<std::span<const double>> inputs, std::span<double> outputs) const {
+    [[gnu::always_inline]] void evaluate(std::initializer_list<std::span<const double>> inputs,
+                                         std::span<double> outputs) const {
         const auto part = [&](std::size_t i) { return i < inputs.size() ? inputs.begin()[i].data() : nullptr; };
         assert(outputs.size() == outputs_.size());
         if (!function_) return evaluate_one({part(0), part(1), part(2)}, outputs.data());
@@ -79,33 +82,45 @@ class Tape {
     // Registers: the number 1, the inputs that are read, constants, then the results of all instructions, in order.
     static constexpr std::uint32_t one = 0;
 
-    struct Operands {
+    // What is done, one after the other: an operation with its operands; the head of a sum, which its summands follow, factor a b; or
+    // the head of a block, which its instructions follow, of one kind, which do not need one another.
+    struct Cell {
+        // The kind; above it, of a lookup, the place of its table, of a block how many instructions it has.
+        std::uint32_t code = 0;
+        // Operands. Of a long sum, a: how many summands it has. Of a block, a: its BlockOperation, or the place of its factors; b, c: the
+        // steps of its operands, two bits each. Of a summand, code and a: the factor; b, c: the operands.
         std::uint32_t a = 0, b = 0, c = 0;
+
+        std::uint32_t kind() const { return code % 256; } // an Op, or one of those in tape.cpp
+        std::uint32_t extra() const { return code / 256; }
+        std::uint32_t summand_count() const;
+
+        static Cell summand(double factor, std::uint32_t a, std::uint32_t b);
+        double factor() const {
+            double value = 0;
+            std::memcpy(&value, this, sizeof value);
+            return value;
+        }
+        bool is_signed() const { return (factor() == 1 || factor() == -1) && b != one; } // C needs no factor then
     };
 
-    struct Summand { // factor a b
-        double factor;
-        std::uint32_t a, b;
-
-        bool is_signed() const { return (factor == 1 || factor == -1) && a != one; } // C needs no factor then
+    struct Placed {
+        const Cell* head;
+        std::span<const Cell> summands;
     };
+    std::vector<Placed> instructions() const;
+    // visit(head, summands) for each instruction, in order.
+    template <class Visit>
+    void for_instructions(const Visit& visit) const;
+    void find_blocks();
+    void operate(const Cell& block, const Cell* first, const double* registers, double* results) const;
 
-    // Operations of a kind, lookups in one table, or sums of one length.
-    struct Run {
-        std::uint32_t code;          // an Op, or that of a sum
-        std::uint32_t count, length; // of a lookup the place of its table
-    };
-
-    struct Read {
-        std::uint32_t part, index;
-    };
-
-    std::vector<Read> reads_;
+    std::array<std::uint32_t, 3> read_counts_{}; // of each part
+    std::vector<std::uint32_t> reads_;           // places in the parts, part by part
     std::vector<double> constants_;
     std::size_t register_count_ = 1, instruction_count_ = 0;
-    std::vector<Run> runs_;
-    std::vector<Operands> operands_; // of all operations
-    std::vector<Summand> summands_;  // of all sums
+    std::vector<Cell> code_;
+    std::vector<double> factors_; // of sums in blocks, those of the first summands first
     std::vector<std::shared_ptr<const LookupTable>> tables_;
     std::vector<TableSlopes> slopes_; // of each table
     std::vector<std::uint32_t> outputs_;
