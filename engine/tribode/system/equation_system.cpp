@@ -277,7 +277,8 @@ EquationSystem::Sparse EquationSystem::sparse_jacobian(const std::vector<Term>& 
 }
 
 EquationSystem::Update EquationSystem::update_of(const std::string& name, const Equations::Assignments& set) const {
-    Update update{name, {}, {}};
+    Update update;
+    update.name = name;
     std::vector<Term> values;
     for (const auto& [target, value] : set) {
         update.targets.push_back(place_of(target));
@@ -296,7 +297,7 @@ void EquationSystem::join_clocks() {
         watched.push_back(relation.active);
     }
     const auto of_motion = graph.variables_of(moving), of_events = graph.variables_of(watched);
-    const auto of_conditions = graph.variables_of(conditions_);
+    const auto in_conditions = graph.variables_of(conditions_);
     const auto is_in = [](const std::vector<Term>& variables, Term term) {
         return std::binary_search(variables.begin(), variables.end(), term);
     };
@@ -305,7 +306,7 @@ void EquationSystem::join_clocks() {
                            [&](const auto& state) { return state.symbol == term; });
     };
     // A condition below no_event is looked at whenever it can be.
-    const bool polled = std::any_of(of_conditions.begin(), of_conditions.end(),
+    const bool polled = std::any_of(in_conditions.begin(), in_conditions.end(),
                                     [&](Term term) { return term == equations_.time || is_state(term); });
     std::vector<Equations::Clock> joined;
     for (auto& clock : equations_.clocks) {
@@ -394,6 +395,7 @@ void EquationSystem::make_tapes() {
         call->reads = tape_of(clock.function->reads);
     }
     find_dependences();
+    bound_margins();
 }
 
 void EquationSystem::find_dependences() {
@@ -441,6 +443,22 @@ void EquationSystem::find_dependences() {
     moves_.resize(inputs_.size());
     for (const Term variable : graph.variables_of(rates_)) moves_[place.at(variable)] = true;
     std::fill_n(moves_.begin() + 1, equations_.states.size(), true);
+    std::vector<Term> all_margins, all_active;
+    for (const auto& relation : relations_) {
+        all_margins.push_back(relation.margin);
+        all_active.push_back(relation.active);
+    }
+    seen_by_.resize(inputs_.size());
+    for (const auto& [terms, what] : {std::pair(&all_margins, of_margins), std::pair(&all_active, of_activity),
+                                      std::pair(&conditions_, of_conditions)}) {
+        for (const Term variable : graph.variables_of(*terms)) seen_by_[place.at(variable)] |= what;
+    }
+    for (auto& update : when_updates_) {
+        for (const std::size_t target : update.targets) {
+            update.seen_by |= seen_by_[target];
+            update.moves = update.moves || moves_[target] != 0;
+        }
+    }
     may_turn_.resize(relations_.size());
     for (const auto& update : when_updates_) {
         for (const std::size_t target : update.targets) {
@@ -459,6 +477,13 @@ void EquationSystem::find_dependences() {
             }
         }
     }
+}
+
+// For all runs, unless there are so many relations that it would take long.
+void EquationSystem::bound_margins() {
+    constexpr std::size_t most = 100;
+    if (relations_.size() > most) return;
+    for (std::size_t i = 0; i < relations_.size(); ++i) bounded_margins_.push_back(make_bounded_margin(i));
 }
 
 void EquationSystem::recognize_affine() {
@@ -792,8 +817,9 @@ void EquationSystem::guards(double t, std::span<const double> x, const DiscreteS
     guard_.evaluate({std::span(&t, 1), x, held.values}, g.first(relations_.size()));
     const double* values = held.values.data() + equations_.discrete.size();
     for (std::size_t i = 0; i < relations_.size(); ++i) {
-        g[i] = held.active[i] == 0 ? 1 : (values[i] != 0 ? g[i] : -g[i]) + held.slack[i];
-        if (std::isnan(g[i])) g[i] = -1; // a step that leaves where it has a value must not pass over it
+        const double margin = g[i], side = (values[i] != 0 ? margin : -margin) + held.slack[i];
+        // A step that leaves where it has a value must not pass over it.
+        g[i] = held.active[i] == 0 ? 1 : side == side ? side : -1;
     }
     if (has_endless_guard()) g.back() = held.restless || held.unsettled ? -1 : 1;
 }
@@ -833,11 +859,11 @@ std::size_t EquationSystem::place_of(Term target) const {
 // Whether that changes anything.
 bool EquationSystem::write(const std::vector<std::size_t>& places, std::span<const double> values, SystemState& state) {
     bool changed = false;
-    auto& held = static_cast<Memory&>(*state.discrete).values;
+    const std::span<double> x = state.x, held = static_cast<Memory&>(*state.discrete).values;
     for (std::size_t i = 0; i < values.size(); ++i) {
         const std::size_t place = places[i] - 1;
-        double& value = place < state.x.size() ? state.x[place] : held[place - state.x.size()];
-        changed = changed || value != values[i];
+        double& value = place < x.size() ? x[place] : held[place - x.size()];
+        changed |= value != values[i];
         value = values[i];
     }
     return changed;
@@ -871,15 +897,28 @@ EquationSystem::Instant& EquationSystem::instant_of(SystemState& state) const {
     now.crossed.assign(relations_.size(), Crossed::no);
     now.touched.assign(relations_.size(), false);
     now.turned.assign(relations_.size(), false);
+    now.stale = everything;
+    now.bounded_at.assign(relations_.size(), -1);
     now.moved = false;
     now.uncertain.assign(state.x.size(), 0);
     return now;
 }
 
+void EquationSystem::mark_written(Instant& now, std::size_t place) const {
+    now.stale |= seen_by_[place];
+    if (moves_[place] != 0 || (seen_by_[place] & of_margins) != 0) ++now.writes;
+}
+
 void EquationSystem::look(Instant& now) const {
     const std::span time(&now.state->t, 1);
-    guard_.evaluate({time, now.state->x, now.memory->values}, now.margins);
-    active_.evaluate({time, now.state->x, now.memory->values}, now.active);
+    if ((now.stale & of_margins) != 0) guard_.evaluate({time, now.state->x, now.memory->values}, now.margins);
+    if ((now.stale & of_activity) != 0) active_.evaluate({time, now.state->x, now.memory->values}, now.active);
+    now.stale &= of_conditions;
+}
+
+void EquationSystem::keep_active(Instant& now) const {
+    look(now);
+    now.memory->active = now.active;
 }
 
 // Solves for the algebraic variables with relations as they are held; how far each was off.
@@ -906,6 +945,8 @@ void EquationSystem::make_consistent(Instant& now) const {
     for (std::size_t round = 0; round < most; ++round) {
         const auto problem = solve_algebraic(now.state->t, now.state->x, *now.memory, now.uncertain);
         if (problem) throw NoSolution(*problem);
+        now.stale = everything;
+        ++now.writes;
         look(now);
         list.clear();
         for (std::size_t i = 0; i < relations_.size(); ++i) {
@@ -946,18 +987,27 @@ void EquationSystem::find_rates(Instant& now, double t, std::span<const double> 
     if (!algebraic_.empty()) algebraic_rates(t, x, *now.memory, now.rates, now.rounding);
 }
 
+EquationSystem::BoundedMargin EquationSystem::make_bounded_margin(std::size_t relation) const {
+    BoundedMargin bounded;
+    bounded.margin = guard_.part(std::span(&relation, 1));
+    const auto is_in = [&](const std::vector<std::size_t>& list) {
+        return std::find(list.begin(), list.end(), relation) != list.end();
+    };
+    for (std::size_t j = 0; j < variables_.size(); ++j) {
+        const bool is_operand = is_in(relations_of_[1 + j]);
+        if (is_operand) bounded.states.push_back(j);
+        if (is_operand || is_in(moved_relations_of_[1 + j])) bounded.sources.push_back(j);
+    }
+    bounded.rates = rate_.part(bounded.states);
+    bounded.rates_of_sources = rate_.part(bounded.sources);
+    return bounded;
+}
+
 const EquationSystem::BoundedMargin& EquationSystem::bounded_margin(Instant& now, std::size_t relation) const {
+    if (!bounded_margins_.empty()) return bounded_margins_[relation];
     now.bounded.resize(relations_.size());
     auto& made = now.bounded[relation];
-    if (!made) {
-        BoundedMargin bounded{guard_.part(std::span(&relation, 1)), {}, {}};
-        for (std::size_t j = 0; j < variables_.size(); ++j) {
-            const auto& of_state = relations_of_[1 + j];
-            if (std::find(of_state.begin(), of_state.end(), relation) != of_state.end()) bounded.states.push_back(j);
-        }
-        bounded.rates = rate_.part(bounded.states);
-        made = std::make_unique<const BoundedMargin>(std::move(bounded));
-    }
+    if (!made) made = std::make_unique<const BoundedMargin>(make_bounded_margin(relation));
     return *made;
 }
 
@@ -966,25 +1016,40 @@ const EquationSystem::BoundedMargin& EquationSystem::bounded_margin(Instant& now
 void EquationSystem::enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates,
                                      std::span<const std::size_t> relations) const {
     constexpr std::size_t few = 4; // relations: of more, all are bounded together
+    const bool apart = relations.size() <= few;
     const double ulps = 2 * std::numeric_limits<double>::epsilon(), t_rounding = ulps * std::abs(t);
-    find_rates(now, t, x);
     const auto about = [](double value, double rounding) { return Interval{value - rounding, value + rounding}; };
     const Enclosure time = {about(t, t_rounding), {1, 1}};
-    now.inputs.clear();
-    for (std::size_t j = 0; j < x.size(); ++j) {
-        const double off = ulps * std::abs(x[j]) + t_rounding * std::abs(now.rates[j]);
-        now.inputs.push_back({about(x[j], off + now.uncertain[j] + now.rounding.value[j]), {0, 0}});
+    now.inputs.resize(x.size());
+    now.rate_bounds.resize(x.size());
+    now.bounds.resize(relations_.size());
+    const auto set_input = [&](std::size_t j, double rate, double uncertain) {
+        const double off = ulps * std::abs(x[j]) + t_rounding * std::abs(rate);
+        now.inputs[j] = {about(x[j], off + uncertain), {0, 0}};
+    };
+    if (!apart || !algebraic_.empty()) {
+        find_rates(now, t, x);
+        for (std::size_t j = 0; j < x.size(); ++j) {
+            set_input(j, now.rates[j], now.uncertain[j] + now.rounding.value[j]);
+        }
     }
     const std::span states(now.inputs);
     const Tape::EnclosedInputs inputs{{std::span(&time, 1), states}, std::span<const double>(now.memory->values)};
     const auto set_rate = [&](std::size_t j, Interval rate) {
         states[j].rate = variables_[j].is_algebraic() ? about(now.rates[j], now.rounding.rate[j]) : rate;
     };
-    now.rate_bounds.resize(x.size());
-    now.bounds.resize(relations_.size());
-    if (relations.size() <= few) {
+    for (const std::size_t relation : relations) now.bounded_at[relation] = now.writes;
+    if (apart) {
         for (const std::size_t relation : relations) {
             const BoundedMargin& bounded = bounded_margin(now, relation);
+            if (algebraic_.empty()) {
+                const auto& read = with_rates ? bounded.sources : bounded.states;
+                const Tape& rates = with_rates ? bounded.rates_of_sources : bounded.rates;
+                WorkSpace<double, usual_size> memory_of_rates(read.size());
+                const std::span<double> values(memory_of_rates.data(), read.size());
+                rates.evaluate({std::span(&t, 1), x, now.memory->values}, values);
+                for (std::size_t i = 0; i < read.size(); ++i) set_input(read[i], values[i], 0);
+            }
             if (with_rates) bounded.rates.enclose(inputs, now.rate_bounds);
             for (std::size_t i = 0; with_rates && i < bounded.states.size(); ++i) {
                 set_rate(bounded.states[i], now.rate_bounds[i].value);
@@ -1001,7 +1066,10 @@ void EquationSystem::enclose_margins(Instant& now, double t, std::span<const dou
 // Its guard begins at zero or above.
 void EquationSystem::hold(Instant& now, std::size_t relation, bool holds) const {
     double& held = now.memory->values[value_place(relation)];
-    now.moved = now.moved || ((held != 0) != holds && moves_[held_place(relation)]);
+    if ((held != 0) != holds) {
+        now.moved = now.moved || moves_[held_place(relation)] != 0;
+        mark_written(now, held_place(relation));
+    }
     held = holds;
     const double side = holds ? now.margins[relation] : -now.margins[relation];
     now.memory->slack[relation] = side < 0 ? -side : 0;
@@ -1016,7 +1084,8 @@ std::size_t EquationSystem::count(Instant& now, std::size_t relation) const {
     const double below = std::floor(now.operands[counter]);
     value = step > 0 ? std::max(value + 1, below) : std::min(value - 1, below);
     const std::size_t place = 1 + equations_.states.size() + counter_value_place(counter);
-    now.moved = now.moved || moves_[place];
+    now.moved = now.moved || moves_[place] != 0;
+    mark_written(now, place);
     return place;
 }
 
@@ -1074,7 +1143,10 @@ void EquationSystem::settle(Instant& now, std::vector<int>& fired) const {
     auto& memory = *now.memory;
     now.conditions.resize(conditions_.size());
     for (int round = 0; round < max_rounds; ++round) {
-        condition_.evaluate({std::span(&now.state->t, 1), now.state->x, memory.values}, now.conditions);
+        if ((now.stale & of_conditions) != 0) {
+            condition_.evaluate({std::span(&now.state->t, 1), now.state->x, memory.values}, now.conditions);
+            now.stale &= of_margins | of_activity;
+        }
         std::optional<std::size_t> due;
         for (std::size_t i = 0; i < now.conditions.size(); ++i) {
             if (now.conditions[i] == 0)
@@ -1085,12 +1157,14 @@ void EquationSystem::settle(Instant& now, std::vector<int>& fired) const {
         if (!due) return;
         memory.conditions[*due] = 1;
         memory.stopped = memory.stopped || equations_.whens[*due].stop;
-        const auto& targets = when_updates_[*due].targets;
-        const bool changed = carry_out(when_updates_[*due], *now.state);
-        now.moved = now.moved || (changed && std::any_of(targets.begin(), targets.end(),
-                                                         [&](std::size_t place) { return moves_[place] != 0; }));
+        const Update& update = when_updates_[*due];
+        if (carry_out(update, *now.state)) {
+            now.moved = now.moved || update.moves;
+            now.stale |= update.seen_by;
+            ++now.writes;
+        }
         fired.push_back(static_cast<int>(*due));
-        take_anew(now, targets);
+        take_anew(now, update.targets);
     }
     memory.restless = true;
     memory.fired.assign(fired.end() - std::min<std::ptrdiff_t>(std::ssize(fired), 3), fired.end());
@@ -1118,14 +1192,23 @@ Interval EquationSystem::rate_ahead(Instant& now, std::size_t relation) const {
 bool EquationSystem::turn_back(Instant& now, std::span<const GuardId> guards) const {
     bool any = false;
     look(now);
-    enclose_margins(now, now.state->t, now.state->x, true, guards);
-    const std::vector<Enclosure> after = now.bounds;
+    auto& list = now.list;
+    list.clear();
     for (const GuardId i : guards) {
         if (now.crossed[i] == Crossed::no || now.active[i] == 0 || !(now.touched[i] || now.turned[i])) continue;
-        if (now.touched[i] && !after[i].value.contains(0)) continue;
+        // Mostly what has been carried out has put it elsewhere, which was seen when it was taken anew.
+        const bool known = now.bounded_at[i] == now.writes;
+        if (known && now.touched[i] && !now.bounds[i].value.contains(0)) continue;
+        list.push_back(i);
+    }
+    if (list.empty()) return false;
+    enclose_margins(now, now.state->t, now.state->x, true, list);
+    now.after = now.bounds;
+    for (const GuardId i : list) {
+        if (now.touched[i] && !now.after[i].value.contains(0)) continue;
         const bool holds = now.crossed[i] == Crossed::to_hold;
         const auto inward = [&](Interval rate) { return holds ? rate : Interval{-rate.high, -rate.low}; };
-        const Interval rate = inward(after[i].rate);
+        const Interval rate = inward(now.after[i].rate);
         const bool leaves = rate.high < 0;
         const bool rests = rate.contains(0) && rate.high < Interval::infinity;
         if (!leaves && !(rests && inward(rate_ahead(now, i)).low > 0)) continue;
@@ -1268,7 +1351,7 @@ EventEffect EquationSystem::carry_out_crossings(std::span<const GuardId> guards,
     settle(now, fired);
     if (may_turn && !fired.empty() && turn_back(now, guards)) settle(now, fired);
     for (const int when : fired) log.push_back({state.t, when, 0});
-    find_active(state);
+    keep_active(now);
     return now.moved ? EventEffect::restart : EventEffect::guards;
 }
 
@@ -1281,26 +1364,32 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
         before = state.x;
         uncertain = correct_algebraic(state);
     }
-    std::vector<double> margins(to_events ? relations_.size() : 0);
-    if (to_events) guard_.evaluate({std::span(&state.t, 1), state.x, memory.values}, margins);
-    bool changed = carry_out(clock_updates_[clock], state);
-    std::vector<std::size_t> targets = clock_updates_[clock].targets;
-    if (const auto& call = calls_[clock]) {
-        std::vector<double> read(call->reads.output_count()), written(call->targets.size());
+    std::vector<double> looked(to_events ? relations_.size() : 0);
+    if (to_events) guard_.evaluate({std::span(&state.t, 1), state.x, memory.values}, looked);
+    const Update& update = clock_updates_[clock];
+    bool changed = carry_out(update, state);
+    const auto& call = calls_[clock];
+    if (call) {
+        WorkSpace<double, usual_size> memory_of_read(call->reads.output_count()),
+            memory_of_written(call->targets.size());
+        const std::span<double> read(memory_of_read.data(), call->reads.output_count()),
+            written(memory_of_written.data(), call->targets.size());
+        std::ranges::fill(written, 0.0);
         if (!read.empty()) call->reads.evaluate({std::span(&state.t, 1), state.x, memory.values}, read);
         const auto& function = *equations_.clocks[clock].function;
         (function.open ? memory.opened[clock] : function.call)(k, read, written);
         changed = write(call->targets, written, state) || changed;
-        targets.insert(targets.end(), call->targets.begin(), call->targets.end());
     }
     memory.fired.clear();
     if (to_events) {
         Instant& now = instant_of(state);
-        now.margins = margins;
+        now.margins = looked;
         if (!uncertain.empty()) now.uncertain = uncertain;
+        std::vector<std::size_t> targets = update.targets;
+        if (call) targets.insert(targets.end(), call->targets.begin(), call->targets.end());
         take_anew(now, targets);
         settle(now, memory.fired);
-        find_active(state);
+        keep_active(now);
         changed = changed || !memory.fired.empty() || memory.restless;
     }
     if (!changed) {

@@ -131,15 +131,22 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
 
     // Of a relation, what bounds of its margin are found from: the parts of guard_ and rate_ that it needs.
     struct BoundedMargin {
-        Tape margin, rates; // of the states that the margin depends on
-        std::vector<std::size_t> states;
+        Tape margin, rates;               // of the states that the margin depends on
+        std::vector<std::size_t> states;  // these, and
+        std::vector<std::size_t> sources; // with those that their rates depend on
+        Tape rates_of_sources;
     };
+
+    // What is evaluated of all relations and `when`s, as bits.
+    static constexpr unsigned char of_margins = 1, of_activity = 2, of_conditions = 4, everything = 7;
 
     // The work at one instant. Its memory serves one instant of a run after the other.
     struct Instant {
         SystemState* state = nullptr;
         Memory* memory = nullptr;
         std::vector<double> margins, active; // of the relations, as last looked at
+        unsigned char stale = everything;    // what depends on something that has been written since
+        long writes = 0;                     // of something that margins or dx/dt depend on
         std::vector<double> margins_before, active_before;
         std::vector<Crossed> crossed; // of the relations: at this instant
         std::vector<char> touched;    // whether their operands have been written since,
@@ -147,11 +154,13 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
         std::vector<double> rates, conditions, ahead;
         std::vector<double> uncertain; // of the states: how far off algebraic variables may be
         Rounding rounding;
-        std::vector<Enclosure> inputs, rate_bounds, bounds;        // of the states; of dx/dt; of the margins
-        std::vector<std::unique_ptr<const BoundedMargin>> bounded; // of the relations, made as they are needed
+        std::vector<Enclosure> inputs, rate_bounds, bounds;        // of the states; of dx/dt; of the margins,
+        std::vector<long> bounded_at;                              // after so many writes
+        std::vector<std::unique_ptr<const BoundedMargin>> bounded; // of many relations, made as they are needed
         std::vector<std::size_t> list, written;
         std::vector<char> counted; // of the list: whether nothing but its counter has changed
         std::vector<double> operands;
+        std::vector<Enclosure> after;    // bounds of margins once all has been carried out
         std::vector<int> fired;          // by crossings
         std::vector<std::size_t> places; // written as guards crossed zero
         bool moved = false;              // whether x or dx/dt have changed
@@ -226,6 +235,8 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
         std::string name; // of the event or clock
         std::vector<std::size_t> targets;
         Tape tape;
+        unsigned char seen_by = 0; // what depends on the targets
+        bool moves = false;        // whether one of them is a state or dx/dt depends on it
     };
 
     struct Call {
@@ -278,12 +289,16 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     std::size_t counter_value_place(std::size_t counter) const { return value_place(relations_.size()) + counter; }
     Instant& instant_of(SystemState& state) const;
     void look(Instant& now) const;
+    void mark_written(Instant& now, std::size_t place) const;
+    void keep_active(Instant& now) const;
     std::vector<double> correct_algebraic(SystemState& state) const;
     void make_consistent(Instant& now) const;
     void find_rates(Instant& now, double t, std::span<const double> x) const;
     void enclose_margins(Instant& now, double t, std::span<const double> x, bool with_rates,
                          std::span<const std::size_t> relations) const;
+    BoundedMargin make_bounded_margin(std::size_t relation) const;
     const BoundedMargin& bounded_margin(Instant& now, std::size_t relation) const;
+    void bound_margins();
     void hold(Instant& now, std::size_t relation, bool holds) const;
     std::size_t count(Instant& now, std::size_t relation) const;
     void take_anew(Instant& now, std::span<const std::size_t> written) const;
@@ -307,12 +322,14 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     std::vector<Term> rates_, conditions_, guard_terms_;
     std::vector<Term> inputs_; // of every tape: t, x, values of the memory
     Tape rate_, output_, condition_;
-    Tape guard_, active_; // of each relation: its margin, whether it matters
-    Tape counted_;        // of each counter: its operand
+    Tape guard_, active_;                        // of each relation: its margin, whether it matters
+    Tape counted_;                               // of each counter: its operand
+    std::vector<BoundedMargin> bounded_margins_; // of the relations; of none, where they are many
     // Of each place in inputs_: the relations whose margin depends on it; and those whose margin's rate of change does.
     std::vector<std::vector<std::size_t>> relations_of_, moved_relations_of_;
-    std::vector<char> may_turn_; // of each relation: whether a `when` writes one of these
-    std::vector<char> moves_;    // of each place: whether it is a state or dx/dt depends on it
+    std::vector<char> may_turn_;         // of each relation: whether a `when` writes one of these
+    std::vector<char> moves_;            // of each place: whether it is a state or dx/dt depends on it
+    std::vector<unsigned char> seen_by_; // of each place: what depends on it
     Sparse jacobian_, guard_jacobian_;
     SparsityPattern jacobian_pattern_;
     std::vector<std::size_t> algebraic_;       // places among the states
