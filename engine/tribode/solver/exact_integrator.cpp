@@ -15,7 +15,6 @@ const HybridSystem& ExactIntegrator::checked(const HybridSystem& system) {
 
 ExactIntegrator::ExactIntegrator(const HybridSystem& system, PreparedSteps* shared)
     : SeriesIntegrator(checked(system), 4),
-      guard_room_((guard_count_ + guard_group - 1) / guard_group * guard_group),
       shared_(shared),
       work_(height_),
       least_(height_),
@@ -24,7 +23,8 @@ ExactIntegrator::ExactIntegrator(const HybridSystem& system, PreparedSteps* shar
       travel_(height_),
       response_(terms_.size()),
       f_(height_),
-      moved_(height_) {
+      moved_(height_),
+      moving_guards_(guard_count_ + guard_group) {
     // At the end of a long chain a state has no term before many are taken. Sizes below this are not worth one.
     constexpr double least = 1e-25;
     std::transform(system.states().begin(), system.states().end(), least_.begin(),
@@ -51,14 +51,14 @@ void ExactIntegrator::restart(SystemState& state) {
 
 PreparedSteps::Matrices ExactIntegrator::make_matrices(const AffineForm& form) const {
     const std::size_t size = height_ * height_, count = power_count(height_);
-    Matrices made{Columns(count * size), 0, {}, {0}, Columns(guard_room_)};
+    Matrices made{Columns(count * size), 0, {}, {0}, {}};
     for (std::size_t guard = 0; guard < guard_count_; ++guard) {
         for (std::size_t j = 0; j < size_; ++j) {
             const double value = form.g[j * guard_count_ + guard];
             if (value == 0) continue;
             made.entries.push_back({j, value});
-            made.moving[guard] = -1;
         }
+        if (made.entries.size() > made.first.back()) made.moving.push_back(guard);
         made.first.push_back(made.entries.size());
     }
     double* const a = made.powers.data();
@@ -84,8 +84,8 @@ double ExactIntegrator::fastest_decay(const Columns& a) const {
 
 // Column by column, as the responses to f = e_j: a step's series from zero with that slope.
 PreparedSteps::Propagation ExactIntegrator::prepare(double h) {
-    const std::size_t rows = height_ + 2 * guard_room_;
-    Propagation made{Columns(height_ * rows), Columns(height_ * guard_room_)};
+    const std::size_t guard_room = matrices_->groups() * guard_group, rows = height_ + 2 * guard_room;
+    Propagation made{Columns(height_ * rows), Columns(height_ * guard_room)};
     Columns& terms = response_; // those of the last step stay
     const Columns none(height_);
     Columns unit(height_);
@@ -101,10 +101,10 @@ PreparedSteps::Propagation ExactIntegrator::prepare(double h) {
         }
         double* column = made.propagator.data() + j * rows;
         sum_columns(terms.data(), order, height_, column, travel_.data());
-        for (std::size_t guard = 0; guard < guard_count_; ++guard) {
+        for (std::size_t guard = 0; guard < matrices_->moving.size(); ++guard) {
             const auto along = [&](int n) {
                 double g = 0;
-                for (const auto& [state, value] : matrices_->row(guard)) {
+                for (const auto& [state, value] : matrices_->row(matrices_->moving[guard])) {
                     g += value * terms[static_cast<std::size_t>(n) * height_ + state];
                 }
                 return g;
@@ -112,7 +112,7 @@ PreparedSteps::Propagation ExactIntegrator::prepare(double h) {
             double* both = column + height_ + guard + guard / guard_group * guard_group;
             both[0] = along(1);
             both[guard_group] = along(2);
-            for (int n = 3; n <= order; ++n) made.rest[j * guard_room_ + guard] += std::abs(along(n));
+            for (int n = 3; n <= order; ++n) made.rest[j * guard_room + guard] += std::abs(along(n));
         }
     }
     return made;
@@ -127,8 +127,12 @@ bool ExactIntegrator::propagate(const Propagation& step) {
     system_.derivative(t0_, x, *state_->discrete, {f_.data(), size_});
     ++counts_.derivative_evaluations;
     ++counts_.guard_evaluations;
-    if (!propagate_columns(step.propagator.data(), step.rest.data(), matrices_->moving.data(), guard_terms_.data(),
-                           height_, guard_room_ / guard_group, f_.data(), moved_.data())) {
+    const std::vector<GuardId>& moving = matrices_->moving;
+    const std::size_t groups = matrices_->groups();
+    for (std::size_t i = 0; i < moving.size(); ++i) moving_guards_[i] = guard_terms_[moving[i]];
+    for (std::size_t i = moving.size(); i < groups * guard_group; ++i) moving_guards_[i] = 1;
+    if (!propagate_columns(step.propagator.data(), step.rest.data(), moving_guards_.data(), height_, groups, f_.data(),
+                           moved_.data())) {
         return false;
     }
     double zero = 0; // unless one of x is not finite

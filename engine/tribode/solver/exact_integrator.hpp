@@ -50,7 +50,6 @@ class ExactIntegrator final : public SeriesIntegrator {
     double find_crossing();
     void evaluate(double s, std::span<double> x);
 
-    const std::size_t guard_room_; // of all groups of guards
     PreparedSteps* const shared_;
     Patterns<AffinePattern> patterns_;
     AffinePattern* pattern_ = nullptr;   // the present one; null where b varies
@@ -64,6 +63,7 @@ class ExactIntegrator final : public SeriesIntegrator {
     std::vector<double> f_;              // (height): the derivative where the step begins, and
     bool known_at_start_ = false; // whether it and the guards there are known: where the step could not be propagated
     std::vector<double> moved_;   // (height): how far x moves in a propagated step
+    std::vector<double> moving_guards_; // in whole groups: those that move, where it begins
 };
 
 } // namespace tribode

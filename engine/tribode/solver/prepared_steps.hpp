@@ -1,6 +1,8 @@
 #pragma once
 #include "tribode/hybrid/piecewise_affine.hpp"
+#include "tribode/solver/series_kernels.hpp"
 
+#include <algorithm>
 #include <memory>
 #include <mutex>
 #include <span>
@@ -30,20 +32,23 @@ class PreparedSteps {
         double decay;                   // see ExactIntegrator::fastest_decay [1/s]
         std::vector<Entry> entries;     // of G, row by row
         std::vector<std::size_t> first; // (guards + 1): of each row, its first entry
-        Columns moving;                 // (guard_room): -1 where the row is not empty
+        std::vector<GuardId> moving;    // whose row is not empty
+
+        // Of the guards that move, in whole groups, one at least.
+        std::size_t groups() const { return std::max<std::size_t>((moving.size() + guard_group - 1) / guard_group, 1); }
 
         std::span<const Entry> row(GuardId guard) const {
             return {entries.data() + first[guard], first[guard + 1] - first[guard]};
         }
     };
 
-    // From matrices, for steps of one length, with f the derivative at their beginning.
+    // From matrices, for steps of one length, with f the derivative at their beginning. Guards are those that move.
     struct Propagation {
         // Times f: how far x moves, Psi f, then the guards' first and second coefficients, in groups. Empty: the length is
         // too long for its series.
-        Columns propagator; // (height + 2 guard_room x height)
+        Columns propagator; // (height + 2 guards in groups x height)
         // Times abs(f): a bound for all further coefficients of each guard together.
-        Columns rest; // (guard_room x height)
+        Columns rest; // (guards in groups x height)
     };
 
     // Matrices and what has been prepared from them.

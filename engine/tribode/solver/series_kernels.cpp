@@ -256,9 +256,9 @@ constexpr auto fourth_reciprocals = [] {
 // See propagate_columns(). A guard that begins at g and moves by first s + second s^2 and by at most `beyond` besides stays above
 // zero; s and s^2 lie between 0 and 1, up to rounding, which the margin covers.
 template <std::size_t FixedHeight, std::size_t FixedGroups>
-[[gnu::always_inline]] inline bool propagate(const double* propagator, const double* rest, const double* moving,
-                                             const double* g, std::size_t any_height, std::size_t any_groups,
-                                             const double* f, double* moved) {
+[[gnu::always_inline]] inline bool propagate(const double* propagator, const double* rest, const double* g,
+                                             std::size_t any_height, std::size_t any_groups, const double* f,
+                                             double* moved) {
     const std::size_t height = FixedHeight ? FixedHeight : any_height;
     const std::size_t groups = FixedGroups ? FixedGroups : any_groups;
     const std::size_t rows = height + groups * 2 * guard_group;
@@ -279,7 +279,7 @@ template <std::size_t FixedHeight, std::size_t FixedGroups>
         // One by one, as they were written just before.
         const Group lowest = Group{begin[0], begin[1], begin[2], begin[3]} + (bent < zero ? bent : zero) - beyond;
         const Group sizes = (Group)((GroupBits)first & not_sign) + (Group)((GroupBits)second & not_sign) + beyond;
-        found |= (GroupBits)(lowest > 1e-12 * sizes ? zero : crosses) & (GroupBits)group(moving + i * guard_group);
+        found |= (GroupBits)(lowest > 1e-12 * sizes ? zero : crosses);
     }
     return ((found[0] | found[1]) | (found[2] | found[3])) == 0;
 }
@@ -648,11 +648,10 @@ TRIBODE_CLONES void multiply_columns(const double* matrix, std::size_t height, s
     }
 }
 
-TRIBODE_CLONES bool propagate_columns(const double* propagator, const double* rest, const double* moving,
-                                      const double* g, std::size_t height, std::size_t groups, const double* f,
-                                      double* moved) {
-    if (height == 8 && groups == 1) return propagate<8, 1>(propagator, rest, moving, g, 8, 1, f, moved);
-    return propagate<0, 0>(propagator, rest, moving, g, height, groups, f, moved);
+TRIBODE_CLONES bool propagate_columns(const double* propagator, const double* rest, const double* g, std::size_t height,
+                                      std::size_t groups, const double* f, double* moved) {
+    if (height == 8 && groups == 1) return propagate<8, 1>(propagator, rest, g, 8, 1, f, moved);
+    return propagate<0, 0>(propagator, rest, g, height, groups, f, moved);
 }
 
 TRIBODE_CLONES int expand_columns(const double* powers, double rate, const double* least, std::size_t height,

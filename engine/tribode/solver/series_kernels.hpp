@@ -17,11 +17,10 @@ void multiply_columns(const double* matrix, std::size_t height, std::size_t colu
 
 // A propagated step from the derivative f. moved = Psi f, and false if a guard might cross zero meanwhile. propagator: Psi,
 // below it for each group of guards the rows of their first coefficients, then those of their second ones; rest: the rows of
-// bounds for their further ones; moving: of each guard -1, or 0 where it does not move; g: the guards where the step begins,
-// with room for all of a group.
+// bounds for their further ones; g: the guards where the step begins, above zero where a group has more rows than there are.
 constexpr std::size_t guard_group = 4;
-bool propagate_columns(const double* propagator, const double* rest, const double* moving, const double* g,
-                       std::size_t height, std::size_t groups, const double* f, double* moved);
+bool propagate_columns(const double* propagator, const double* rest, const double* g, std::size_t height,
+                       std::size_t groups, const double* f, double* moved);
 
 // sum = start + matrix x
 void add_columns(const double* start, const double* matrix, std::size_t columns, std::size_t height, const double* x,
