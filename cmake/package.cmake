@@ -14,5 +14,5 @@ set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
 set(CPACK_DEBIAN_PACKAGE_DEPENDS "gnuplot-nox | gnuplot, fonts-dejavu-core")
 # What programs of others need to link the library.
 string(CONCAT CPACK_DEBIAN_PACKAGE_SUGGESTS "cmake, pkg-config, libsundials-dev, libsuitesparse-dev, libeigen3-dev, "
-       "liblua5.4-dev, libfmt-dev, nlohmann-json3-dev, libceres-dev, libhdf5-dev, zlib1g-dev, libssl-dev, libpugixml-dev, libzip-dev, gcc")
+       "liblua5.4-dev, libfmt-dev, nlohmann-json3-dev, libhdf5-dev, zlib1g-dev, libssl-dev, libpugixml-dev, libzip-dev, gcc")
 include(CPack)

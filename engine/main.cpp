@@ -14,11 +14,6 @@
 
 using namespace tribode;
 
-// OpenBLAS, which Ceres brings along, asks this function of its own for the number of its threads as soon as it is loaded.
-// None are of use here. Under a limit of the address space they would wait for memory for ever, and the end of the program
-// for them; and threads from before main would be outside the kernel's sandbox.
-extern "C" __attribute__((visibility("default"))) int openblas_num_threads_env() { return 1; }
-
 namespace {
 
 // The first Ctrl-C asks the work to end where it can go on later; the second ends the program at once.

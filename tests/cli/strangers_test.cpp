@@ -324,7 +324,6 @@ TEST_F(Strangers, ASmallAddressSpaceHangsNothing) {
 #endif
     rlimit before{};
     getrlimit(RLIMIT_AS, &before);
-    ::setenv("OPENBLAS_NUM_THREADS", "16", 1);
     for (const rlim_t mebibytes : {150, 200, 400, 1000}) {
         const rlimit small{mebibytes << 20, before.rlim_max};
         setrlimit(RLIMIT_AS, &small);
@@ -332,7 +331,6 @@ TEST_F(Strangers, ASmallAddressSpaceHangsNothing) {
         setrlimit(RLIMIT_AS, &before);
         EXPECT_EQ(ending.exit_code, 0) << mebibytes << " MiB: " << ending.err;
     }
-    ::unsetenv("OPENBLAS_NUM_THREADS");
 }
 
 // ---- the kernel's part -------------------------------------------------------------------------------------------

@@ -1,23 +1,24 @@
 #include "tribode/analysis/modal_fit.hpp"
 
+#include "tribode/analysis/modal_descent.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/field_reader.hpp"
 #include "tribode/base/text.hpp"
 
 #include <Eigen/QR>
-#include <ceres/ceres.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <fmt/format.h>
 #include <limits>
-#include <memory>
 #include <numbers>
 
 namespace tribode {
 
 namespace {
+
+using Fit = ModalDescent::Result;
 
 // Of the first searches, where modes are still missing and their peaks must not pull: 0.5 is 65 % or 29 deg.
 constexpr double search_scale = 0.5;
@@ -27,99 +28,7 @@ constexpr double min_scale = 1e-7;
 // component.
 constexpr double scale_per_deviation = 3;
 
-struct Point {
-    double omega; // [rad/s]
-    std::complex<double> value;
-};
-
-struct Fit {
-    std::vector<double> logarithms; // k0, then k, w, zeta of each mode
-    double cost = std::numeric_limits<double>::infinity();
-    int iterations = 0;
-    bool converged = false;
-};
-
-// The model at the point where the solver looks, from the logarithms of its parameters: made once for all frequencies.
-class Exponentials final : public ceres::EvaluationCallback {
-  public:
-    struct Mode {
-        double gain, square, damp; // k, w^2, 2 w zeta
-    };
-
-    explicit Exponentials(const std::vector<double>& logarithms) : logarithms_(logarithms) {}
-
-    void PrepareForEvaluation(bool, bool new_point) override {
-        if (!new_point) return;
-        rigid_gain = std::exp(logarithms_[0]);
-        modes.clear();
-        for (std::size_t j = 1; j < logarithms_.size(); j += 3) {
-            const double own = std::exp(logarithms_[j + 1]);
-            modes.push_back({std::exp(logarithms_[j]), own * own, 2 * own * std::exp(logarithms_[j + 2])});
-        }
-    }
-
-    double rigid_gain = 0; // [m/(N s^2)]
-    std::vector<Mode> modes;
-
-  private:
-    const std::vector<double>& logarithms_; // to which the solver writes the point before it asks
-};
-
-// ln(H/P) at one frequency: gain [neper] and phase [rad], and its derivatives -(dP/dp)/P by the logarithms.
-class LogRatio final : public ceres::CostFunction {
-  public:
-    LogRatio(const Point& point, const Exponentials& model, int parameters) : point_(point), model_(model) {
-        mutable_parameter_block_sizes()->push_back(parameters);
-        set_num_residuals(2);
-    }
-
-    bool Evaluate(double const* const*, double* residual, double** jacobians) const override {
-        const double square = point_.omega * point_.omega;
-        const double rigid = -model_.rigid_gain / square;
-        std::complex<double> sum = rigid;
-        for (const auto& mode : model_.modes) sum += mode.gain * receptance(mode, square);
-        // H conj(P)
-        const double real = point_.value.real() * sum.real() + point_.value.imag() * sum.imag();
-        const double imag = point_.value.imag() * sum.real() - point_.value.real() * sum.imag();
-        residual[0] = 0.5 * std::log(std::norm(point_.value) / std::norm(sum));
-        residual[1] = std::atan2(imag, real);
-        if (!jacobians || !jacobians[0]) return true;
-
-        const std::complex<double> minus_inverse = -std::conj(sum) / std::norm(sum);
-        double* gains = jacobians[0];
-        double* phases = gains + parameter_block_sizes()[0];
-        const auto put = [&](std::complex<double> derivative) {
-            const std::complex<double> slope = derivative * minus_inverse;
-            *gains++ = slope.real();
-            *phases++ = slope.imag();
-        };
-        put(rigid);
-        for (const auto& mode : model_.modes) {
-            const std::complex<double> once = receptance(mode, square), part = mode.gain * once, twice = part * once;
-            const std::complex<double> damping(0, mode.damp * point_.omega);
-            put(part);
-            put(-twice * (2 * mode.square + damping));
-            put(-twice * damping);
-        }
-        return true;
-    }
-
-  private:
-    // 1/(w_j^2 - w^2 + j 2 zeta w_j w)
-    std::complex<double> receptance(const Exponentials::Mode& mode, double square) const {
-        const double stiff = mode.square - square, damp = mode.damp * point_.omega;
-        const double scale = 1 / (stiff * stiff + damp * damp);
-        return {scale * stiff, -scale * damp};
-    }
-
-    Point point_;
-    const Exponentials& model_;
-};
-
-std::unique_ptr<ceres::LossFunction> make_loss(double scale) {
-    if (std::isinf(scale)) return std::make_unique<ceres::TrivialLoss>();
-    return std::make_unique<ceres::CauchyLoss>(scale);
-}
+constexpr Lanes one_in_all = {{1, 1, 1, 1, 1, 1, 1, 1}};
 
 ModalModel to_model(const std::vector<double>& logarithms) {
     ModalModel model;
@@ -131,7 +40,7 @@ ModalModel to_model(const std::vector<double>& logarithms) {
 }
 
 // Median of abs(H) w^2 over the highest tenth of the band: above all modes the sum of all gains.
-double total_gain(const std::vector<Point>& points) {
+double total_gain(const std::vector<ResponsePoint>& points) {
     std::vector<double> gains;
     for (std::size_t i = points.size() - std::max<std::size_t>(points.size() / 10, 1); i < points.size(); ++i)
         gains.push_back(std::abs(points[i].value) * points[i].omega * points[i].omega);
@@ -140,83 +49,20 @@ double total_gain(const std::vector<Point>& points) {
     return *middle;
 }
 
-// Where the logarithms may go. Wide, but a mode that the data do not ask for must stop somewhere.
-struct Bounds {
-    double gain[2], omega[2], zeta[2];
-
-    explicit Bounds(const std::vector<Point>& points)
-        : gain{std::log(1e-6 * total_gain(points)), std::log(1e3 * total_gain(points))},
-          omega{std::log(0.5 * points.front().omega), std::log(2 * points.back().omega)},
-          zeta{std::log(1e-6), std::log(5.0)} {}
-
-    const double* of(std::size_t parameter) const {
-        if (parameter % 3 == 0 && parameter > 0) return zeta;
-        return parameter % 3 == 2 ? omega : gain;
-    }
-};
-
-// The least-squares problem of the points with a model of that size. What it is made with outlives it.
-class FitProblem {
-  public:
-    FitProblem(const std::vector<Point>& points, ceres::LossFunction& loss, std::vector<double>& logarithms)
-        : model_(logarithms),
-          problem_(options(model_)) {
-        const auto parameters = static_cast<int>(logarithms.size());
-        for (const Point& point : points) {
-            problem_.AddResidualBlock(new LogRatio(point, model_, parameters), &loss, logarithms.data());
-        }
-        const Bounds bounds(points);
-        for (int j = 0; j < parameters; ++j) {
-            const double* bound = bounds.of(static_cast<std::size_t>(j));
-            double& logarithm = logarithms[static_cast<std::size_t>(j)];
-            logarithm = std::clamp(logarithm, bound[0], bound[1]);
-            problem_.SetParameterLowerBound(logarithms.data(), j, bound[0]);
-            problem_.SetParameterUpperBound(logarithms.data(), j, bound[1]);
-        }
-    }
-
-    ceres::Problem* operator->() { return &problem_; }
-    ceres::Problem* get() { return &problem_; }
-
-  private:
-    static ceres::Problem::Options options(Exponentials& model) {
-        ceres::Problem::Options options;
-        options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-        options.evaluation_callback = &model;
-        return options;
-    }
-
-    Exponentials model_;
-    ceres::Problem problem_;
-};
-
-Fit refine(const std::vector<Point>& points, std::vector<double> start, double scale, int max_iterations) {
-    Fit fit;
-    fit.logarithms = std::move(start);
-    const auto loss = make_loss(scale);
-    FitProblem problem(points, *loss, fit.logarithms);
-    ceres::Solver::Options options;
-    options.linear_solver_type = ceres::DENSE_QR;
-    options.max_num_iterations = max_iterations;
-    options.function_tolerance = 1e-12;
-    options.gradient_tolerance = 1e-14;
-    options.parameter_tolerance = 1e-12;
-    // Where there are bounds, each step would be tried along its way before it is tried as it is.
-    options.max_num_line_search_step_size_iterations = 0;
-    options.logging_type = ceres::SILENT;
-    ceres::Solver::Summary summary;
-    ceres::Solve(options, problem.get(), &summary);
-    fit.iterations = summary.num_successful_steps + summary.num_unsuccessful_steps;
-    fit.converged = summary.termination_type == ceres::CONVERGENCE;
-    if (summary.IsSolutionUsable()) fit.cost = summary.final_cost;
-    return fit;
+// Wide, but a mode that the data do not ask for must stop somewhere.
+ModalDescent descent_of(const std::vector<ResponsePoint>& points) {
+    const double gain = total_gain(points);
+    return {points,
+            {std::log(1e-6 * gain), std::log(1e3 * gain)},
+            {std::log(0.5 * points.front().omega), std::log(2 * points.back().omega)},
+            {std::log(1e-6), std::log(5.0)}};
 }
 
 // Response of a model at all points.
-std::vector<std::complex<double>> responses(const std::vector<Point>& points, const ModalModel& model) {
+std::vector<std::complex<double>> responses(const std::vector<ResponsePoint>& points, const ModalModel& model) {
     std::vector<std::complex<double>> values;
     values.reserve(points.size());
-    for (const Point& point : points) values.push_back(model.response(point.omega / (2 * std::numbers::pi)));
+    for (const ResponsePoint& point : points) values.push_back(model.response(point.omega / (2 * std::numbers::pi)));
     return values;
 }
 
@@ -227,64 +73,131 @@ double squared_log_ratio(std::complex<double> measured, std::complex<double> mod
     return gain * gain + phase * phase;
 }
 
+// abs(ln z)^2 >= (2 w/(2 + w))^2 with w the distance of z from one, relative to the smaller of both; and (2 + w)^2 is below
+// 4 + 2 e + (1 + 2/e) w^2 for every e > 0, of which three are tried. Multiplies 1 + this bound/a^2 of all points, lane by lane.
+TRIBODE_CLONES void multiply_floors(std::size_t count, std::size_t blocks, const Lanes* base, const Lanes* extra,
+                                    double share, Lanes& product) {
+    constexpr double e[] = {0.06, 0.4, 2.5}, inverse = 4 / (search_scale * search_scale);
+    const double rest = 1 - share;
+    Lanes all = one_in_all;
+    for (std::size_t b = 0; b < count; ++b) {
+        const Lanes real = rest * base[b] + share * extra[b];
+        const Lanes imag = rest * base[blocks + b] + share * extra[blocks + b];
+        const Lanes off = real - one_in_all, square = off * off + imag * imag;
+        const Lanes smaller = min(real * real + imag * imag, one_in_all);
+        const Lanes below = min(
+            min((4 + 2 * e[0]) * smaller + (1 + 2 / e[0]) * square, (4 + 2 * e[1]) * smaller + (1 + 2 / e[1]) * square),
+            (4 + 2 * e[2]) * smaller + (1 + 2 / e[2]) * square);
+        all = all + all * (inverse * square / below);
+    }
+    product = all;
+}
+
+// gain/(w_j^2 - w^2 + j loss) over H at all points.
+TRIBODE_CLONES void put_trial_mode(std::size_t blocks, const Lanes* omega, const Lanes* inverse, double gain,
+                                   double own, double zeta, Lanes* ratio) {
+    for (std::size_t b = 0; b < blocks; ++b) {
+        const Lanes stiff = own * own - omega[b] * omega[b], loss = (2 * zeta * own) * omega[b];
+        const Lanes scale = gain / (stiff * stiff + loss * loss), real = scale * stiff, imag = -(scale * loss);
+        ratio[b] = real * inverse[b] - imag * inverse[blocks + b];
+        ratio[blocks + b] = real * inverse[blocks + b] + imag * inverse[b];
+    }
+}
+
 // The robust cost of the search over all points, of one trial model after the other: many, so it spares what it can.
 class TrialCost {
   public:
-    explicit TrialCost(const std::vector<Point>& points) : points_(points) {
-        for (const Point& point : points) logarithm_.push_back(std::log(std::norm(point.value)));
+    TrialCost(const std::vector<ResponsePoint>& points, const std::vector<std::complex<double>>& base)
+        : count_(points.size()),
+          blocks_((points.size() + lane_count - 1) / lane_count),
+          omega_(blocks_, one_in_all),
+          inverse_(2 * blocks_),
+          base_(2 * blocks_),
+          extra_(2 * blocks_) {
+        std::fill_n(base_.begin(), blocks_, one_in_all); // what fills up the last block has no cost
+        for (std::size_t k = 0; k < count_; ++k) {
+            put(inverse_, k, 1.0 / points[k].value);
+            put(base_, k, base[k] / points[k].value);
+            omega_[k / lane_count][k % lane_count] = points[k].omega;
+        }
+    }
+
+    // The part of the trials that follow which comes from the mode that is tried.
+    void set_mode(double gain, double omega, double zeta) {
+        put_trial_mode(blocks_, omega_.data(), inverse_.data(), gain, omega, zeta, extra_.data());
+        for (std::size_t k = count_; k < blocks_ * lane_count; ++k) put(extra_, k, 1);
     }
 
     // Of (1 - share) base + share extra; infinite where it is not below `least`.
-    double operator()(const std::vector<std::complex<double>>& base, const std::vector<std::complex<double>>& extra,
-                      double share, double least) const {
+    double operator()(double share, double least) const {
+        constexpr double infinite = std::numeric_limits<double>::infinity();
+        if (least < infinite && !(floor(share) * (1 - 1e-9) < least)) return infinite;
         constexpr double square_scale = search_scale * search_scale;
         // sum ln(1 + r^2/a^2) as the logarithm of products, sixteen at a time: each factor is below 1e9.
         constexpr std::size_t at_a_time = 16;
         double cost = 0, product = 1;
-        for (std::size_t k = 0; k < points_.size(); ++k) {
-            const double real = (1 - share) * base[k].real() + share * extra[k].real();
-            const double imag = (1 - share) * base[k].imag() + share * extra[k].imag();
-            const std::complex<double> value = points_[k].value;
-            const double gain = 0.5 * (logarithm_[k] - std::log(real * real + imag * imag));
-            const double phase =
-                std::atan2(value.imag() * real - value.real() * imag, value.real() * real + value.imag() * imag);
+        for (std::size_t k = 0; k < count_; ++k) {
+            const std::complex<double> ratio = (1 - share) * at(base_, k) + share * at(extra_, k);
+            const double gain = 0.5 * std::log(std::norm(ratio)), phase = std::arg(ratio);
             product *= 1 + (gain * gain + phase * phase) / square_scale;
-            if (k % at_a_time != at_a_time - 1 && k + 1 < points_.size()) continue;
+            if (k % at_a_time != at_a_time - 1 && k + 1 < count_) continue;
             cost += square_scale * std::log(product);
             product = 1;
-            if (!(cost < least)) return std::numeric_limits<double>::infinity();
+            if (!(cost < least)) return infinite;
         }
         return cost;
     }
 
   private:
-    const std::vector<Point>& points_;
-    std::vector<double> logarithm_; // ln(abs(H)^2)
+    // A bound below the cost, without a function of each point.
+    double floor(double share) const {
+        constexpr std::size_t at_a_time = 28; // each factor is below 17, the product of all below 1e276
+        double sum = 0;
+        for (std::size_t b = 0; b < blocks_; b += at_a_time) {
+            Lanes lanes;
+            multiply_floors(std::min(at_a_time, blocks_ - b), blocks_, base_.data() + b, extra_.data() + b, share,
+                            lanes);
+            double product = 1;
+            for (const double lane : lanes.of) product *= lane;
+            sum += std::log(product);
+        }
+        return search_scale * search_scale * sum;
+    }
+
+    std::complex<double> at(const std::vector<Lanes>& values, std::size_t k) const {
+        return {values[k / lane_count][k % lane_count], values[blocks_ + k / lane_count][k % lane_count]};
+    }
+    void put(std::vector<Lanes>& values, std::size_t k, std::complex<double> value) const {
+        values[k / lane_count][k % lane_count] = value.real();
+        values[blocks_ + k / lane_count][k % lane_count] = value.imag();
+    }
+
+    std::size_t count_, blocks_; // points, and the vectors that hold them
+    std::vector<Lanes> omega_;
+    std::vector<Lanes> inverse_, base_, extra_; // 1/H, P/H; real, then imaginary parts
 };
 
 // Starts with one mode more than `fit`: the best of a grid over frequency, damping and share of the total
 // gain, which is taken from the other gains, and the next best ones at least 5 % away in frequency.
-std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& points, const Fit& fit) {
+std::vector<std::vector<double>> starts_with_one_more(const std::vector<ResponsePoint>& points, const Fit& fit) {
     constexpr std::size_t max_frequencies = 150, max_starts = 3;
     constexpr double dampings[] = {0.003, 0.015, 0.07, 0.3}, shares[] = {0.03, 0.12, 0.4};
-    const ModalModel base_model = to_model(fit.logarithms);
-    const std::vector<std::complex<double>> base = responses(points, base_model);
-    double gain = base_model.rigid_gain;
-    for (const VibrationMode& mode : base_model.modes) gain += mode.gain;
+    const ModalModel base = to_model(fit.logarithms);
+    double gain = base.rigid_gain;
+    for (const VibrationMode& mode : base.modes) gain += mode.gain;
 
     struct Candidate {
         double cost, omega, zeta, share;
     };
     std::vector<Candidate> candidates; // the best one of each frequency
-    const TrialCost cost_of(points);
+    TrialCost cost_of(points, responses(points, base));
     const std::size_t stride = (points.size() + max_frequencies - 1) / max_frequencies;
     for (std::size_t i = 0; i < points.size(); i += stride) {
         Candidate best{std::numeric_limits<double>::infinity(), points[i].omega, 0, 0};
         for (const double zeta : dampings) {
-            const ModalModel added{0, {{gain, best.omega / (2 * std::numbers::pi), zeta}}};
-            const std::vector<std::complex<double>> extra = responses(points, added);
+            cost_of.set_mode(gain, best.omega, zeta);
             for (const double share : shares) {
-                const double cost = cost_of(base, extra, share, best.cost);
+                const double cost = cost_of(share, best.cost);
                 if (cost < best.cost) best = {cost, best.omega, zeta, share};
             }
         }
@@ -317,7 +230,7 @@ std::vector<std::vector<double>> starts_with_one_more(const std::vector<Point>& 
 
 // Standard deviation of one component of ln(H/P), from the median of the magnitudes, which a few wild points
 // do not move. For normal errors the median is sigma sqrt(2 ln 2).
-double robust_deviation(const std::vector<Point>& points, const ModalModel& model) {
+double robust_deviation(const std::vector<ResponsePoint>& points, const ModalModel& model) {
     std::vector<double> squares;
     const std::vector<std::complex<double>> modeled = responses(points, model);
     for (std::size_t i = 0; i < points.size(); ++i) squares.push_back(squared_log_ratio(points[i].value, modeled[i]));
@@ -328,48 +241,36 @@ double robust_deviation(const std::vector<Point>& points, const ModalModel& mode
 
 // Standard deviations of the logarithms; infinite where the Jacobian has no full rank and for those at a
 // bound.
-std::vector<double> logarithm_errors(const std::vector<Point>& points, std::vector<double> logarithms, double scale) {
-    const auto loss = make_loss(scale);
-    FitProblem problem(points, *loss, logarithms);
-    ceres::Problem::EvaluateOptions options;
-    options.apply_loss_function = false;
-    std::vector<double> residuals;
-    ceres::CRSMatrix sparse;
-    const bool evaluated = problem->Evaluate(options, nullptr, &residuals, nullptr, &sparse);
+std::vector<double> logarithm_errors(ModalDescent& descent, const std::vector<double>& logarithms, double scale) {
+    const auto [gain, phase, jacobian] = descent.residuals(logarithms);
     const std::size_t parameters = logarithms.size();
     std::vector<double> errors(parameters, std::numeric_limits<double>::infinity());
-    if (!evaluated) return errors;
-    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    const Eigen::MatrixXd jacobian = Eigen::Map<const RowMajor>(sparse.values.data(), sparse.num_rows, sparse.num_cols);
-
-    const Bounds bounds(points);
     Eigen::ColPivHouseholderQR<Eigen::MatrixXd> factor;
     factor.setThreshold(1e-8);
     factor.compute(jacobian);
-    if (factor.rank() < jacobian.cols() || residuals.size() <= parameters) return errors;
+    if (factor.rank() < jacobian.cols() || 2 * gain.size() <= parameters) return errors;
 
     // Influence psi(e) = rho' e of the residual pair e, and half the trace of its derivative.
     double square = 0, slope = 0;
-    for (std::size_t i = 0; i < residuals.size(); i += 2) {
-        const double magnitude = residuals[i] * residuals[i] + residuals[i + 1] * residuals[i + 1];
-        double rho[3];
-        loss->Evaluate(magnitude, rho);
-        square += rho[1] * rho[1] * magnitude;
-        slope += rho[1] + rho[2] * magnitude;
+    for (std::size_t i = 0; i < gain.size(); ++i) {
+        const double magnitude = gain[i] * gain[i] + phase[i] * phase[i];
+        const double weight = 1 / (1 + magnitude / (scale * scale));
+        square += weight * weight * magnitude;
+        slope += weight - weight * weight * magnitude / (scale * scale);
     }
-    const double variance = square / static_cast<double>(residuals.size() - parameters);
-    const double mean_slope = slope / static_cast<double>(points.size());
+    const double variance = square / static_cast<double>(2 * gain.size() - parameters);
+    const double mean_slope = slope / static_cast<double>(gain.size());
     const auto triangle = factor.matrixQR().topRows(jacobian.cols()).triangularView<Eigen::Upper>();
     const Eigen::MatrixXd inverse = triangle.solve(Eigen::MatrixXd::Identity(jacobian.cols(), jacobian.cols()));
     const Eigen::VectorXd lengths = factor.colsPermutation() * inverse.rowwise().norm();
     for (std::size_t j = 0; j < parameters; ++j)
-        if (logarithms[j] > bounds.of(j)[0] && logarithms[j] < bounds.of(j)[1])
+        if (logarithms[j] > descent.bounds(j).low && logarithms[j] < descent.bounds(j).high)
             errors[j] = std::sqrt(variance) / mean_slope * lengths[static_cast<Eigen::Index>(j)];
     return errors;
 }
 
-std::vector<Point> points_in_band(const FrequencyResponse& response, const ModalFitOptions& options) {
-    std::vector<Point> points;
+std::vector<ResponsePoint> points_in_band(const FrequencyResponse& response, const ModalFitOptions& options) {
+    std::vector<ResponsePoint> points;
     for (std::size_t i = 0; i < response.size(); ++i) {
         const double f = response.frequency_hz[i];
         const std::complex<double> value = response.value[i];
@@ -384,7 +285,7 @@ std::vector<Point> points_in_band(const FrequencyResponse& response, const Modal
                              to_text(std::abs(value)) + ", must be from " + to_text(least) + " to " + to_text(most));
         points.push_back({2 * std::numbers::pi * f, value});
     }
-    std::ranges::stable_sort(points, {}, &Point::omega);
+    std::ranges::stable_sort(points, {}, &ResponsePoint::omega);
     const std::size_t least = 1 + 3 * static_cast<std::size_t>(options.modes);
     if (points.size() < least)
         throw InputError("modal fit: " + std::to_string(points.size()) + " frequencies between " +
@@ -407,13 +308,13 @@ void require_valid(const FrequencyResponse& response, const ModalFitOptions& opt
 }
 
 // One complete search with the modes added one at a time.
-Fit search(const std::vector<Point>& points, int modes, int& iterations) {
-    Fit fit = refine(points, {std::log(total_gain(points))}, search_scale, 50);
+Fit search(const std::vector<ResponsePoint>& points, ModalDescent& descent, int modes, int& iterations) {
+    Fit fit = descent.descend({std::log(total_gain(points))}, search_scale, 50);
     iterations += fit.iterations;
     for (int added = 0; added < modes; ++added) {
         Fit best;
         for (std::vector<double>& start : starts_with_one_more(points, fit)) {
-            Fit candidate = refine(points, std::move(start), search_scale, 50);
+            Fit candidate = descent.descend(std::move(start), search_scale, 50);
             iterations += candidate.iterations;
             if (best.logarithms.empty() || candidate.cost < best.cost) best = std::move(candidate);
         }
@@ -423,7 +324,8 @@ Fit search(const std::vector<Point>& points, int modes, int& iterations) {
 }
 
 // The fit repeated with the scale read from its own residuals, until that no longer changes.
-Fit refine_with_scale(const std::vector<Point>& points, Fit fit, double& scale, int& iterations) {
+Fit refine_with_scale(const std::vector<ResponsePoint>& points, ModalDescent& descent, Fit fit, double& scale,
+                      int& iterations) {
     constexpr int max_iterations = 200, max_rounds = 20;
     const bool from_data = scale == 0;
     for (int round = 0; round < max_rounds; ++round) {
@@ -433,7 +335,7 @@ Fit refine_with_scale(const std::vector<Point>& points, Fit fit, double& scale, 
             if (std::abs(read - scale) <= 1e-3 * scale) break;
             scale = read;
         }
-        fit = refine(points, std::move(fit.logarithms), scale, max_iterations);
+        fit = descent.descend(std::move(fit.logarithms), scale, max_iterations);
         iterations += fit.iterations;
         if (!from_data) break;
     }
@@ -462,7 +364,7 @@ ModalModel parameter_errors(const ModalModel& model, const std::vector<double>& 
     return scaled;
 }
 
-double residual_rms(const std::vector<Point>& points, const ModalModel& model) {
+double residual_rms(const std::vector<ResponsePoint>& points, const ModalModel& model) {
     const std::vector<std::complex<double>> modeled = responses(points, model);
     double sum = 0;
     for (std::size_t i = 0; i < points.size(); ++i) sum += squared_log_ratio(points[i].value, modeled[i]);
@@ -491,15 +393,16 @@ std::string advice(const ModalFitResult& result, const std::vector<double>& erro
 
 ModalFitResult fit_modal_model(const FrequencyResponse& response, const ModalFitOptions& options) {
     require_valid(response, options);
-    const std::vector<Point> points = points_in_band(response, options);
+    const std::vector<ResponsePoint> points = points_in_band(response, options);
 
     ModalFitResult result;
     result.robust_scale = options.robust_scale;
-    Fit fit = search(points, options.modes, result.iterations);
-    fit = refine_with_scale(points, std::move(fit), result.robust_scale, result.iterations);
+    ModalDescent descent = descent_of(points);
+    Fit fit = search(points, descent, options.modes, result.iterations);
+    fit = refine_with_scale(points, descent, std::move(fit), result.robust_scale, result.iterations);
     fit.logarithms = by_ascending_frequency(fit.logarithms);
 
-    const std::vector<double> errors = logarithm_errors(points, fit.logarithms, result.robust_scale);
+    const std::vector<double> errors = logarithm_errors(descent, fit.logarithms, result.robust_scale);
     result.model = to_model(fit.logarithms);
     result.standard_errors = parameter_errors(result.model, errors);
     result.residual_rms = residual_rms(points, result.model);

@@ -14,11 +14,17 @@ struct alignas(64) Lanes {
     // Inlined always: what they become depends on the instructions that the caller may use, see TRIBODE_CLONES.
     [[gnu::always_inline]] friend Lanes operator+(const Lanes& a, const Lanes& b) { return of_all(a.all() + b.all()); }
     [[gnu::always_inline]] friend Lanes operator-(const Lanes& a, const Lanes& b) { return of_all(a.all() - b.all()); }
+    [[gnu::always_inline]] friend Lanes operator-(double a, const Lanes& b) { return of_all(a - b.all()); }
     [[gnu::always_inline]] friend Lanes operator-(const Lanes& a) { return of_all(-a.all()); }
     [[gnu::always_inline]] friend Lanes operator*(const Lanes& a, const Lanes& b) { return of_all(a.all() * b.all()); }
     [[gnu::always_inline]] friend Lanes operator*(const Lanes& a, double b) { return of_all(a.all() * b); }
     [[gnu::always_inline]] friend Lanes operator*(double a, const Lanes& b) { return of_all(a * b.all()); }
     [[gnu::always_inline]] friend Lanes operator/(const Lanes& a, double b) { return of_all(a.all() / b); }
+    [[gnu::always_inline]] friend Lanes operator/(double a, const Lanes& b) { return of_all(a / b.all()); }
+    [[gnu::always_inline]] friend Lanes operator/(const Lanes& a, const Lanes& b) { return of_all(a.all() / b.all()); }
+    [[gnu::always_inline]] friend Lanes min(const Lanes& a, const Lanes& b) {
+        return of_all(a.all() < b.all() ? a.all() : b.all());
+    }
     [[gnu::always_inline]] Lanes& operator+=(const Lanes& b) { return *this = *this + b; }
     [[gnu::always_inline]] Lanes& operator-=(const Lanes& b) { return *this = *this - b; }
 
