@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <map>
 #include <numbers>
 
 namespace tribode {
@@ -112,10 +113,21 @@ SineBasis::SineBasis(std::size_t count, double sample_time, double frequency_hz,
                          " periods, too few for the number of unknowns; one period or more is enough");
 }
 
-SineFit SineBasis::fit(std::span<const double> samples) const {
+Eigen::VectorXd SineBasis::coefficients(std::span<const double> samples) const {
     assert(samples.size() == static_cast<std::size_t>(columns_.rows()));
     const Eigen::Map<const Eigen::VectorXd> measured(samples.data(), columns_.rows());
-    const Eigen::VectorXd found = factor_.solve(columns_.transpose() * measured);
+    return factor_.solve(columns_.transpose() * measured);
+}
+
+std::complex<double> SineBasis::fundamental(std::span<const double> samples) const {
+    const Eigen::VectorXd found = coefficients(samples);
+    const Eigen::Index base = drift_ ? 2 : 1;
+    return {found[base], found[base + 1]};
+}
+
+SineFit SineBasis::fit(std::span<const double> samples) const {
+    const Eigen::Map<const Eigen::VectorXd> measured(samples.data(), columns_.rows());
+    const Eigen::VectorXd found = coefficients(samples);
 
     SineFit fit;
     fit.offset = found[0];
@@ -172,13 +184,14 @@ std::vector<double> coherence(std::span<const std::span<const double>> inputs, s
     std::vector<std::complex<double>> cross(inputs.size());
     std::vector<double> input_power(inputs.size());
     double output_power = 0;
+    // A window may begin at any time, as only the angle between two phasors counts: so few windows need a basis of their own.
+    std::map<std::size_t, SineBasis> bases;
     for (long p = 0; p < windows; ++p) {
         const std::size_t begin = whole_periods(0, p * per_window, sample_time, frequency_hz).count;
-        const std::size_t end = whole_periods(0, (p + 1) * per_window, sample_time, frequency_hz).count;
-        const SineBasis basis(end - begin, sample_time, frequency_hz, static_cast<double>(begin) * sample_time,
-                              harmonics);
+        const std::size_t count = whole_periods(0, (p + 1) * per_window, sample_time, frequency_hz).count - begin;
+        const SineBasis& basis = bases.try_emplace(count, count, sample_time, frequency_hz, 0, harmonics).first->second;
         const auto phasor = [&](std::span<const double> signal) {
-            return basis.fit(signal.subspan(begin, end - begin)).fundamental();
+            return basis.fundamental(signal.subspan(begin, count));
         };
         const std::complex<double> y = phasor(output);
         output_power += std::norm(y);

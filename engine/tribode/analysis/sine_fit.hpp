@@ -56,8 +56,12 @@ class SineBasis {
 
     // `count` samples.
     SineFit fit(std::span<const double> samples) const;
+    // X_1 of that fit alone.
+    std::complex<double> fundamental(std::span<const double> samples) const;
 
   private:
+    Eigen::VectorXd coefficients(std::span<const double> samples) const;
+
     double half_window_; // from the middle to the first and last sample [s]
     std::size_t harmonics_;
     bool drift_;
@@ -80,7 +84,7 @@ long periods_within(std::size_t samples, double sample_time, double frequency_hz
 // How far the output repeats the input from period to period: gamma^2 = abs(sum_p Y_p conj(U_p))^2 /
 // (sum_p abs(U_p)^2 sum_p abs(Y_p)^2), between 0 and 1; U_p and Y_p are the phasors of sub-windows of whole
 // periods, the shortest with at least four samples per unknown of the fit
-// (near the Nyquist frequency longer ones). One where the response is the same in
+// (near the Nyquist frequency longer ones), each in the time from its beginning. One where the response is the same in
 // all of them; noise and transients lower it. Zero where input or output has no fundamental.
 // Throws InputError where the lengths differ or the record holds fewer than two such sub-windows.
 double coherence(std::span<const double> input, std::span<const double> output, double sample_time, double frequency_hz,

@@ -26,6 +26,7 @@ class SampledFriction {
     double viscous_;                                  // D_v [N s/m]
     double sample_time_;                              // [s]
     std::vector<double> z_;                           // [m]
+    std::vector<double> own_;                         // the force of each element, of the last step [N]
     std::optional<double> previous_;
 };
 

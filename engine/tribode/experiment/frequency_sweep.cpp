@@ -21,21 +21,24 @@ namespace {
 
 using std::numbers::pi;
 
-// The loop's signals, sample by sample, and what the sampled blocks make of them [N].
+// The loop's signals from sample `first` on, and what the sampled blocks make of them [N].
 struct LoopSignals {
     std::vector<double> friction_estimate, delayed_thrust, before_feedback;
     std::array<std::vector<double>, analysis_count> input; // of each analysis
 
-    LoopSignals(const ServoTrace& trace, const MachineModel& machine, const SweepOptions& options) {
+    LoopSignals(const ServoTrace& trace, const MachineModel& machine, const SweepOptions& options,
+                std::size_t first = 0) {
         const FrictionModel model = options.friction_model.value_or(FrictionModel::of(machine));
         MeasuredFriction friction_model(model, machine);
         auto delay_model = DiscreteTransferFunction::pade_delay(options.delay.value_or(loop_dead_time(machine)),
                                                                 options.delay_order, machine.sample_time);
-        for (auto* signal : {&friction_estimate, &delayed_thrust, &before_feedback}) signal->reserve(trace.u.size());
-        for (auto& signal : input) signal.reserve(trace.u.size());
+        const std::size_t kept = trace.u.size() - first;
+        for (auto* signal : {&friction_estimate, &delayed_thrust, &before_feedback}) signal->reserve(kept);
+        for (auto& signal : input) signal.reserve(kept);
         for (std::size_t k = 0; k < trace.u.size(); ++k) {
             const double delayed = delay_model.step(trace.u[k]);
             const double friction = friction_model.step(trace.y[k], delayed);
+            if (k < first) continue;
             friction_estimate.push_back(friction);
             delayed_thrust.push_back(delayed);
             before_feedback.push_back(trace.u[k] - trace.fed_back[k]);
@@ -122,9 +125,9 @@ class SinglePoint {
             const Window window = whole_periods(0, periods, ts_, frequency_);
             const std::size_t first = end - window.count;
             const SineBasis basis(window.count, ts_, frequency_, static_cast<double>(first) * ts_);
-            const auto phasor = [&](std::span<const double> signal) { return basis.fit(signal).fundamental(); };
             const std::vector<double> position = beside_path(seen.y, {first, window.count});
-            const std::array latest = {phasor(std::span(seen.u).subspan(first)), phasor(position)};
+            const std::array latest = {basis.fundamental(std::span(seen.u).subspan(first)),
+                                       basis.fundamental(position)};
             settled_ = previous && tribode::settled((*previous)[0], latest[0], options_.settle_tolerance) &&
                        tribode::settled((*previous)[1], latest[1], options_.settle_tolerance);
             if (settled_ || t > options_.settle_time_limit) return outcome;
@@ -142,14 +145,14 @@ class SinglePoint {
         SweepPoint point;
         point.frequency_hz = frequency_;
         const std::vector<double> position = beside_path(run_.trace().y, window_);
-        const LoopSignals signals(run_.trace(), machine_, options_);
+        const LoopSignals signals(run_.trace(), machine_, options_, window_.first); // the window is at the end
         const SineBasis basis(window_.count, ts_, frequency_, static_cast<double>(window_.first) * ts_,
                               options_.harmonics);
-        const SineFit y = basis.fit(position), u = basis.fit(cut(signals.input[0]));
+        const SineFit y = basis.fit(position), u = basis.fit(signals.input[0]);
         std::array<std::span<const double>, analysis_count> inputs;
         for (std::size_t a = 0; a < analysis_count; ++a) {
-            inputs[a] = cut(signals.input[a]);
-            point.response[a] = y.fundamental() / (a == 0 ? u : basis.fit(inputs[a])).fundamental();
+            inputs[a] = signals.input[a];
+            point.response[a] = y.fundamental() / (a == 0 ? u.fundamental() : basis.fundamental(inputs[a]));
         }
         const std::vector<double> coherences = coherence(inputs, position, ts_, frequency_);
         std::ranges::copy(coherences, point.coherence.begin());
@@ -158,7 +161,7 @@ class SinglePoint {
             point.improved = improved_response(machine_, model, frequency_, u.fundamental(), y.harmonics);
         }
         if (options_.friction_feedback > 0) {
-            point.add_on = y.fundamental() / basis.fit(cut(signals.before_feedback)).fundamental();
+            point.add_on = y.fundamental() / basis.fundamental(signals.before_feedback);
         }
         // The phasor of A sin is -jA.
         point.loop_gain = std::complex(0.0, -amplitude_) / u.fundamental() - 1.0;
@@ -183,10 +186,6 @@ class SinglePoint {
         if (!path_.moves()) return beside;
         for (std::size_t k = 0; k < beside.size(); ++k) beside[k] -= path_.at(static_cast<long>(window.first + k));
         return beside;
-    }
-
-    std::span<const double> cut(const std::vector<double>& signal) const {
-        return std::span(signal).subspan(window_.first, window_.count);
     }
 
     const MachineModel& machine_;

@@ -51,13 +51,18 @@ void RollingFriction::begin(State& s) const {
 
 // The order in which elements let go in this direction, with the sums after each.
 void RollingFriction::make_ladder(State& s, double towards) const {
-    s.ladder.resize(elements_.size());
-    for (std::size_t i = 0; i < elements_.size(); ++i) {
-        s.ladder[i].element = i;
-        s.ladder[i].room = limits_[i] - towards * s.z[i];
+    if (s.ladder.empty()) {
+        s.ladder.resize(elements_.size());
+        for (std::size_t i = 0; i < elements_.size(); ++i) s.ladder[i].element = i;
     }
-    std::sort(s.ladder.begin(), s.ladder.end(),
-              [](const Rung& a, const Rung& b) { return a.room != b.room ? a.room < b.room : a.element < b.element; });
+    // Mostly it is that of the last ladder.
+    for (auto& rung : s.ladder) rung.room = limits_[rung.element] - towards * s.z[rung.element];
+    const auto is_before = [](const Rung& a, const Rung& b) {
+        return a.room != b.room ? a.room < b.room : a.element < b.element;
+    };
+    if (!std::is_sorted(s.ladder.begin(), s.ladder.end(), is_before)) {
+        std::sort(s.ladder.begin(), s.ladder.end(), is_before);
+    }
     double level = 0, spring = 0, stiffness = 0, damping = 0;
     for (auto& rung : s.ladder) rung.level = level += elements_[rung.element].level;
     for (auto rung = s.ladder.rbegin(); rung != s.ladder.rend(); ++rung) {

@@ -259,9 +259,9 @@ bool Simulator::went_anywhere(GuardId guard) {
         integrator_->interpolate(t, x_nearby_);
         system_.guards(t, x_nearby_, *state_.discrete, guards_nearby_);
         const double height = guards_nearby_[guard];
+        const auto& states = system_.states();
         for (std::size_t i = 0; i < x_nearby_.size(); ++i) {
-            x_nearby_[i] +=
-                relative_tolerance_ * std::abs(x_nearby_[i]) + absolute_tolerance_ * system_.states()[i].scale;
+            x_nearby_[i] += relative_tolerance_ * std::abs(x_nearby_[i]) + absolute_tolerance_ * states[i].scale;
         }
         system_.guards(t, x_nearby_, *state_.discrete, guards_nearby_);
         statistics_.guard_evaluations += 2;

@@ -48,6 +48,17 @@ TEST(SineFit, FindsOffsetDriftAndHarmonicsOfAnIncommensurateSignal) {
     EXPECT_NEAR(fit.total_harmonic_distortion(), std::sqrt(std::norm(x2) + std::norm(x3)) / std::abs(x1), rounding);
 }
 
+TEST(SineFit, FundamentalAloneIsThatOfTheFit) {
+    const double f = 33.3217;
+    const auto samples = sampled(500, 0.1, [&](double t) {
+        return 0.2 + wave(t, f, {0.3, -0.8}) + wave(t, 2 * f, 0.1);
+    });
+    for (const Drift drift : {Drift::none, Drift::linear}) {
+        const SineBasis basis(samples.size(), sample_time, f, 0.1, 3, drift);
+        EXPECT_EQ(basis.fundamental(samples), basis.fit(samples).fundamental());
+    }
+}
+
 TEST(SineFit, PhaseIsThatOfTheRunWhateverTheWindow) {
     const double f = 171.3;
     const std::complex<double> phasor(-0.4, 0.9);
