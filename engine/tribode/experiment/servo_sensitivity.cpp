@@ -89,6 +89,28 @@ void SensitiveServoSystem::expect_samples(long count) const {
     }
 }
 
+const std::vector<ServoSensitivity>& SensitiveServoSystem::sensitivities() const {
+    for (auto& group : run_->groups) take_apart(group);
+    return run_->results;
+}
+
+// The rows of a group, in which its parameters stand side by side, become entries of the results.
+void SensitiveServoSystem::take_apart(Group& group) const {
+    const auto append = [&](bool recorded, const Lanes Row::*of, std::vector<double> ServoSensitivity::*to) {
+        for (std::size_t p = 0; p < group.by.size() && recorded; ++p) {
+            std::vector<double>& column = run_->results[group.first + p].*to;
+            column.resize(column.size() + group.rows.size());
+            double* next = column.data() + column.size() - group.rows.size();
+            for (const Row& row : group.rows) *next++ = (row.*of)[p];
+        }
+    };
+    append(channels_.u, &Row::u, &ServoSensitivity::u);
+    append(channels_.y, &Row::y, &ServoSensitivity::y);
+    append(channels_.motion, &Row::x, &ServoSensitivity::x);
+    append(channels_.motion, &Row::v, &ServoSensitivity::v);
+    group.rows.clear();
+}
+
 SystemState SensitiveServoSystem::initial_state() const {
     SystemState state = ServoSystem::initial_state();
     const State& s = values(state);
@@ -302,14 +324,9 @@ void SensitiveServoSystem::control(long k, const MachineController::State& befor
             group.hold_ring[hold_place][p] = amplified(group.by[p].numbers.amplifier, s.thrust, u[p]);
         }
         if (group.has_process_noise) group.plant.disturbance = group.process_noise_rms * process_noise_at(k);
-        for (std::size_t p = 0; p < group.by.size(); ++p) {
-            ServoSensitivity& result = run.results[group.first + p];
-            if (channels_.u) result.u.push_back(u[p]);
-            if (channels_.y) result.y.push_back(y[p]);
-            if (!channels_.motion) continue;
-            result.x.push_back(group.s[0][p]);
-            result.v.push_back(group.s[1][p]);
-        }
+        group.rows.push_back({u, y, group.s[0], group.s[1]});
+        constexpr std::size_t most_rows = 64; // few, so that they stay in the cache
+        if (group.rows.size() == most_rows) take_apart(group);
     }
 }
 

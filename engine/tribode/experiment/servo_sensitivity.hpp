@@ -33,14 +33,19 @@ class SensitiveServoSystem final : public ServoSystem {
     SensitiveServoSystem(const MachineModel& model, Drive drive, std::uint64_t seed, Start start,
                          std::vector<ServoDirection> directions, ServoChannels channels);
 
-    void expect_samples(long count) const; // in all, so that their memory is taken at once
-    const std::vector<ServoSensitivity>& sensitivities() const { return run_->results; }
+    void expect_samples(long count) const;                      // in all, so that their memory is taken at once
+    const std::vector<ServoSensitivity>& sensitivities() const; // at the samples reached
 
     SystemState initial_state() const override;
     EventEffect on_crossing(GuardId guard, SystemState& state, EventLog& log) const override;
     EventEffect on_sample(ClockId clock, long k, SystemState& state) const override;
 
   private:
+    // At a sample, as in ServoSensitivity.
+    struct Row {
+        Lanes u, y, x, v;
+    };
+
     // Of up to lane_count parameters, side by side.
     struct Group {
         std::vector<ServoDirection> by;
@@ -56,6 +61,7 @@ class SensitiveServoSystem final : public ServoSystem {
         std::vector<CascadeController::State> cascade = {};   // the same
         std::vector<Lanes> encoder_ring = {}, hold_ring = {}; // as in ServoSystem::State
         std::vector<Lanes> s = {}, q = {};                    // of each state dx/dp, and dx'/dp at fixed x
+        std::vector<Row> rows = {};                           // that are not in the results yet
         SensitivitySeries::Pattern* pattern = nullptr;
     };
 
@@ -74,6 +80,7 @@ class SensitiveServoSystem final : public ServoSystem {
 
     // Of what is filled up to the height of the series.
     auto of_states(auto& values) const { return std::span(values).first(states().size()); }
+    void take_apart(Group& group) const;
     void add_group(std::vector<ServoDirection> directions) const;
     void propagate(const SystemState& state) const;
     void find_patterns(const ServoPlant::State& s) const;

@@ -27,12 +27,12 @@ std::vector<double> parts_of(const ServoNumbers& n) {
             static_cast<double>(values_of(n).size())};
 }
 
-// The derivative at 0 of values(c), which are smooth there: differences at h, h/2, h/4, ... extrapolated to h = 0
+// The derivative at 0 of values(c), which are smooth and `here` there: differences at h, h/2, h/4, ... extrapolated to h = 0
 // [Richardson 1911]. one_sided: c must not be negative.
-std::vector<double> derivative(const std::function<std::vector<double>(double)>& values, double h, bool one_sided) {
+std::vector<double> derivative(const std::vector<double>& here,
+                               const std::function<std::vector<double>(double)>& values, double h, bool one_sided) {
     constexpr std::size_t levels = 5;
-    constexpr double rounding = 0x1p-45; // of differences, relative
-    const auto here = values(0);
+    constexpr double rounding = 0x1p-45;    // of differences, relative
     std::vector<std::vector<double>> table; // of the last level, by order
     for (std::size_t level = 0; level < levels; ++level, h /= 2) {
         const auto above = values(h), below = one_sided ? here : values(-h);
@@ -61,13 +61,14 @@ std::vector<double> derivative(const std::function<std::vector<double>(double)>&
     throw InputError(fmt::format("sensitivities: a run has no derivative by {}: {}", name, reason));
 }
 
-ServoDirection direction(const std::string& name, const std::function<MachineModel(double)>& model, double size,
+ServoDirection direction(const std::string& name, const std::function<ServoNumbers(double)>& numbers_at, double size,
                          bool one_sided) {
-    ServoDirection direction{.name = name, .numbers = ServoNumbers::of(model(0))};
+    ServoDirection direction{.name = name, .numbers = numbers_at(0)};
     const auto parts = parts_of(direction.numbers);
     const auto by = derivative(
+        values_of(direction.numbers),
         [&](double c) {
-            const auto numbers = ServoNumbers::of(model(c));
+            const auto numbers = numbers_at(c);
             if (parts_of(numbers) != parts) {
                 refuse(name, "its value is none at present, and any other value adds a part to the machine");
             }
@@ -107,32 +108,30 @@ ServoNumbers ServoNumbers::of(const MachineModel& model) {
 }
 
 ServoDirection servo_direction(const std::string& name, const std::function<MachineModel(double)>& model, double size) {
-    return direction(name, model, size, false);
+    return direction(
+        name, [&](double c) { return ServoNumbers::of(model(c)); }, size, false);
 }
 
 ServoDirection servo_direction(const MachineModel& model, const std::string& name) {
-    ServoDirection own{.name = name, .numbers = ServoNumbers::of(model)};
-    ServoNumbers::each(own.numbers, [](double& number) { number = 0; });
-    std::vector<std::pair<std::string, double*>> special = {{"start.position_m", &own.numbers.start.position},
-                                                            {"start.velocity_m_per_s", &own.numbers.start.velocity},
-                                                            {"u", &own.thrust},
-                                                            {"r", &own.reference},
-                                                            {"exc", &own.excitation}};
-    std::vector<std::string> known;
+    using Special = double& (*)(ServoDirection & own);
+    static const std::vector<std::pair<std::string, Special>> special = {
+        {"start.position_m", [](ServoDirection& own) -> double& { return own.numbers.start.position; }},
+        {"start.velocity_m_per_s", [](ServoDirection& own) -> double& { return own.numbers.start.velocity; }},
+        {"u", [](ServoDirection& own) -> double& { return own.thrust; }},
+        {"r", [](ServoDirection& own) -> double& { return own.reference; }},
+        {"exc", [](ServoDirection& own) -> double& { return own.excitation; }}};
     for (const auto& [path, number] : special) {
-        if (path == name) {
-            *number = 1;
-            return own;
-        }
-        known.push_back(path);
+        if (path != name) continue;
+        ServoDirection own{.name = name, .numbers = ServoNumbers::of(model)};
+        ServoNumbers::each(own.numbers, [](double& other) { other = 0; });
+        number(own) = 1;
+        return own;
     }
     std::size_t place = 0, found = 0;
     double value = 0;
     bool is_there = false, may_be_negative = true;
     each_number(model, [&](const double& number, const auto& path, std::string_view, Allowed allowed, const About&) {
-        if (is_there) return;
-        known.push_back(path());
-        if (known.back() == name) {
+        if (!is_there && path() == name) {
             is_there = true;
             found = place;
             value = number;
@@ -141,17 +140,21 @@ ServoDirection servo_direction(const MachineModel& model, const std::string& nam
         ++place;
     });
     if (!is_there) {
+        std::vector<std::string> known;
+        for (const auto& [path, number] : special) known.push_back(path);
+        each_number(model, [&](const double&, const auto& path, auto&&...) { known.push_back(path()); });
         throw InputError(
             fmt::format("sensitivities: \"{}\" is no number of the machine{}", name, suggestion(name, known)));
     }
     // Steps of a 64th of the number: the extrapolation leaves rounding.
     const double size = value != 0 ? std::abs(value) / 64 : 1e-3;
+    MachineModel other = model;
+    double& number = *other.numbers()[found];
     return direction(
         name,
         [&](double c) {
-            MachineModel other = model;
-            *other.numbers()[found] = value + c;
-            return other;
+            number = value + c;
+            return ServoNumbers::of(other);
         },
         size, value == 0 && !may_be_negative);
 }

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <span>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 namespace tribode {
@@ -48,12 +49,14 @@ class SensitivitySeries {
     // The pattern of the key; make(pattern) fills a new one by set_matrices().
     template <class Make>
     Pattern& pattern(const AffineKey& key, const Make& make) {
-        const auto known = patterns_.find(key);
-        if (known != patterns_.end()) return known->second;
-        if (patterns_.size() == max_patterns) patterns_.clear();
-        Pattern& pattern = patterns_[key];
-        make(pattern);
-        return pattern;
+        // Mostly it is the one that followed the last one before.
+        Entry* found = last_ ? last_->second.next : nullptr;
+        if (!found || found->first != key) {
+            found = &look_up(key, make);
+            if (last_) last_->second.next = found;
+        }
+        last_ = found;
+        return found->second;
     }
 
     std::size_t height() const { return height_; } // states, filled up with zeros
@@ -67,7 +70,24 @@ class SensitivitySeries {
 
   private:
     static constexpr std::size_t max_patterns = 2000;
+    struct Followed;
+    using Entry = std::pair<const AffineKey, Followed>;
+    struct Followed : Pattern {
+        Entry* next = nullptr; // the one that was found after this one
+    };
 
+    template <class Make>
+    Entry& look_up(const AffineKey& key, const Make& make) {
+        const auto known = patterns_.find(key);
+        if (known != patterns_.end()) return *known;
+        if (patterns_.size() == max_patterns) {
+            patterns_.clear();
+            last_ = nullptr;
+        }
+        Entry& entry = *patterns_.try_emplace(key).first;
+        make(entry.second);
+        return entry;
+    }
     SensitivityMatrices matrices(const Pattern& pattern) const;
     void expand(const Pattern& pattern, double h, std::span<const double> f, std::span<const Lanes> rates,
                 std::span<Lanes> s);
@@ -78,7 +98,8 @@ class SensitivitySeries {
     static const double* numbers(const Lanes* lanes) { return reinterpret_cast<const double*>(lanes); }
 
     const std::size_t states_, parameters_, height_, size_; // size: of a term of s and x together, in Lanes
-    std::unordered_map<AffineKey, Pattern, AffineKey::Hash> patterns_;
+    std::unordered_map<AffineKey, Followed, AffineKey::Hash> patterns_;
+    Entry* last_ = nullptr; // found last
     RecurringLengths recurring_{4};
     std::vector<Lanes> rates_, room_, sums_;
 };
