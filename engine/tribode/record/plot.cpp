@@ -17,6 +17,7 @@
 #include <limits>
 #include <map>
 #include <poll.h>
+#include <set>
 #include <spawn.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -175,6 +176,78 @@ Plot with_readable_units(Plot plot) {
         }
     }
     return plot;
+}
+
+namespace {
+
+constexpr std::size_t a_break = static_cast<std::size_t>(-1); // among the indices of a thinned curve
+
+// The lowest and the highest point of each column of the panel, and where the curve enters and leaves the column.
+std::vector<std::size_t> thinned_over_x(const Series& series, const Range& range, bool log, std::size_t columns) {
+    const auto [low, high] = range;
+    const auto place = [&](double x) { return log ? std::log(x) : x; };
+    const double scale = static_cast<double>(columns) / (place(high) - place(low));
+    std::vector<std::size_t> kept;
+    for (std::size_t begin = 0; begin < series.x.size();) {
+        const auto gap = [&](std::size_t i) {
+            return !std::isfinite(series.x[i]) || !std::isfinite(series.y[i]) || (log && series.x[i] <= 0);
+        };
+        if (gap(begin)) {
+            // One break is as good as many.
+            if (!kept.empty() && kept.back() != a_break) kept.push_back(a_break);
+            ++begin;
+            continue;
+        }
+        const double column = std::floor((place(series.x[begin]) - place(low)) * scale);
+        std::size_t end = begin, lowest = begin, highest = begin;
+        for (; end < series.x.size() && !gap(end); ++end) {
+            if (std::floor((place(series.x[end]) - place(low)) * scale) != column) break;
+            if (series.y[end] < series.y[lowest]) lowest = end;
+            if (series.y[end] > series.y[highest]) highest = end;
+        }
+        for (const std::size_t i : std::set<std::size_t>{begin, lowest, highest, end - 1}) kept.push_back(i);
+        begin = end;
+    }
+    return kept;
+}
+
+// A loop: the points that are visibly away from the last one kept.
+std::vector<std::size_t> thinned_loop(const Series& series, const Panel& panel, std::size_t columns) {
+    const Range xr = shown_range(panel, true), yr = shown_range(panel, false);
+    const auto part = [](double v, const Range& range, bool log) {
+        return log ? std::log(v / range[0]) / std::log(range[1] / range[0]) : (v - range[0]) / (range[1] - range[0]);
+    };
+    std::vector<std::size_t> kept;
+    double px = NAN, py = NAN;
+    for (std::size_t i = 0; i < series.x.size(); ++i) {
+        const double x = part(series.x[i], xr, panel.x_log), y = part(series.y[i], yr, panel.y_log);
+        // Never where one of them is no number.
+        if (std::hypot(x - px, y - py) < 1.0 / static_cast<double>(columns)) continue;
+        kept.push_back(i);
+        px = x;
+        py = y;
+    }
+    return kept;
+}
+
+} // namespace
+
+Series thinned(const Series& series, const Panel& panel, std::size_t columns) {
+    if (series.x.size() <= 4 * columns) return series;
+    const bool ascends = std::is_sorted(series.x.begin(), series.x.end());
+    Series curve = series;
+    for (auto* values : {&curve.x, &curve.y, &curve.low, &curve.high}) values->clear();
+    for (const std::size_t i : ascends ? thinned_over_x(series, shown_range(panel, true), panel.x_log, columns)
+                                       : thinned_loop(series, panel, columns)) {
+        const auto take = [i](std::vector<double>& to, const std::vector<double>& from) {
+            if (!from.empty()) to.push_back(i == a_break ? NAN : from[i]);
+        };
+        curve.x.push_back(i == a_break ? curve.x.back() : series.x[i]);
+        take(curve.y, series.y);
+        take(curve.low, series.low);
+        take(curve.high, series.high);
+    }
+    return curve;
 }
 
 namespace {
@@ -521,6 +594,41 @@ void check(const Plot& plot) {
     }
 }
 
+// Curves of so many points that several share each column of pixels, as a record has them, by those that show there.
+Plot as_pixels_show(Plot plot) {
+    for (auto& panel : plot.panels) {
+        for (auto& series : panel.series) {
+            const bool is_curve = series.style != SeriesStyle::instants && series.low.empty();
+            if (!is_curve || is_segments(panel, series)) continue;
+            series = thinned(series, panel, static_cast<std::size_t>(plot.width));
+        }
+    }
+    return plot;
+}
+
+// The files in what gnuplot writes for several plots, one after another. Each is a signature and chunks, of which the last
+// is IEND.
+std::vector<std::string> images_in(const std::string& bytes, std::size_t count) {
+    constexpr std::size_t signature = 8, around = 12; // of a chunk, its length, name and checksum
+    std::vector<std::string> images;
+    for (std::size_t begin = 0; begin < bytes.size();) {
+        std::size_t at = begin + signature;
+        for (bool last = false; !last;) {
+            if (at + around > bytes.size()) throw Error("gnuplot has drawn an image without an end");
+            std::size_t length = 0;
+            for (std::size_t k = 0; k < 4; ++k) length = length << 8 | static_cast<unsigned char>(bytes[at + k]);
+            last = bytes.compare(at + 4, 4, "IEND") == 0;
+            at += around + length;
+        }
+        images.push_back(bytes.substr(begin, at - begin));
+        begin = at;
+    }
+    if (images.size() != count) {
+        throw Error(fmt::format("gnuplot has drawn {} images, must be {}", images.size(), count));
+    }
+    return images;
+}
+
 } // namespace
 
 const std::vector<std::string>& Panel::legend_places() {
@@ -529,15 +637,23 @@ const std::vector<std::string>& Panel::legend_places() {
     return places;
 }
 
-std::string plot_png(const Plot& given) {
-    check(given);
-    const Plot plot = with_readable_units(given);
-    const int height = shown_height(plot);
-    return run_gnuplot(
-        script_of(plot, height,
-                  fmt::format("set terminal pngcairo size {},{} font 'DejaVu Sans,12' enhanced background '#ffffff'\n",
-                              plot.width, height)));
+std::vector<std::string> plot_pngs(const std::vector<Plot>& plots) {
+    std::string script;
+    for (const auto& given : plots) {
+        check(given);
+        const Plot plot = as_pixels_show(with_readable_units(given));
+        const int height = shown_height(plot);
+        script += "reset session\n";
+        script += script_of(
+            plot, height,
+            fmt::format("set terminal pngcairo size {},{} font 'DejaVu Sans,12' enhanced background '#ffffff'\n",
+                        plot.width, height));
+    }
+    if (plots.empty()) return {};
+    return images_in(run_gnuplot(script), plots.size());
 }
+
+std::string plot_png(const Plot& plot) { return plot_pngs({plot}).front(); }
 
 std::string plot_svg(const Plot& given) {
     check(given);

@@ -62,15 +62,22 @@ void draw_plot(const std::filesystem::path& path, const Plot& plot);
 // What a plot that is kept as a table has behind its name, see report_from_json.
 inline constexpr const char* plot_data_extension = ".plot.json";
 
-// The bytes of the two files.
+// The bytes of the two files. In the image a curve of many points is thinned to what each column of its pixels shows.
 std::string plot_png(const Plot& plot);
 std::string plot_svg(const Plot& plot);
+// The images of several plots, drawn by one program, which takes less time than one for each.
+std::vector<std::string> plot_pngs(const std::vector<Plot>& plots);
 
 // What a drawing shows where the plot leaves it open: the ends of an axis, the color of each series, the height
 // [pixel]. Any other drawing of a plot takes them from here, so that both agree.
 Range shown_range(const Panel& panel, bool of_x);
 std::vector<std::string> shown_colors(const Panel& panel);
 int shown_height(const Plot& plot);
+
+// A series of more than four points for each of so many columns, thinned: where x ascends, to the first, the last, the least
+// and the greatest value in each column; else a point is left out that lies nearer to the last one kept than the share of a
+// column in the panel.
+Series thinned(const Series& series, const Panel& panel, std::size_t columns);
 
 // The same plot in units that need few digits: a linear axis labeled "... [m]" that shows no more than 5e-6 becomes
 // "... [um]". Axes with the same label keep the same unit. Drawings show this.

@@ -20,8 +20,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
-constexpr std::size_t thinned_above = 8000; // points
 constexpr std::size_t thinned_columns = 2000;
+constexpr std::size_t most_together = 8; // figures that one program draws
 
 // ---- texts -------------------------------------------------------------------------------------------------------
 
@@ -84,76 +84,6 @@ std::string policy_hash(const std::string& text) {
 // Seven digits: more than a screen shows, and a short text.
 double rounded(double value) { return std::isfinite(value) ? *parse_number(fmt::format("{:.6e}", value)) : value; }
 
-constexpr std::size_t a_break = static_cast<std::size_t>(-1); // among the indices of a thinned curve
-
-// The lowest and the highest point of each column of the panel, and where the curve enters and leaves the column.
-std::vector<std::size_t> thinned_over_x(const Series& series, double low, double high, bool log) {
-    const auto place = [&](double x) { return log ? std::log(x) : x; };
-    const double scale = static_cast<double>(thinned_columns) / (place(high) - place(low));
-    std::vector<std::size_t> kept;
-    for (std::size_t begin = 0; begin < series.x.size();) {
-        const auto gap = [&](std::size_t i) {
-            return !std::isfinite(series.x[i]) || !std::isfinite(series.y[i]) || (log && series.x[i] <= 0);
-        };
-        if (gap(begin)) {
-            // One break is as good as many.
-            if (!kept.empty() && kept.back() != a_break) kept.push_back(a_break);
-            ++begin;
-            continue;
-        }
-        const double column = std::floor((place(series.x[begin]) - place(low)) * scale);
-        std::size_t end = begin, lowest = begin, highest = begin;
-        for (; end < series.x.size() && !gap(end); ++end) {
-            if (std::floor((place(series.x[end]) - place(low)) * scale) != column) break;
-            if (series.y[end] < series.y[lowest]) lowest = end;
-            if (series.y[end] > series.y[highest]) highest = end;
-        }
-        for (const std::size_t i : std::set<std::size_t>{begin, lowest, highest, end - 1}) kept.push_back(i);
-        begin = end;
-    }
-    return kept;
-}
-
-// A loop: the points that are visibly away from the last one kept.
-std::vector<std::size_t> thinned_loop(const Series& series, const Panel& panel) {
-    const Range xr = shown_range(panel, true), yr = shown_range(panel, false);
-    const auto part = [](double v, const Range& range, bool log) {
-        return log ? std::log(v / range[0]) / std::log(range[1] / range[0]) : (v - range[0]) / (range[1] - range[0]);
-    };
-    std::vector<std::size_t> kept;
-    double px = NAN, py = NAN;
-    for (std::size_t i = 0; i < series.x.size(); ++i) {
-        const double x = part(series.x[i], xr, panel.x_log), y = part(series.y[i], yr, panel.y_log);
-        if (std::hypot(x - px, y - py) < 1.0 / thinned_columns) continue; // never where one of them is no number
-        kept.push_back(i);
-        px = x;
-        py = y;
-    }
-    return kept;
-}
-
-struct Curve {
-    std::vector<double> x, y, low, high;
-};
-
-Curve thinned(const Series& series, const Panel& panel) {
-    if (series.x.size() <= thinned_above) return {series.x, series.y, series.low, series.high};
-    const Range range = shown_range(panel, true);
-    const bool ascends = std::is_sorted(series.x.begin(), series.x.end());
-    Curve curve;
-    for (const std::size_t i :
-         ascends ? thinned_over_x(series, range[0], range[1], panel.x_log) : thinned_loop(series, panel)) {
-        const auto take = [i](std::vector<double>& to, const std::vector<double>& from) {
-            if (!from.empty()) to.push_back(i == a_break ? NAN : from[i]);
-        };
-        curve.x.push_back(i == a_break ? curve.x.back() : series.x[i]);
-        take(curve.y, series.y);
-        take(curve.low, series.low);
-        take(curve.high, series.high);
-    }
-    return curve;
-}
-
 // Whether the x axes of two panels agree, apart from a rest that nobody sees.
 bool same_axis(const Panel& a, const Panel& b) {
     if (a.x_log != b.x_log) return false;
@@ -186,7 +116,7 @@ std::string data_of(const Plot& given) {
         Json curves = Json::array();
         for (std::size_t s = 0; s < panel.series.size(); ++s) {
             const Series& series = panel.series[s];
-            Curve curve = thinned(series, panel);
+            Series curve = thinned(series, panel, thinned_columns);
             all += series.x.size();
             kept += curve.x.size();
             for (double& x : curve.x) x = rounded(x);
@@ -431,13 +361,33 @@ std::vector<std::string> write_report(const fs::path& page, const Report& report
     const auto figures = figures_of(report);
     const auto files = file_names(figures, page.stem().string());
     std::vector<std::string> images(figures.size());
-    const auto done = for_each_index(figures.size(), control, "figures", [&](std::size_t i) {
-        const fs::path file = path_inside(page.parent_path(), files[i] + ".png");
-        images[i] = figures[i]->drawn ? read_file(file) : plot_png(figures[i]->plot);
-        if (!figures[i]->drawn) write_file(file, images[i]);
+    std::vector<std::size_t> to_draw;
+    for (std::size_t i = 0; i < figures.size(); ++i) {
+        if (figures[i]->drawn) {
+            images[i] = read_file(path_inside(page.parent_path(), files[i] + ".png"));
+        } else {
+            to_draw.push_back(i);
+        }
+    }
+    // Several to a program, and no more than somebody who interrupts would wait for.
+    const std::size_t groups =
+        std::max<std::size_t>((to_draw.size() + most_together - 1) / most_together,
+                              std::min<std::size_t>(std::max(control.workers, 1u), to_draw.size()));
+    const auto done = for_each_index(groups, control, "figures", [&](std::size_t group) {
+        std::vector<Plot> plots;
+        for (std::size_t i = group; i < to_draw.size(); i += groups) plots.push_back(figures[to_draw[i]]->plot);
+        auto drawn = plot_pngs(plots);
+        for (std::size_t k = 0; k < drawn.size(); ++k) {
+            const std::size_t i = to_draw[group + k * groups];
+            images[i] = std::move(drawn[k]);
+            write_file(path_inside(page.parent_path(), files[i] + ".png"), images[i]);
+        }
     });
-    if (done < figures.size()) {
-        throw EndedEarly(fmt::format("interrupted after {} of {} figures of {}", done, figures.size(), page.string()));
+    if (done < groups) {
+        const auto missing = std::ranges::count(images, std::string{});
+        throw EndedEarly(fmt::format("interrupted after {} of {} figures of {}",
+                                     figures.size() - static_cast<std::size_t>(missing), figures.size(),
+                                     page.string()));
     }
     write_file(page, html_of(report, files, images));
     std::vector<std::string> written;

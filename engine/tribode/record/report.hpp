@@ -64,9 +64,8 @@ struct Report {
 //
 // A figure is in the page twice: as the image, and as data for an interactive plot (uPlot) that takes the place of the
 // image where scripts run; printed, or without scripts, the image stands. A series of more than 8000 points is thinned
-// for the page: where x ascends, to the first, the last, the least and the greatest value in each of 2000 columns; else
-// a point is left out that lies within 1/2000 of the panel of the last one kept. Numbers have 7 digits there. Nothing
-// is thinned in the image. A Content-Security-Policy lets run the page's own script alone and load nothing.
+// for the page to 2000 columns (see `thinned`). Numbers have 7 digits there. A Content-Security-Policy lets run the page's own
+// script alone and load nothing.
 //
 // `control`: images are drawn by its workers. Throws InputError where a table's row, a series or a file name does not
 // fit; EndedEarly on a stop request; what draw_plot throws. The page is written last.

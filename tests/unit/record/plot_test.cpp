@@ -3,6 +3,7 @@
 #include "unit/script/messages.hpp"
 #include "unit/script/temporary_folder.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <gtest/gtest.h>
@@ -25,6 +26,39 @@ TEST(Plot, WritesPngAndSvgAndTheSamePlotGivesTheSameBytes) {
     EXPECT_NE(read_file(folder / "a.svg").find("<svg"), std::string::npos);
     EXPECT_EQ(read_file(folder / "a.png"), read_file(folder / "b.png"));
     EXPECT_EQ(read_file(folder / "a.svg"), read_file(folder / "b.svg"));
+}
+
+TEST(Plot, ImagesDrawnTogetherAreThoseDrawnOneByOne) {
+    std::vector<Plot> plots(3);
+    for (std::size_t i = 0; i < plots.size(); ++i) {
+        plots[i].title = "plot " + std::to_string(i);
+        plots[i].height = 300 + 100 * static_cast<int>(i);
+        plots[i].panels.push_back({.x_label = "t [s]", .y_label = "y [m]", .y_log = i == 1});
+        plots[i].panels[0].series.push_back({.name = "a", .x = {0, 1, 2}, .y = {1.0 + static_cast<double>(i), 3, 2}});
+    }
+    const auto together = plot_pngs(plots);
+    ASSERT_EQ(together.size(), plots.size());
+    for (std::size_t i = 0; i < plots.size(); ++i) EXPECT_EQ(together[i], plot_png(plots[i])) << i;
+    EXPECT_TRUE(plot_pngs({}).empty());
+}
+
+TEST(Plot, AThinnedCurveKeepsItsEndsExtremesAndBreaks) {
+    Panel panel;
+    panel.series.push_back({.name = "noise"});
+    Series& noise = panel.series[0];
+    constexpr int n = 10000, columns = 100;
+    for (int i = 0; i < n; ++i) {
+        noise.x.push_back(i);
+        noise.y.push_back(i == 4321 ? 9 : i == 4400 ? NAN : std::sin(1.7 * i));
+    }
+    const Series few = thinned(noise, panel, columns);
+    EXPECT_LE(few.x.size(), 4u * columns + 2);
+    EXPECT_EQ(few.x.front(), 0);
+    EXPECT_EQ(few.x.back(), n - 1);
+    EXPECT_EQ(std::ranges::count(few.y, 9), 1);
+    EXPECT_EQ(std::ranges::count_if(few.y, [](double y) { return std::isnan(y); }), 1);
+    EXPECT_TRUE(std::ranges::is_sorted(few.x));
+    EXPECT_EQ(thinned(noise, panel, n / 4).x.size(), noise.x.size()) << "one that is short enough stays";
 }
 
 TEST(Plot, DataWithNothingToSeeStillGiveAxes) {
