@@ -30,6 +30,7 @@ constexpr Eigen::Index min_for_secants = 4;
 // A step that falls by less than this share of what the Jacobian promises shows that it is out of date.
 constexpr double min_promise_kept = 0.25;
 constexpr double nearly_noise = 1.5; // chi square per sample
+constexpr double max_looser = 100;   // factor of the tolerance
 constexpr double max_field_step = 2; // standard deviations in one step: as far as differences can be trusted
 // Slopes of more entries are not kept [of 8 bytes].
 constexpr Eigen::Index max_kept = 4'000'000;
@@ -308,6 +309,10 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
         column.tail(column.size() - samples).setZero();
         if (moved[i].field) column[samples + static_cast<Eigen::Index>(moved[i].index)] = 1;
     }
+    // Where more than noise is left, something is missing, and the minimum without it need not be known to the last digit.
+    const auto tolerance = [&] {
+        return options.tolerance * std::clamp(h.chi_square / static_cast<double>(samples), 1.0, max_looser);
+    };
     double damping = 1e-3;
     // Where there are many numbers, a Jacobian is carried on for a few steps by Broyden's secants.
     const int max_secants = n < min_for_secants ? 0 : static_cast<int>(n) / 2;
@@ -378,7 +383,7 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
             Trial next = placed(change);
             // No step is worth a run where the Jacobian promises next to nothing.
             const double promised = -2 * gradient.dot(next.step) - next.step.dot(normal * next.step);
-            if (promised < 0.01 * options.tolerance * h.chi_square) break;
+            if (promised < 0.01 * tolerance() * h.chi_square) break;
             simulate(next);
             if (exact && !(next.h.chi_square < h.chi_square) && !next.errors.empty()) {
                 // The way down may be a narrow valley that bends: what the errors did beyond the linear tells how
@@ -407,7 +412,7 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
             }
         }
         if (improved || exact) ++iteration; // else it is done again with another Jacobian
-        const bool settled = !improved || fall < options.tolerance;
+        const bool settled = !improved || fall < tolerance();
         if (settled && exact) {
             h.converged = true;
             break;

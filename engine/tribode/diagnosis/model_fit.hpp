@@ -83,7 +83,7 @@ class ModelFit {
         bool move_fields = true;      // the uncertain fields too
         bool standard_errors = false; // at the end
         bool left_out_errors = false;
-        double tolerance = 1e-5; // relative fall of chi square at which it has converged
+        double tolerance = 1e-5; // relative fall of chi square at which it has converged; more, far from the noise
         unsigned workers = 1;    // for the differences
         const std::atomic<bool>* stop = nullptr;
         std::chrono::steady_clock::time_point deadline = std::chrono::steady_clock::time_point::max(); // it ends there

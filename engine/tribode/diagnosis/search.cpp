@@ -24,7 +24,7 @@ namespace {
 // What the search spends, in counts: the answer must not depend on the clock.
 constexpr std::size_t beam_width = 3;         // hypotheses on which another effect is sought
 constexpr std::size_t screened_later = 12;    // candidates that are fitted for a second effect and more
-constexpr std::size_t validated_count = 3;    // of the ranking, with parameters of the fitted records alone
+constexpr std::size_t validated_count = 3;    // of the ranking at most, with parameters of the fitted records alone
 constexpr std::size_t most_likely_pairs = 12; // of two effects that are sought together
 constexpr double field_step = 0.05;           // of differences by an uncertain field, in its deviations
 constexpr int max_enriched = 4;               // times that a form is made richer
@@ -52,6 +52,8 @@ constexpr double hopeless = 1.5;
 constexpr double sure_gain = 2;
 // Chi square by that of a hypothesis for which others are sought, above which these are given up.
 constexpr double out_of_reach = 10;
+// Chi square on the lead by that of the best there, up to which hypotheses are followed together.
+constexpr double abreast = 1.5;
 constexpr int max_rounds = 8;            // of a few steps each, on all records
 constexpr std::size_t most_followed = 8; // hypotheses that are fitted to all records
 constexpr double promising = 1000;       // chi square per sample of the lead after a few steps
@@ -93,6 +95,7 @@ class Search {
     SearchResult run() {
         try {
             search();
+            validate();
             Scored& last = result_.ranking.empty() ? result_.baseline : result_.ranking.front();
             if (adequate(last) && last.validation > SearchResult::limit(result_.validation) && !last.together.settled)
                 share(last);
@@ -122,7 +125,6 @@ class Search {
             Scored grown = scored(std::move(none));
             if (grown.score < result_.baseline.score) result_.baseline = std::move(grown);
         }
-        validate(result_.baseline, control_.workers);
         if (adequate(result_.baseline)) return;
         std::vector<Scored> beam{result_.baseline};
         const Hypothesis& bent = result_.baseline.together;
@@ -176,6 +178,8 @@ class Search {
             }
             std::vector<Hypothesis> waiting; // fitted to the lead, of the bases so far
             for (const auto& base : beam) {
+                // Another way to the same effects cannot gain on noise.
+                if (std::ranges::any_of(pool, [&](const Scored& one) { return is_noise(one); })) break;
                 // Another way to such a hypothesis, or a rival of it, has one of its effects.
                 const std::string what = "effect " + std::to_string(level);
                 auto list = begun(base, what, enough);
@@ -205,11 +209,7 @@ class Search {
                 reassess(pool);
             }
             result_.baseline = scored(std::move(result_.baseline.together));
-            validate(result_.baseline, control_.workers);
-            for (auto& step : result_.steps) {
-                step = scored(std::move(step.together));
-                validate(step, control_.workers);
-            }
+            for (auto& step : result_.steps) step = scored(std::move(step.together));
             const Scored& before = result_.steps.empty() ? result_.baseline : result_.steps.back();
             // Another effect must be worth its parameters, on the validation records too. These are judged with
             // parameters fitted to all records: those of the fitted ones alone predict little while the model still
@@ -373,12 +373,27 @@ class Search {
         return one;
     }
 
-    // The parameters of the fitted records alone, and how they predict the validation records.
-    void validate(Scored& one, unsigned workers) const {
+    // The parameters of the fitted records alone, and how they predict the validation records: of what the answer shows.
+    void validate() {
         if (result_.validation.empty()) return;
-        refine(one.hypothesis, result_.fitted, 10, workers);
-        one.fitted = per_sample(one.hypothesis, result_.fitted);
-        one.validation = per_sample(one.hypothesis, result_.validation);
+        const auto one_of_all = [&](Scored& one) {
+            refine(one.hypothesis, result_.fitted, 10, control_.workers);
+            one.fitted = per_sample(one.hypothesis, result_.fitted);
+            one.validation = per_sample(one.hypothesis, result_.validation);
+        };
+        one_of_all(result_.baseline);
+        auto& ranking = result_.ranking;
+        for (std::size_t i = 0; i < std::min(ranking.size(), validated_count); ++i) {
+            // The next experiment is for one that comes near.
+            if (i > 0 && ranking[i].together.chi_square > hopeless * ranking.front().together.chi_square) continue;
+            one_of_all(ranking[i]);
+        }
+        // The nearest effect is told where the answer is none.
+        if (result_.steps.size() == 1) {
+            result_.steps.front() = ranking.front();
+        } else if (!result_.steps.empty()) {
+            one_of_all(result_.steps.front());
+        }
     }
 
     // The fitted records alone leave the parameters too uncertain to predict a richer one: the first half of the
@@ -576,12 +591,16 @@ class Search {
         for (auto& one : pool) one = scored(std::move(one.together)); // by the new floors
         rank(pool);
         const double far = hopeless * pool.front().together.chi_square;
-        // No few steps bring those near that are farther off.
+        // The first steps bring near what can come near, and none what is farther off than this.
         const double too_far = 3 * far;
         for_each_index(pool.size(), quiet, "", [&](std::size_t i) {
-            if (pool[i].together.chi_square > too_far) return;
-            refine(pool[i].together, all_, 6, 1);
-            pool[i] = scored(std::move(pool[i].together));
+            for (const auto& [within, steps] : {std::pair{too_far, 2}, {far, 4}}) {
+                if (pool[i].together.chi_square > within) return;
+                refine(pool[i].together, all_, steps, 1);
+                const bool converged = pool[i].together.converged;
+                pool[i] = scored(std::move(pool[i].together));
+                if (converged) return;
+            }
         });
         rank(pool);
         for (std::size_t i = 0; i < std::min<std::size_t>(pool.size(), 2) && !late(); ++i) {
@@ -591,7 +610,6 @@ class Search {
         }
         rank(pool);
         prefer_simpler(pool);
-        for (std::size_t i = 0; i < std::min(pool.size(), validated_count); ++i) validate(pool[i], control_.workers);
     }
 
     static void rank(std::vector<Scored>& pool) {
@@ -800,24 +818,34 @@ class Search {
     }
 
     // Fits to all records those that do best on the lead, the best to convergence; the others where these leave more than
-    // noise. `best`: chi square of the best that another base has come to.
+    // noise: a rival of what noise explains is near it on the lead already. `best`: chi square of the best that another base
+    // has come to.
     std::vector<Scored> fitted_to_all(std::vector<Hypothesis> led, const std::string& what, bool beside_enough,
                                       double best) const {
         keep_best(led, most_followed, out_of_reach);
         if (led.empty()) return {};
-        const double near = out_of_reach * led.front().chi_square;
+        const double near = abreast * led.front().chi_square;
         const auto far =
             std::stable_partition(led.begin(), led.end(), [&](const Hypothesis& h) { return h.chi_square < near; });
         std::vector<Hypothesis> others(std::make_move_iterator(far), std::make_move_iterator(led.end()));
         led.erase(far, led.end());
+        const double left = led.front().chi_square / static_cast<double>(count(lead_records_)); // per sample
         converge(led, what, beside_enough, best);
         for (const auto& h : led) best = std::min(best, h.chi_square);
-        if (std::ranges::any_of(led, [&](const Hypothesis& h) { return adequate(scored(h)); })) {
-            for (auto& h : others) ModelFit(machine_, all_).evaluate(h);
-        } else {
-            converge(others, what, beside_enough, best);
+        const bool enough = std::ranges::any_of(led, [&](const Hypothesis& h) { return adequate(scored(h)); });
+        // Where all records say as much of the best as the lead does, they will of the others.
+        const bool told = best < hopeless * left * static_cast<double>(count(all_));
+        std::vector<Hypothesis> hopeful;
+        for (auto& h : others) {
+            if (enough || (told && h.chi_square > out_of_reach * left * static_cast<double>(count(lead_records_)))) {
+                ModelFit(machine_, all_).evaluate(h);
+                led.push_back(std::move(h));
+            } else {
+                hopeful.push_back(std::move(h));
+            }
         }
-        std::ranges::move(others, std::back_inserter(led));
+        converge(hopeful, what, beside_enough, best);
+        std::ranges::move(hopeful, std::back_inserter(led));
         keep_best(led, 6, 1e300);
         if (!led.empty() && !late() && led.front().chi_square < out_of_reach * best) enrich(led.front());
         std::vector<Scored> done;

@@ -29,6 +29,8 @@ const Basis basis = [] {
 constexpr double largest_between = 1.7;
 // |x^3 less the parabola through three of the nodes| on [0, 1], of which the effect on x(1) is at most this.
 constexpr double cubic_remainder = 0.05;
+// Change of x(1) in a round over the tolerance, at its end alone, below which the round is left out.
+constexpr double unchanged = 0.02;
 
 double dot(const std::vector<double>& row, const double* x) {
     double sum = 0;
@@ -208,6 +210,15 @@ bool CollocationIntegrator::settle(double h, const Prepared* prepared, double& e
     }
     if (!pattern_->forced) return true;
 
+    // Of an error of w j, its effect on x(1) over the tolerance.
+    const auto gain_of = [&](std::size_t j) {
+        double gain = 0;
+        const double* size = pattern_->size.data() + 2 * j * height_;
+        for (std::size_t i = 0; i < size_; ++i) {
+            gain = std::max(gain, h * (size[i] + 0.5 * h * size[height_ + i]) * tolerance_[i]);
+        }
+        return gain;
+    };
     double last_change = 0;
     for (int round = 0; round < max_rounds; ++round) {
         before_.swap(dw_);
@@ -225,11 +236,7 @@ bool CollocationIntegrator::settle(double h, const Prepared* prepared, double& e
             }
             // A step that is left without a number must fail, and std::max would lose it.
             if (!std::isfinite(third)) return false;
-            double gain = 0;
-            const double* size = pattern_->size.data() + 2 * j * height_;
-            for (std::size_t i = 0; i < size_; ++i) {
-                gain = std::max(gain, h * (size[i] + 0.5 * h * size[height_ + i]) * tolerance_[i]);
-            }
+            const double gain = gain_of(j);
             change = std::max(change, gain * largest);
             bend = std::max(bend, gain * cubic_remainder * std::abs(third));
         }
@@ -251,6 +258,17 @@ bool CollocationIntegrator::settle(double h, const Prepared* prepared, double& e
             if (round > 1 && ratio > 0.5 && left > 1) return false;
         }
         if (left <= 1) return true;
+        if (round == 0) {
+            // Mostly the next round would change next to nothing: its value where x has moved farthest tells.
+            affine_.forcing(t0_ + h, {at_[nodes - 1].data(), size_}, *state_->discrete, w_);
+            ++counts_.derivative_evaluations;
+            double rest = 0;
+            for (std::size_t j = 0; j < forcing_count_; ++j) {
+                rest += gain_of(j) * std::abs(w_[j] - w0_[j] - dw_[j * nodes + nodes - 1]);
+            }
+            error = std::max(rest, bend);
+            if (rest <= unchanged) return true; // never where one of w is no number
+        }
         last_change = change;
     }
     return h <= 1e-9;
