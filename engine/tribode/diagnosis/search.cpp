@@ -138,13 +138,8 @@ class Search {
             beam.push_back(scored(std::move(as_described)));
             if (!bent.within_tolerance()) {
                 std::swap(beam[0], beam[1]);
-                // Where the fields do all of its work, one of them may do most, as a mass that of a payload: the effect shows
-                // best beside the others as they were found.
-                if (leaves_noise(result_.baseline)) {
-                    Hypothesis without = bent;
-                    *std::ranges::max_element(without.nominal, {}, [](double off) { return std::abs(off); }) = 0;
-                    without.converged = false;
-                    beam.insert(beam.begin(), scored(std::move(without)));
+                if (auto shown = with_farthest_as_described(result_.baseline)) {
+                    beam.insert(beam.begin(), std::move(*shown));
                     bare_place = 1;
                 }
             }
@@ -178,8 +173,8 @@ class Search {
             }
             std::vector<Hypothesis> waiting; // fitted to the lead, of the bases so far
             for (const auto& base : beam) {
-                // Another way to the same effects cannot gain on noise.
-                if (std::ranges::any_of(pool, [&](const Scored& one) { return is_noise(one); })) break;
+                // Another way to the same effect, by other fields, cannot gain on noise.
+                if (level == 1 && std::ranges::any_of(pool, [&](const Scored& one) { return is_noise(one); })) break;
                 // Another way to such a hypothesis, or a rival of it, has one of its effects.
                 const std::string what = "effect " + std::to_string(level);
                 auto list = begun(base, what, enough);
@@ -226,12 +221,23 @@ class Search {
             result_.steps.push_back(pool.front());
             if (!better || adequate(pool.front())) break;
             beam.clear();
+            if (auto shown = with_farthest_as_described(pool.front())) beam.push_back(std::move(*shown));
             std::set<std::vector<std::string>> seen;
             for (const auto& one : pool) {
                 const bool close = one.together.chi_square < 20 * pool.front().together.chi_square;
                 if (close && beam.size() < beam_width && seen.insert(one.names()).second) beam.push_back(one);
             }
         }
+    }
+
+    // Where fields do all the work of an effect, one of them may do most, as a mass that of a payload: the effect shows best
+    // beside the others as they were found. Nothing where the fields are where they may be, or more than noise is left.
+    std::optional<Scored> with_farthest_as_described(const Scored& one) const {
+        if (one.together.within_tolerance() || !leaves_noise(one)) return std::nullopt;
+        Hypothesis without = one.together;
+        *std::ranges::max_element(without.nominal, {}, [](double off) { return std::abs(off); }) = 0;
+        without.converged = false;
+        return scored(std::move(without));
     }
 
     void set_floors(const MachineModel& machine) {
@@ -464,7 +470,9 @@ class Search {
             without.remove(i);
             refine(without, all_, 8, control_.workers);
             Scored simpler = scored(std::move(without));
-            if (simpler.score < one.score + 10 || is_needlessly_rich(one, simpler)) {
+            // One that leaves the fields where they may be is more than another that bends them.
+            const bool as_good = adequate(simpler) || !adequate(one);
+            if (as_good && (simpler.score < one.score + 10 || is_needlessly_rich(one, simpler))) {
                 one = std::move(simpler);
                 i = 0;
             } else {
@@ -491,8 +499,8 @@ class Search {
 
     // An effect of many parameters may have taken the place of a simpler one, which did less alone and was dropped: each of
     // those of the first hypothesis is replaced by its simpler kinds in turn, unless the ranking has that; and the best of
-    // these gets another one beside it, of them or of the same kind with fewer parameters. While more than noise remains, only
-    // kinds are tried that have not been.
+    // these gets another one beside it, of them or of the same kind with fewer parameters. While more than noise remains, what
+    // has not been tried is not, but for kinds that are sought in this way only.
     std::vector<Scored> simplified(const std::vector<Scored>& pool, std::size_t level) const {
         const Scored& one = pool.front();
         std::vector<Scored> list;
@@ -509,18 +517,19 @@ class Search {
             };
             std::set<std::string> missing;
             std::vector<Hypothesis> instead;
-            const bool enough = adequate(one);
+            const bool enough = leaves_noise(one);
             for (const auto& name : kind.simpler) {
-                if (!enough && !effect_kind(name).only_in_place) continue;
                 const auto known =
                     std::ranges::find_if(pool, [&](const Scored& other) { return other.names() == with(name); });
                 if (known == pool.end()) {
-                    missing.insert(name);
-                } else if (enough && known->together.chi_square > hopeless * one.together.chi_square) {
-                    // Its own fit may have ended early.
-                    Scored again = scored(in_place(one.together, i, known->together, name));
-                    instead.push_back(again.together);
-                    if (again.score < known->score) list.push_back(std::move(again));
+                    if (enough || effect_kind(name).only_in_place) missing.insert(name);
+                } else if (known->together.chi_square > one.together.chi_square + worth) {
+                    // Its own fit may have ended early, or beside a poorer form of the others.
+                    auto again = in_place(one.together, i, known->together, name);
+                    if (!again) continue;
+                    Scored better = scored(std::move(*again));
+                    instead.push_back(better.together);
+                    if (better.score < known->score) list.push_back(std::move(better));
                 } else {
                     instead.push_back(known->together);
                 }
@@ -551,9 +560,10 @@ class Search {
         return list;
     }
 
-    // A hypothesis with a simpler effect in the place of one of its own, fitted; begun with what another one has for it.
-    Hypothesis in_place(const Hypothesis& whole, std::size_t place, const Hypothesis& other,
-                        const std::string& simpler) const {
+    // A hypothesis with a simpler effect in the place of one of its own, fitted; begun with what another one has for it. None
+    // where it does by far less.
+    std::optional<Hypothesis> in_place(const Hypothesis& whole, std::size_t place, const Hypothesis& other,
+                                       const std::string& simpler) const {
         const auto is_meant = [&](const auto& effect) { return effect->kind().name == simpler; };
         const auto effect = std::ranges::find_if(other.effects, is_meant);
         const auto numbers = other.values_of(static_cast<std::size_t>(effect - other.effects.begin()));
@@ -571,6 +581,8 @@ class Search {
         options.workers = control_.workers;
         options.stop = control_.stop;
         lead.fit(alone, options);
+        const double of_whole = ModelFit(machine_, lead_records_).chi_square(whole) - whole.sum_of_squares();
+        if (!(alone.chi_square < out_of_reach * of_whole)) return std::nullopt;
         Hypothesis h = with(rest, *effect, alone.values);
         refine(h, all_, 6, control_.workers, false);
         if (h.chi_square < out_of_reach * whole.chi_square) refine(h, all_, 8, control_.workers);
@@ -881,9 +893,13 @@ class Search {
                         same_kinds(running[i], *first) && running[i].parameter_count() >= first->parameter_count();
                     stalled[i] = stalled[i] || far || same;
                 }
+                // What may be taken already goes on only where it can come to the noise, if later.
+                const bool taken = running[i].chi_square < worth_taking_;
+                const double target = taken ? followed * static_cast<double>(count(all_)) : worth_taking_;
+                const int rounds_left = (taken ? 2 : 1) * max_rounds - 1 - round;
                 const bool slow = round > 0 && !steep &&
                                   ((distance > 100 && fall < 0.1 * distance) || round + 1 >= max_rounds ||
-                                   (max_rounds - 1 - round) * fall < running[i].chi_square - worth_taking_);
+                                   rounds_left * fall < running[i].chi_square - target);
                 const bool lost = beside_enough && running[i].chi_square > out_of_reach * best;
                 stalled[i] = stalled[i] || running[i].converged || !std::isfinite(distance) || slow || lost;
                 // Of an effect from several starts, one that stays behind is in a local minimum.
