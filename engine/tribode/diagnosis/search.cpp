@@ -523,8 +523,9 @@ class Search {
                     std::ranges::find_if(pool, [&](const Scored& other) { return other.names() == with(name); });
                 if (known == pool.end()) {
                     if (enough || effect_kind(name).only_in_place) missing.insert(name);
-                } else if (known->together.chi_square > one.together.chi_square + worth) {
-                    // Its own fit may have ended early, or beside a poorer form of the others.
+                } else if (known->together.chi_square > one.together.chi_square + worth ||
+                           known->together.parameter_count() >= one.together.parameter_count()) {
+                    // Its own fit may have ended early, or it has other forms of the others beside it.
                     auto again = in_place(one.together, i, known->together, name);
                     if (!again) continue;
                     Scored better = scored(std::move(*again));
