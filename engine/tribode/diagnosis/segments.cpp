@@ -37,12 +37,13 @@ class Cutter {
             SystemModel one = model_.with(own_values(r));
             std::vector<double> from;
             for (const std::size_t i : made.model.starts) from.push_back(one.equations.states[i].start);
-            for (std::size_t s = 0; s + 1 < bounds.size(); ++s) {
-                const std::size_t begin = bounds[s], end = bounds[s + 1];
+            for (std::size_t s = 0; s < bounds.size(); ++s) {
+                const auto [begin, end] = bounds[s];
                 made.records.push_back(fit_.records()[r].part(begin, end - begin));
-                // Each begins where the one before it ends, moved until it fits.
+                // Each begins where the one before it ends, or what was not measured behind that, moved until it fits.
+                const std::size_t following = s + 1 < bounds.size() ? bounds[s + 1].begin : end;
                 const auto next = followed(made.model, one, made.records.back(),
-                                           fit_.records()[r].part(begin, end - begin + 1), from);
+                                           fit_.records()[r].part(begin, following - begin + 1), from);
                 if (!next) return std::nullopt;
                 starts.insert(starts.end(), from.begin(), from.end());
                 from = *next;
@@ -61,22 +62,30 @@ class Cutter {
   private:
     std::vector<double> own_values(std::size_t r) const { return model_.values_of(values_, r); }
 
-    // Where the segments of a record begin, and its end. Each has as many samples that were measured: what was not belongs to the
-    // segment before it.
-    std::vector<std::size_t> bounds_of(std::size_t r, std::size_t length) const {
-        std::vector<std::size_t> measured;
-        for (std::size_t k = 0; k < fit_.used()[r]; ++k) {
+    struct Bounds {
+        std::size_t begin, end;
+    };
+    // Segments of about this length of each stretch of a record that was measured.
+    std::vector<Bounds> bounds_of(std::size_t r, std::size_t length) const {
+        const auto is_measured = [&](std::size_t k) {
             const auto is_there = [k](const std::vector<double>& values) { return !std::isnan(values[k]); };
-            if (std::ranges::any_of(fit_.records()[r].outputs, is_there)) measured.push_back(k);
+            return std::ranges::any_of(fit_.records()[r].outputs, is_there);
+        };
+        std::vector<Bounds> found;
+        for (std::size_t begin = 0; begin < fit_.used()[r]; ++begin) {
+            std::size_t end = begin;
+            while (end < fit_.used()[r] && is_measured(end)) ++end;
+            if (end == begin) continue;
+            const std::size_t samples = end - begin, count = std::max<std::size_t>(1, samples / length);
+            for (std::size_t s = 0; s < count; ++s) {
+                found.push_back({begin + samples * s / count, begin + samples * (s + 1) / count});
+            }
+            begin = end;
         }
-        const std::size_t count = std::max<std::size_t>(1, measured.size() / length);
-        std::vector<std::size_t> bounds = {0};
-        for (std::size_t s = 1; s < count; ++s) bounds.push_back(measured[measured.size() * s / count]);
-        bounds.push_back(measured.empty() ? 0 : measured.back() + 1);
-        return bounds;
+        return found;
     }
 
-    // Fits the start values of a segment, and gives the states at its end. `longer`: with the sample behind it.
+    // Fits the start values of a segment, and gives the states where the next one begins. `longer`: up to that sample.
     std::optional<std::vector<double>> followed(const SystemModel& with_starts, const SystemModel& at,
                                                 const SystemRecord& segment, const SystemRecord& longer,
                                                 std::vector<double>& start) const {
@@ -139,7 +148,11 @@ std::optional<Segments> segmented(const SystemModel& model, const std::vector<do
     const double near = std::max(near_noise * fit.noise(), near_output);
     const Cutter cutter(model, values, fit, ended);
     const std::size_t shortest = std::max(min_segment_samples, samples_per_state * e.states.size());
-    const std::size_t longest = *std::max_element(fit.used().begin(), fit.used().end());
+    std::size_t longest = 0; // samples that were measured, of a record
+    for (std::size_t r = 0; r < fit.records().size(); ++r) {
+        const auto& record = fit.records()[r];
+        longest = std::max(longest, record.measured(fit.used()[r]) / std::max<std::size_t>(1, record.outputs.size()));
+    }
     std::optional<Segments> found;
     for (std::size_t length = longest / 4; length >= shortest && !ended(); length /= 2) {
         auto made = cutter.cut(length);

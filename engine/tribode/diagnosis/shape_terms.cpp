@@ -233,13 +233,17 @@ class Shapes {
     }
 
     void thresholds(const SystemVariable& variable) {
-        // Of a state, above a level, in its own rate: that is an overflow.
-        if (variable.state && !target_->is_output && *variable.state == target_->place) return;
+        // Of a state, above a level, in its own rate: that is an overflow. Below a level it is what keeps the state above it, as a diode
+        // a current.
+        const bool is_own = variable.state && !target_->is_output && *variable.state == target_->place;
         const double span = variable.high - variable.low;
         const auto& w = variable.values;
+        // A level above the whole range would make a line of it.
+        const double highest = is_own ? lower_quantile(w, 0.75) : variable.high + 0.5 * span;
         for (const double p : {0.5, 0.75, 0.9}) {
             for (const bool above : {true, false}) {
-                if (p == 0.5 && !above) continue; // the same as from above, beside a linear term
+                if (p == 0.5 && !above && !is_own) continue; // the same as from above, beside a linear term
+                if (is_own && above) continue;
                 const double level = lower_quantile(w, above ? p : 1 - p);
                 add({"threshold",
                      {&variable},
@@ -248,7 +252,7 @@ class Shapes {
                      [above](const TermArithmetic& m, const auto& x, const auto& q) {
                          return m.positive(above ? m.subtract(x[0], q[0]) : m.subtract(q[0], x[0]));
                      },
-                     {{"level", level, variable.low - 0.5 * span, variable.high + 0.5 * span, span, variable.unit}}});
+                     {{"level", level, variable.low - 0.5 * span, highest, span, variable.unit}}});
             }
         }
     }

@@ -260,7 +260,10 @@ class Diagnoser {
         std::map<std::set<std::string>, Weight> weights; // by the kinds of the new terms, in whatever order these are
         double sum = 0;
         for (const std::size_t i : passed) {
-            const double w = std::exp(-independent * std::log(found[i].score() / found[passed.front()].score()));
+            // What does about as well as the best is no less likely: such differences are due to what the model lacks, not to noise.
+            const double excess =
+                std::log(found[i].score() / found[passed.front()].score()) - (best.is_noise ? 0 : std::log(as_good));
+            const double w = std::exp(-independent * std::max(excess, 0.0));
             const bool is_same = found[i].equals(best);
             if (is_same && i != chosen) step.same_as.push_back(found[i].names_from(kept_of(found[i], current)));
             auto& weight = weights[is_same ? taken : new_kinds(found[i], current)];

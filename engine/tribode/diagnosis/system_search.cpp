@@ -59,6 +59,13 @@ constexpr double dispensable = 1.01; // of the score without a term, for the ter
 
 namespace {
 
+// A delay or a lag in the path of an input or an output.
+bool is_timing(const SystemTerm& term) { return term.of.empty() && term.parameters.front().unit == "s"; }
+
+void sort_by_score(std::vector<SystemCandidate>& found) {
+    std::ranges::stable_sort(found, {}, [](const SystemCandidate& one) { return one.score(); });
+}
+
 bool suits_better(const SystemCandidate& one, const SystemCandidate& other) {
     return rms_of_errors(one.fitted) < worth_another_way * rms_of_errors(other.fitted) &&
            rms_of_errors(one.predicted) < worth_another_way * rms_of_errors(other.predicted);
@@ -330,23 +337,26 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
     };
     if (!is_enough()) add(followed(current));
     if (!is_enough()) add(fitted(deepened(current, found, terms), terms));
-    const auto sort = [&] {
-        std::stable_sort(found.begin(), found.end(),
-                         [](const SystemCandidate& a, const SystemCandidate& b) { return a.score() < b.score(); });
-    };
-    sort();
-    if (reconsider_inputs(found)) sort();
+    sort_by_score(found);
+    reconsider_inputs(found);
     return found;
 }
 
-bool SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
+void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
     const Interpolation present = between_;
     for (const Interpolation between : ways()) {
         if (between == present || found.empty() || late()) continue;
         const Interpolation kept = between_;
         between_ = between;
-        std::vector<SystemCandidate> others(
-            found.begin(), found.begin() + static_cast<std::ptrdiff_t>(std::min(reconsidered, found.size())));
+        const std::size_t best = std::min(reconsidered, found.size());
+        std::vector<SystemCandidate> others(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(best));
+        // A delay or a lag may stand for the way of the inputs alone: then what is without it suits another way.
+        for (std::size_t i = 0; i < std::min(first_reconsidered, best); ++i) {
+            for (std::size_t t = 0; found[i].terms.size() > 1 && t < found[i].terms.size(); ++t) {
+                if (is_timing(found[i].terms[t])) others.insert(others.begin(), without(found[i], t));
+            }
+        }
+        const std::size_t shorter = others.size() - best;
         const auto refit = [&](std::size_t begin, std::size_t end) {
             for_each_index(end - begin, control_,
                            fmt::format("fitting {} hypotheses to inputs between samples", end - begin),
@@ -354,7 +364,7 @@ bool SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
                                if (!late() && !fit(others[begin + n], iterations)) others[begin + n].predicted.clear();
                            });
         };
-        const std::size_t some = std::min(first_reconsidered, others.size());
+        const std::size_t some = shorter + std::min(first_reconsidered, best);
         refit(0, some);
         const bool is_better =
             std::any_of(others.begin(), others.begin() + static_cast<std::ptrdiff_t>(some), [&](const auto& one) {
@@ -365,11 +375,14 @@ bool SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
             continue;
         }
         refit(some, others.size());
-        for (std::size_t i = 0; i < others.size(); ++i) {
-            if (!others[i].predicted.empty()) found[i] = std::move(others[i]);
+        for (std::size_t i = shorter; i < others.size(); ++i) {
+            if (!others[i].predicted.empty()) found[i - shorter] = std::move(others[i]);
         }
+        for (std::size_t i = 0; i < shorter; ++i) {
+            if (!others[i].predicted.empty()) found.push_back(std::move(others[i]));
+        }
+        sort_by_score(found);
     }
-    return between_ != present;
 }
 
 namespace {
@@ -583,8 +596,8 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
         std::size_t best = 0;
         // A delay or a lag does what time constants do, but for what shows where these have moved.
         for (std::size_t i = 0; i < terms.size(); ++i) {
-            const bool is_timing = terms[i].of.empty() && terms[i].parameters.front().unit == "s";
-            if (!is_timing || kinds.contains(terms[i].kind()) || !seconds.insert(terms[i].form()).second) continue;
+            if (!is_timing(terms[i]) || kinds.contains(terms[i].kind()) || !seconds.insert(terms[i].form()).second)
+                continue;
             list.push_back({*one, {.terms = {i}, .starts = {{}}, .explained = 0}});
             for (const auto& parameter : terms[i].parameters) list.back().terms.starts[0].push_back(parameter.start);
         }

@@ -76,7 +76,7 @@ class SystemSearch {
         bool is_followed = false; // its values are those of a fit to segments
     };
 
-    bool reconsider_inputs(std::vector<SystemCandidate>& found); // true: another way is kept
+    void reconsider_inputs(std::vector<SystemCandidate>& found); // which are in the order of their scores
     SystemCandidate with_way_over_segments(SystemCandidate candidate);
     std::vector<Interpolation> ways() const;
     SystemFit fit_of_shown() const { return fit_of(shown_); }

@@ -609,6 +609,7 @@ Plot as_pixels_show(Plot plot) {
 // The files in what gnuplot writes for several plots, one after another. Each is a signature and chunks, of which the last
 // is IEND.
 std::vector<std::string> images_in(const std::string& bytes, std::size_t count) {
+    if (count == 1) return {bytes};
     constexpr std::size_t signature = 8, around = 12; // of a chunk, its length, name and checksum
     std::vector<std::string> images;
     for (std::size_t begin = 0; begin < bytes.size();) {

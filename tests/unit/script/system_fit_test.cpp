@@ -1,3 +1,4 @@
+#include "tribode/base/random.hpp"
 #include "tribode/diagnosis/lane_fit.hpp"
 #include "tribode/diagnosis/segments.hpp"
 #include "tribode/diagnosis/system_comparison.hpp"
@@ -98,6 +99,61 @@ TEST(SystemFit, APartOfARecordGoesOnAsTheWhole) {
         ASSERT_TRUE(some);
         for (std::size_t k = 0; k < 60; ++k) EXPECT_NEAR(some->outputs[0][k], all->outputs[0][70 + k], 1e-6) << k;
     }
+}
+
+// x' = u - a x, y = x: a record of a = 2 with errors that are known.
+struct NoisyLag {
+    TemporaryFolder folder;
+    SystemModel model = model_of(folder, R"(
+        parameters = { a = 2 }, inputs = { u = 0 }, states = { x = 0 }, der = function(s) return { x = s.u - s.a * s.x } end,
+        outputs = function(s) return { y = s.x } end)");
+    std::vector<SystemRecord> records = {
+        record_of(500, 0.05, {[](double t) { return std::sin(2 * t) + std::cos(0.7 * t); }})};
+
+    NoisyLag() {
+        const auto trace = SystemFit(records, {1}, Interpolation::hold, {500}).simulate(model, model.values(1), 0, 500);
+        records[0].outputs = trace->outputs;
+        for (std::size_t k = 0; k < 500; ++k) records[0].outputs[0][k] += 0.01 * standard_normal(1, 0, k);
+    }
+};
+
+// The errors of a fit are those of a solver that controls its error. From errors in steps of one length they differ by more than the
+// small moves of a difference quotient change.
+TEST(SystemFit, StandardErrorsDoNotDependOnTheSolverOfTheErrors) {
+    const NoisyLag lag;
+    const SystemFit fit(lag.records, {1}, Interpolation::hold, {500});
+    const auto result = fit.fit(lag.model, lag.model.values(1), 20, never);
+    ASSERT_FALSE(result.errors.empty());
+    const auto deviation = fit.standard_errors(lag.model, result.values, result.errors);
+    // Errors that are off by far more than another solver's, and far less than the noise.
+    auto others = result.errors;
+    for (std::size_t k = 0; k < others.size(); ++k) others[k] += 1e-5 * std::cos(0.1 * static_cast<double>(k));
+    const auto same = fit.standard_errors(lag.model, result.values, others);
+    for (std::size_t i = 0; i < deviation.size(); ++i) EXPECT_NEAR(same[i], deviation[i], 0.01 * deviation[i]);
+    EXPECT_NEAR(result.values[0], 2, 4 * deviation[0]);
+    EXPECT_LT(deviation[0], 0.05);
+}
+
+// What was not measured counts nowhere: a fit to the rest is that of a record in which it is anything.
+TEST(SystemFit, WhatWasNotMeasuredCountsNowhere) {
+    NoisyLag lag;
+    auto& y = lag.records[0].outputs[0];
+    for (std::size_t k = 150; k < 225; ++k) y[k] = std::nan("");
+    EXPECT_EQ(lag.records[0].measured(500), 425u);
+    EXPECT_EQ(lag.records[0].measured(200), 150u);
+    const SystemFit fit(lag.records, {1}, Interpolation::hold, {500});
+    const auto result = fit.fit(lag.model, lag.model.values(1), 20, never);
+    ASSERT_EQ(result.errors.size(), 425u);
+    const auto slopes = fit.jacobian(lag.model, result.values, result.errors);
+    ASSERT_EQ(slopes.rows(), 425);
+    EXPECT_NEAR(result.values[0], 2, 4 * fit.standard_errors(lag.model, result.values, result.errors)[0]);
+    // The minimum: errors are orthogonal to the slopes.
+    const Eigen::Map<const Eigen::VectorXd> e(result.errors.data(), 425);
+    EXPECT_LT((slopes.transpose() * e).norm(), 1e-3 * slopes.norm() * e.norm());
+    // Segments hold all that was measured, and nothing else counts in them.
+    const auto segments = segmented(lag.model, result.values, fit, never);
+    ASSERT_TRUE(segments);
+    EXPECT_EQ(segments->errors.size(), 425u);
 }
 
 // Over the whole record the model ends in another hollow of the force; within each segment it stays near.
