@@ -511,6 +511,18 @@ class Diagnoser {
                 kept = before_kept;
                 break;
             }
+            // Of terms that came together, none may harm.
+            const auto now = errors_after(last);
+            const SystemCandidate candidate = steps_[kept].candidate;
+            const std::size_t first_new = steps_[before_kept + 1].before;
+            for (std::size_t t = first_new; first_new + 1 < candidate.terms.size() && t < candidate.terms.size(); ++t) {
+                if (kept == before_kept || ended()) break;
+                const auto less = judged(search.without(candidate, t));
+                if (less.errors.empty() || probability_of_gain(now, errors_after(less)) < sure_enough) continue;
+                refuse(steps_[kept], std::max(gains[kept].share, 0.0),
+                       fmt::format("the validation record is predicted better without {}", candidate.terms[t].kind()));
+                kept = before_kept;
+            }
         }
         steps_.resize(kept + 1);
         Judged current = std::move(of_step[kept]);

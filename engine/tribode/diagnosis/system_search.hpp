@@ -64,6 +64,8 @@ class SystemSearch {
     // something else that was missing then. Nothing where none does.
     std::optional<SystemCandidate> exchanged(const SystemCandidate& candidate) const;
 
+    SystemCandidate without(const SystemCandidate& candidate, std::size_t term) const; // not fitted
+
     Interpolation interpolation() const { return between_; }
     const std::vector<double>& scale() const { return scale_; }
     SystemFit fit_of_all() const { return {records_, scale_, between_, whole_}; }
@@ -87,7 +89,6 @@ class SystemSearch {
     }
     bool fit(SystemCandidate& candidate, int iterations, bool growing = false) const;
     void fit_whole(SystemCandidate& candidate, int iterations) const; // where white noise is all that is left then
-    SystemCandidate without(const SystemCandidate& candidate, std::size_t term) const; // not fitted
     std::vector<SystemTerm> terms_beside(const SystemCandidate& current, bool with_nameless) const;
     SystemCandidate started(const Hypothesis& hypothesis, const std::vector<SystemTerm>& terms) const;
     std::optional<SystemCandidate> sized(SystemCandidate candidate) const;
