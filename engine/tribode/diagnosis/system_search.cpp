@@ -12,6 +12,7 @@
 #include <map>
 #include <numeric>
 #include <set>
+#include <span>
 
 namespace tribode {
 
@@ -23,6 +24,8 @@ struct Part {
     double begin, end; // shares of the samples
 };
 constexpr std::array hidden_parts = {Part{0.3, 0.45}, Part{0.85, 1.0}};
+// Of a system without states, as a map over an angle: its harmonics are told apart by one long stretch.
+constexpr std::array hidden_rows = {Part{0.7, 1.0}};
 // How many hypotheses are fitted: the best of all, the best of each name, and pairs, of which some are of terms with one
 // parameter each: richer ones explain more to first order, whatever is missing.
 constexpr std::size_t fitted_singles = 8, fitted_of_a_kind = 2, fitted_pairs = 5, fitted_plain_pairs = 5;
@@ -134,7 +137,8 @@ SystemSearch::SystemSearch(const SystemModel& model, const std::vector<SystemRec
         SystemRecord shown = record, hidden = record;
         for (auto& values : hidden.outputs) std::ranges::fill(values, std::numeric_limits<double>::quiet_NaN());
         const auto samples = static_cast<double>(record.size());
-        for (const Part& part : hidden_parts) {
+        const bool is_map = first_.equations.states.empty();
+        for (const Part& part : is_map ? std::span<const Part>(hidden_rows) : std::span<const Part>(hidden_parts)) {
             const auto end = static_cast<std::size_t>(std::round(part.end * samples));
             for (auto k = static_cast<std::size_t>(std::round(part.begin * samples)); k < end; ++k) {
                 for (std::size_t o = 0; o < record.outputs.size(); ++o) {
