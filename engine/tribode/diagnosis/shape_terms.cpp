@@ -234,8 +234,9 @@ class Shapes {
 
     void thresholds(const SystemVariable& variable) {
         // Of a state, above a level, in its own rate: that is an overflow. Below a level it is what keeps the state above it, as a diode
-        // a current.
+        // a current; nothing does so with a velocity.
         const bool is_own = variable.state && !target_->is_output && *variable.state == target_->place;
+        if (is_own && !target_->position.empty()) return;
         const double span = variable.high - variable.low;
         const auto& w = variable.values;
         // A level above the whole range would make a line of it.
