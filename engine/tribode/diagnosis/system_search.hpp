@@ -104,8 +104,8 @@ class SystemSearch {
     std::vector<double> scale_;
     std::function<bool()> late_;
     const RunControl& control_;
-    std::vector<SystemRecord> shown_,
-        hidden_; // the records without what is hidden from the search, and with nothing else
+    std::vector<SystemRecord> shown_;  // the records without what is hidden from the search
+    std::vector<SystemRecord> hidden_; // and with nothing else
     std::vector<std::size_t> whole_;
     bool is_followed_ = false; // the first model, by fixed steps
     Interpolation between_ = Interpolation::hold;
