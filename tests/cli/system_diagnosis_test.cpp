@@ -3,6 +3,7 @@
 #include "unit/script/temporary_folder.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <gtest/gtest.h>
@@ -190,6 +191,38 @@ TEST_F(SystemDiagnosis, ARippleThatLeadsTheModelAwayIsFoundOverSegments) {
     EXPECT_NEAR(effect["parameters"]["force_ripple_period"].get<double>(), 3.14159265,
                 4 * effect["standard_errors"]["force_ripple_period"].get<double>());
     EXPECT_GT(found["gap"]["validate"]["before"], 30 * found["gap"]["validate"]["floor"].get<double>());
+}
+
+// A body on a spring, which the vehicle carries: only the vehicle is measured.
+TEST_F(SystemDiagnosis, AVibrationThatActsBackOnWhatIsDriven) {
+    const double ratio = 0.8, w = 6.5; // of the masses; of the body on its spring where the vehicle is held
+    folder.write("truth.lua", fmt::format(R"(
+        local tb = require "tribode"
+        return tb.system {{
+            parameters = {{ d = 0.4, g = 2, w = {1}, ratio = {0}, damping = 0.04 }},
+            inputs = {{ u = {{ unit = "V" }} }},
+            states = {{ x = 0, v = 0, y = 0, z = 0 }},
+            der = function(s)
+                local lift = s.w ^ 2 * (s.x - s.y) + 2 * s.damping * s.w * (s.v - s.z)
+                return {{ x = s.v, v = (1 + s.ratio) * (s.g * s.u - s.d * s.v) - s.ratio * lift, y = s.z, z = lift }}
+            end }})",
+                                          ratio, w));
+    ASSERT_EQ(program({"run", "script.lua", "-o", "records", "--quiet"}).exit_code, 0);
+    const Json found = diagnosis("model.lua", "out");
+    EXPECT_EQ(found["verdict"], "effect_found");
+    ASSERT_EQ(found["effects"].size(), 1u);
+    const Json& effect = found["effects"][0];
+    EXPECT_EQ(effect["name"], "resonant_mode");
+    EXPECT_EQ(effect["equation"], "der(v)");
+    const double resonance = w * std::sqrt(1 + ratio);
+    for (const auto& [parameter, value] : {std::pair{"resonant_mode_ratio", ratio},
+                                           {"resonant_mode_frequency", resonance / (2 * 3.14159265)},
+                                           {"resonant_mode_damping", 0.04 * std::sqrt(1 + ratio)}}) {
+        const double error = effect["standard_errors"][parameter];
+        EXPECT_NEAR(effect["parameters"][parameter].get<double>(), value, 3.5 * error) << parameter;
+        EXPECT_LT(error, 0.02) << parameter;
+    }
+    EXPECT_LT(found["gap"]["validate"]["after"], 1.5 * found["gap"]["validate"]["floor"].get<double>());
 }
 
 // Whatever the order in which they were found.

@@ -2,6 +2,7 @@
 #include "tribode/diagnosis/term_library.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace tribode {
@@ -82,37 +83,77 @@ SystemTerm wave(const TermLibrary& library, const TermTarget& target, const std:
     return made;
 }
 
-// An input u acts as u + gain q, where q vibrates: q'' = w^2 (u - q) - 2 damping w q', w = 2 pi frequency.
-SystemTerm mode(const SystemVariable& input, double frequency) {
+// The states of a vibration: q'' = w^2 (drive - q) - 2 damping w q', w = 2 pi frequency.
+std::array<Equations::State, 2> vibration(const Equations& equations, const std::string& name, const std::string& unit,
+                                          Term drive, Term frequency, Term damping) {
+    const TermArithmetic m{*equations.graph};
+    std::string own = name + "_mode";
+    while (
+        std::any_of(equations.states.begin(), equations.states.end(), [&](const auto& s) { return s.name == own; })) {
+        own += "_";
+    }
+    Equations::State q{.name = own, .unit = unit}, rate{.name = own + "_rate"};
+    if (!unit.empty()) rate.unit = "(" + unit + ")/s";
+    q.symbol = equations.graph->variable(q.name);
+    rate.symbol = equations.graph->variable(rate.name);
+    const Term w = m.multiply(m.number(two_pi), frequency);
+    q.rate = rate.symbol;
+    rate.rate = m.subtract(m.multiply(m.multiply(w, w), m.subtract(drive, q.symbol)),
+                           m.multiply(m.multiply(m.number(2), damping), m.multiply(w, rate.symbol)));
+    return {q, rate};
+}
+
+std::vector<SystemTerm::Parameter> parameters_of_mode(SystemTerm::Parameter amplitude, double frequency) {
+    return {std::move(amplitude),
+            {"frequency", frequency, frequency / 3, 3 * frequency, frequency, "Hz"},
+            {"damping", 0.05, 1e-4, 2, 0.1}};
+}
+
+// An input u acts as u + gain q, where q vibrates and u drives it.
+SystemTerm mode_of_input(const SystemVariable& input, double frequency) {
     SystemTerm made{.name = "resonant_mode", .equation = "input " + input.name};
-    made.parameters = {{.name = "gain", .start = 0.01},
-                       {"frequency", frequency, frequency / 3, 3 * frequency, frequency, "Hz"},
-                       {"damping", 0.05, 1e-4, 2, 0.1}};
+    made.parameters = parameters_of_mode({.name = "gain", .start = 0.01}, frequency);
     made.apply = [u = input.symbol, name = input.name, unit = input.unit](Equations& equations,
                                                                           const std::vector<Term>& p) {
         const TermArithmetic m{*equations.graph};
-        std::string own = name + "_mode";
-        while (std::any_of(equations.states.begin(), equations.states.end(),
-                           [&](const auto& s) { return s.name == own; })) {
-            own += "_";
-        }
-        Equations::State q{.name = own, .unit = unit}, rate{.name = own + "_rate"};
-        if (!unit.empty()) rate.unit = "(" + unit + ")/s";
-        q.symbol = equations.graph->variable(q.name);
-        rate.symbol = equations.graph->variable(rate.name);
+        const auto states = vibration(equations, name, unit, u, p[1], p[2]);
         const Term stand_in = equations.graph->variable("stand_in");
         equations.replace({{u, stand_in}});
-        const Term changed = m.add(u, m.multiply(p[0], q.symbol));
+        const Term changed = m.add(u, m.multiply(p[0], states[0].symbol));
         equations.replace({{stand_in, changed}});
-        const Term w = m.multiply(m.number(two_pi), p[1]);
-        q.rate = rate.symbol;
-        rate.rate = m.subtract(m.multiply(m.multiply(w, w), m.subtract(u, q.symbol)),
-                               m.multiply(m.multiply(m.number(2), p[2]), m.multiply(w, rate.symbol)));
-        equations.states.push_back(q);
-        equations.states.push_back(rate);
+        equations.states.insert(equations.states.end(), states.begin(), states.end());
         return changed;
     };
     return made;
+}
+
+// A body on a spring that acts back on what carries it. With the acceleration f of both as one body, v' = f + ratio (f - a),
+// where a is the acceleration of the body on the spring: that of the vibration q which f drives, as far as the spring passes it on,
+// and 2 damping/w q' through the damper. Of a mass m1 that carries m2 the ratio is m2/m1. At a ratio of -1 v is the velocity of
+// the body on the spring.
+SystemTerm mode_that_acts_back(const TermLibrary& library, const TermTarget& target, double frequency) {
+    SystemTerm made{.name = "resonant_mode", .equation = target.name};
+    made.parameters = parameters_of_mode({.name = "ratio", .start = 0.01, .low = -1, .high = 100}, frequency);
+    const auto& state = library.model.equations.states[target.place];
+    made.apply = [target, name = state.name](Equations& equations, const std::vector<Term>& p) {
+        const TermArithmetic m{*equations.graph};
+        const Term f = equations.states[target.place].rate;
+        const auto states = vibration(equations, name, target.unit, f, p[1], p[2]);
+        equations.states.insert(equations.states.end(), states.begin(), states.end());
+        const Term through_damper =
+            m.multiply(m.divide(p[2], m.multiply(m.number(two_pi / 2), p[1])), states[1].symbol);
+        const Term added = m.multiply(p[0], m.subtract(f, m.add(states[0].symbol, through_damper)));
+        target.add(equations, added);
+        return added;
+    };
+    return made;
+}
+
+// Whether a state is the velocity of a body.
+bool is_velocity(const TermLibrary& library, const TermTarget& target) {
+    if (target.is_output || target.is_inner) return false;
+    const auto& unit = library.model.equations.states[target.place].unit;
+    return !target.velocity.empty() || unit == "m/s" || unit == "rad/s";
 }
 
 SystemTerm::Parameter period_of(double period, double span, const std::string& unit) {
@@ -157,12 +198,17 @@ void add_periodic(TermLibrary& library) {
         }
     }
     if (library.model.equations.states.empty() || !(library.duration > 0)) return;
-    for (const auto& input : library.variables) {
-        if (input.state) continue;
-        const auto best = periods(library, {}, instants, library.duration);
-        for (const double period : best.found) {
-            library.terms.push_back(mode(input, 1 / period));
-            library.terms.back().looked_at = best.looked_at;
+    const auto best = periods(library, {}, instants, library.duration);
+    const auto add = [&](SystemTerm term) {
+        term.looked_at = best.looked_at;
+        library.terms.push_back(std::move(term));
+    };
+    for (const double period : best.found) {
+        for (const auto& input : library.variables) {
+            if (!input.state) add(mode_of_input(input, 1 / period));
+        }
+        for (const TermTarget& target : library.targets) {
+            if (is_velocity(library, target)) add(mode_that_acts_back(library, target, 1 / period));
         }
     }
 }

@@ -33,7 +33,10 @@ constexpr int final_iterations = 100;
 constexpr double told_from_nothing = 2; // standard errors that an amplitude must have
 constexpr double as_good = 1.02;        // of the best score: then the simplest is taken
 constexpr std::size_t max_terms = 12, max_rivals = 5;
-constexpr double min_rival = 0.05;        // probability worth showing
+constexpr double min_rival = 0.05; // probability worth showing
+// Compared on the validation records: how many, and by how much their scores may be larger than that of what was found.
+constexpr std::size_t max_compared = 6;
+constexpr double likely_score = 3;
 constexpr std::size_t max_told_apart = 3; // rivals, by the next experiment
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
@@ -56,7 +59,9 @@ struct Step {
     std::vector<std::string> same_as = {};
     std::vector<SystemCandidate> contenders = {}; // the one taken and the likeliest that lack a term of it
     double gain = 0, certainty = 0;
-    double confirmed = 1; // probability that it predicts the validation records better
+    double confirmed = 1;                   // probability that it predicts the validation records better
+    std::vector<double> on_validation = {}; // its errors there
+    std::size_t compared_with = 0; // others, of which it predicts the validation records best; 0: it was not compared
     // What was fitted beside its terms, and the place of each among the hypotheses that are told.
     std::optional<std::vector<SystemCandidate>> tried = {};
     std::vector<std::size_t> told = {};
@@ -95,6 +100,7 @@ class Diagnoser {
             result_.out_of_time = search.late();
             if (confirm(search, 1 - (1 - sure_enough) / static_cast<double>(attempt))) break;
         }
+        compare_on_validation(search);
         stop_if_asked();
         name_effects(search);
         result_.where = where_the_gap_is(result_.validation.front(), model_);
@@ -212,7 +218,12 @@ class Diagnoser {
                 break;
             }
             Step step{.candidate = std::move(taken), .gain = gains[*chosen], .certainty = certainties[*chosen]};
-            weigh(step, current, found, passed, *chosen);
+            std::vector<double> scores;
+            for (const auto& one : found) scores.push_back(one.score());
+            const auto& best = found[*chosen];
+            weigh(step, current, found, passed, *chosen, scores,
+                  static_cast<double>(best.fitted.size()) / correlation_length(best.fitted) +
+                      static_cast<double>(best.predicted.size()) / correlation_length(best.predicted));
             for (const auto& term : step.candidate.terms) kinds.insert(term.kind());
             step.before = kept_of(step.candidate, current);
             if (step.candidate.score() >= current.score()) break;
@@ -246,12 +257,12 @@ class Diagnoser {
 
     // Probabilities by the likelihood of the errors, of which as many count as are independent. That of a term is the share of all
     // hypotheses that have it.
+    // `scores`: of each found one, its error.
     static void weigh(Step& step, const SystemCandidate& current, const std::vector<SystemCandidate>& found,
-                      const std::vector<std::size_t>& passed, std::size_t chosen) {
+                      const std::vector<std::size_t>& passed, std::size_t chosen, const std::vector<double>& scores,
+                      double independent) {
         const auto& best = found[chosen];
-        const double independent =
-            std::max(4.0, static_cast<double>(best.fitted.size()) / correlation_length(best.fitted) +
-                              static_cast<double>(best.predicted.size()) / correlation_length(best.predicted));
+        independent = std::max(4.0, independent);
         const auto taken = new_kinds(best, current);
         struct Weight {
             double value = 0;
@@ -262,7 +273,7 @@ class Diagnoser {
         for (const std::size_t i : passed) {
             // What does about as well as the best is no less likely: such differences are due to what the model lacks, not to noise.
             const double excess =
-                std::log(found[i].score() / found[passed.front()].score()) - (best.is_noise ? 0 : std::log(as_good));
+                std::log(scores[i] / scores[passed.front()]) - (best.is_noise ? 0 : std::log(as_good));
             const double w = std::exp(-independent * std::max(excess, 0.0));
             const bool is_same = found[i].equals(best);
             if (is_same && i != chosen) step.same_as.push_back(found[i].names_from(kept_of(found[i], current)));
@@ -447,52 +458,21 @@ class Diagnoser {
     // something is.
     bool confirm(const SystemSearch& search, double sure_here) {
         const auto ended = ended_after(fit_share);
-        const SystemFit whole = search.fit_of_all();
         scale_ = search.scale();
         baseline_starts_.clear();
         between_ = result_.interpolation = search.interpolation();
-        struct Judged {
-            std::vector<double> values, errors;
-            std::vector<SystemComparison> validation;
-            std::vector<std::vector<double>> validation_values; // of each comparison
-        };
-        const auto judged = [&](const SystemCandidate& candidate) {
-            const auto result = whole.fit(candidate.model, candidate.values, final_iterations, ended);
-            Judged one{result.errors.empty() ? candidate.values : result.values, result.errors, {}, {}};
-            const bool is_first = &candidate == &steps_.front().candidate;
-            if (is_first) baseline_values_ = one.values;
-            if (divided_) {
-                one.validation.push_back(against_first(*divided_, divided_at_, one.values, 0, candidate));
-                one.validation_values.push_back(candidate.model.values_of(one.values, 0));
-            }
-            for (std::size_t v = 0; v < validation_.size(); ++v) {
-                auto values = with_starts(candidate.model, one.values, validation_[v], scale_, between_, ended);
-                if (is_first) baseline_starts_.push_back(values);
-                one.validation_values.push_back(values);
-                one.validation.push_back(compared({steps_.front().candidate.model, baseline_starts_[v]},
-                                                  {candidate.model, std::move(values)}, validation_[v], 0, scale_,
-                                                  between_));
-            }
-            return one;
-        };
-        const auto errors_after = [&](const Judged& one) {
-            std::vector<double> all;
-            for (const auto& c : one.validation) {
-                const auto e = c.errors(c.after, scale_);
-                all.insert(all.end(), e.begin(), e.end());
-            }
-            return all;
-        };
         // What a step does not show for sure it may show together with the next ones.
         std::vector<Judged> of_step;
-        of_step.push_back(judged(steps_.front().candidate));
+        of_step.push_back(judged(search, steps_.front().candidate));
+        steps_.front().on_validation = errors_after(of_step.front().validation);
         std::size_t kept = 0, before_kept = 0;
         const std::size_t all = steps_.size();
         std::vector<Gain> gains(all);
         for (std::size_t s = 1; s < all; ++s) {
-            of_step.push_back(judged(steps_[s].candidate));
-            const auto before = errors_after(of_step[kept]), now = errors_after(of_step[s]);
+            of_step.push_back(judged(search, steps_[s].candidate));
+            const auto before = errors_after(of_step[kept].validation), now = errors_after(of_step[s].validation);
             gains[s] = {1 - rms_of_errors(now) / rms_of_errors(before), probability_of_gain(before, now)};
+            steps_[s].on_validation = now;
             if (!(gains[s].share > 0) || gains[s].certainty < sure_here) continue;
             before_kept = kept;
             while (kept < s) steps_[++kept].confirmed = gains[s].certainty;
@@ -503,7 +483,8 @@ class Diagnoser {
                    why_not_confirmed(gain));
         } else if (kept > 0) {
             const Judged& last = of_step[kept];
-            const auto deviation = whole.standard_errors(steps_[kept].candidate.model, last.values, last.errors);
+            const auto deviation =
+                search.fit_of_all().standard_errors(steps_[kept].candidate.model, last.values, last.errors);
             for (std::size_t s = before_kept + 1; s <= kept; ++s) {
                 const Step& step = steps_[s];
                 if (!has_unsure_term(step.candidate, step.before, last.values, deviation)) continue;
@@ -512,25 +493,147 @@ class Diagnoser {
                 break;
             }
             // Of terms that came together, none may harm.
-            const auto now = errors_after(last);
+            const auto now = errors_after(last.validation);
             const SystemCandidate candidate = steps_[kept].candidate;
             const std::size_t first_new = steps_[before_kept + 1].before;
             for (std::size_t t = first_new; first_new + 1 < candidate.terms.size() && t < candidate.terms.size(); ++t) {
                 if (kept == before_kept || ended()) break;
-                const auto less = judged(search.without(candidate, t));
-                if (less.errors.empty() || probability_of_gain(now, errors_after(less)) < sure_enough) continue;
+                const auto less = judged(search, search.without(candidate, t));
+                if (less.errors.empty() || probability_of_gain(now, errors_after(less.validation)) < sure_enough)
+                    continue;
                 refuse(steps_[kept], std::max(gains[kept].share, 0.0),
                        fmt::format("the validation record is predicted better without {}", candidate.terms[t].kind()));
                 kept = before_kept;
             }
         }
         steps_.resize(kept + 1);
-        Judged current = std::move(of_step[kept]);
+        conclude(search, std::move(of_step[kept]));
+        return kept + 1 == all;
+    }
+
+    // Where more than noise is left, the search judges by what the model still lacks, too. So the simplest of what it found likely are
+    // fitted to the whole records, and what predicts the validation records better than the last model for sure takes its
+    // place.
+    void compare_on_validation(const SystemSearch& search) {
+        const SystemCandidate& last = steps_.back().candidate;
+        if (steps_.size() < 2 || last.is_noise) return;
+        struct Contender {
+            const SystemCandidate* candidate;
+            std::size_t step; // behind which it comes
+        };
+        std::vector<Contender> list;
+        for (std::size_t s = 0; s + 1 < steps_.size(); ++s) {
+            if (!steps_[s].tried) continue;
+            for (const auto& one : *steps_[s].tried) {
+                const bool is_likely = one.score() < likely_score * last.score() &&
+                                       one.model.parameters.size() <= last.model.parameters.size() &&
+                                       !one.is_chance_beside(steps_[s].candidate) && !refused(one) && !is_too_rich(one);
+                if (is_likely && kinds_from(one, 0) != kinds_from(last, 0)) list.push_back({&one, s});
+            }
+        }
+        std::ranges::stable_sort(list, {}, [](const Contender& one) {
+            return std::pair(one.candidate->model.parameters.size(), one.candidate->score());
+        });
+        std::set<std::set<std::string>> known;
+        std::erase_if(list, [&](const Contender& one) { return !known.insert(kinds_from(*one.candidate, 0)).second; });
+        if (list.size() > max_compared) list.resize(max_compared);
+        const auto ended = ended_after(fit_share);
+        const double sure_here = 1 - (1 - sure_enough) / static_cast<double>(std::max<std::size_t>(list.size(), 1));
+        std::optional<std::size_t> best;
+        std::vector<Judged> all;
+        auto least = errors_after(result_.validation);
+        for (const auto& [candidate, step] : list) {
+            if (ended()) break;
+            all.push_back(judged(search, *candidate));
+            auto errors = errors_after(all.back().validation);
+            if (all.back().errors.empty() || probability_of_gain(least, errors) < sure_here) continue;
+            best = all.size() - 1;
+            least = std::move(errors);
+        }
+        if (!best) return;
+        const auto& [candidate, at] = list[*best];
+        const auto deviation =
+            search.fit_of_all().standard_errors(candidate->model, all[*best].values, all[*best].errors);
+        if (has_unsure_term(*candidate, kept_of(*candidate, steps_[at].candidate), all[*best].values, deviation))
+            return;
+        // What the search made of it does not count any more: what predicts the validation records about as well does.
+        Step step{
+            .candidate = *candidate, .before = kept_of(*candidate, steps_[at].candidate), .compared_with = all.size()};
+        step.candidate.values = all[*best].values;
+        const auto& before = steps_[at].on_validation;
+        step.gain = 1 - rms_of_errors(least) / rms_of_errors(before);
+        step.certainty = probability_of_gain(before, least);
+        std::vector<SystemCandidate> found = {step.candidate};
+        std::vector<double> errors = {rms_of_errors(least)};
+        for (std::size_t i = 0; i < all.size(); ++i) {
+            if (i == *best) continue;
+            found.push_back(*list[i].candidate);
+            errors.push_back(rms_of_errors(errors_after(all[i].validation)));
+        }
+        found.push_back(last);
+        errors.push_back(rms_of_errors(errors_after(result_.validation)));
+        std::vector<std::size_t> passed(found.size());
+        std::iota(passed.begin(), passed.end(), std::size_t{0});
+        weigh(step, steps_[at].candidate, found, passed, 0, errors,
+              static_cast<double>(least.size()) / correlation_length(least));
+        for (auto& hypothesis : result_.hypotheses) {
+            if (hypothesis.names == kinds_of(step.candidate)) {
+                hypothesis.lost.clear();
+            } else if (hypothesis.lost.empty() && hypothesis.names == kinds_of(last)) {
+                hypothesis.lost =
+                    fmt::format("raises the error on the validation record by {:.0f} %, beside the one taken",
+                                100 * (errors.back() / errors.front() - 1));
+            }
+        }
+        steps_.resize(at + 1);
+        steps_.push_back(std::move(step));
+        conclude(search, std::move(all[*best]));
+    }
+
+    // A model fitted to all of the fitted records, and simulated on the validation records.
+    struct Judged {
+        std::vector<double> values, errors;
+        std::vector<SystemComparison> validation;
+        std::vector<std::vector<double>> validation_values; // of each comparison
+    };
+
+    Judged judged(const SystemSearch& search, const SystemCandidate& candidate) {
+        const auto ended = ended_after(fit_share);
+        const auto result = search.fit_of_all().fit(candidate.model, candidate.values, final_iterations, ended);
+        Judged one{result.errors.empty() ? candidate.values : result.values, result.errors, {}, {}};
+        const bool is_first = &candidate == &steps_.front().candidate;
+        if (is_first) baseline_values_ = one.values;
+        if (divided_) {
+            one.validation.push_back(against_first(*divided_, divided_at_, one.values, 0, candidate));
+            one.validation_values.push_back(candidate.model.values_of(one.values, 0));
+        }
+        for (std::size_t v = 0; v < validation_.size(); ++v) {
+            auto values = with_starts(candidate.model, one.values, validation_[v], scale_, between_, ended);
+            if (is_first) baseline_starts_.push_back(values);
+            one.validation_values.push_back(values);
+            one.validation.push_back(compared({steps_.front().candidate.model, baseline_starts_[v]},
+                                              {candidate.model, std::move(values)}, validation_[v], 0, scale_,
+                                              between_));
+        }
+        return one;
+    }
+
+    std::vector<double> errors_after(const std::vector<SystemComparison>& validation) const {
+        std::vector<double> all;
+        for (const auto& c : validation) {
+            const auto e = c.errors(c.after, scale_);
+            all.insert(all.end(), e.begin(), e.end());
+        }
+        return all;
+    }
+
+    // The last model is the answer.
+    void conclude(const SystemSearch& search, Judged current) {
         final_values_ = current.values;
         final_errors_ = current.errors;
         result_.validation = std::move(current.validation);
         result_.prediction_uncertainty =
-            uncertainty_of(steps_.back().candidate.model, whole, current.validation_values);
+            uncertainty_of(steps_.back().candidate.model, search.fit_of_all(), current.validation_values);
         const auto& first = steps_.front().candidate;
         const auto& last = steps_.back().candidate;
         result_.before = shown(first.model.with(baseline_values_));
@@ -542,7 +645,6 @@ class Diagnoser {
         result_.fitted_gap = total_gap(result_.fitted);
         result_.validation_gap = total_gap(result_.validation);
         result_.explained = 1 - std::pow(result_.validation_gap.after / result_.validation_gap.before, 2);
-        return kept + 1 == all;
     }
 
     // Without the outputs that only the search needs.
@@ -619,6 +721,13 @@ class Diagnoser {
                 "{}: {} is added. With it the error of prediction, over the part of the records that was not fitted in "
                 "the search, decreases by {:.1f} %, with a probability of {:.3f} by resampled blocks.",
                 last.terms[t].kind(), effect.expression, 100 * step.gain, step.certainty);
+            if (step.compared_with > 0) {
+                effect.evidence = fmt::format(
+                    "{}: {} is added. Of {} models that the search found likely this one predicts the validation "
+                    "record best. Its error there decreases by {:.1f} %, with a probability of {:.3f} by resampled "
+                    "blocks.",
+                    last.terms[t].kind(), effect.expression, step.compared_with + 1, 100 * step.gain, step.certainty);
+            }
             result_.effects.push_back(std::move(effect));
         }
         strongest_first(search.fit_of_all(), last);
@@ -670,7 +779,7 @@ class Diagnoser {
         } else if (!is_left) {
             d.verdict = "effect_found";
         } else if (d.explained >= half) {
-            d.verdict = d.out_of_time ? "undecided" : "partial"; // what was not tried may explain more
+            d.verdict = "partial";
         } else {
             d.verdict = "unknown_effect";
             d.nearest = {steps_.back().candidate.names_from(0), 1 - gap.after / gap.before};

@@ -68,7 +68,8 @@ struct SystemDiagnosis {
 // Finds which terms a system lacks. Terms of a library (system_terms.hpp) are screened by their effect on the outputs, one by
 // one and in pairs; the likeliest are fitted with all free values to a part of the records, and judged by how well
 // they predict the rest. What is found is fitted to the whole records and simulated freely on the validation records, which
-// take no part in the search: an effect that does not predict them better is not found. `validation`: without any, the last
+// take no part in the search: an effect that does not predict them better is not found, and where more than noise is left they
+// choose among the few likeliest. `validation`: without any, the last
 // third of the first record.
 // Throws InputError where the model cannot be simulated on a record, EndedEarly on a stop request.
 SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemRecord> records,

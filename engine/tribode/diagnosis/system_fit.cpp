@@ -28,8 +28,9 @@ constexpr double visible = 1e-3, max_step = 10;
 constexpr std::size_t max_growth = 64, samples_per_value = 10;
 // Factors of the damping that are tried side by side.
 constexpr std::array side_by_side = {1.0 / 25, 1.0 / 5, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0};
-constexpr int stiff_iterations = 2, iterations_of_halved = 3; // at least, in halved steps
-constexpr int iterations_of_all = 3;                          // over all samples, after a fit over some
+constexpr int stiff_iterations = 2, iterations_of_halved = 3;    // at least, in halved steps
+constexpr int iterations_of_all = 3;                             // over all samples, after a fit over some
+constexpr double least_gain = 1e-6, least_gain_in_search = 1e-4; // of the squared errors, by an iteration
 constexpr double agreed = 4; // times what is negligible: fixed steps and those of another solver
 
 } // namespace
@@ -486,7 +487,7 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
                 damping = improved ? std::max(damping / 5, 1e-9) : std::max(damping * 6, 1e-6);
             }
         }
-        if (!improved || before - result.sum < 1e-6 * before) break;
+        if (!improved || before - result.sum < (is_search_ ? least_gain_in_search : least_gain) * before) break;
     }
     return result;
 }
