@@ -6,6 +6,7 @@
 --   tribode run scripts/diagnosis_cases.lua -o results/cases -D count=60 -D seed=7
 --   tribode run scripts/diagnosis_score.lua -o results/score -D cases=results/cases/cases
 --   tribode run scripts/diagnosis_score.lua -o results/half -D cases=/data/practice -D every=2 -D first=2
+--   tribode run scripts/diagnosis_score.lua -o results/all -D join=results/score,results/half
 --
 -- Cases run beside one another, each on one thread (-j: how many). An interrupted score goes on with the cases that are
 -- missing. Without -D cases a few are made first. Results: cases.csv, score.json, report.html, the plots confusion,
@@ -20,10 +21,11 @@ local option = tb.options {
   most = { default = 100000, help = "at most so many" },
   only = { default = "", help = "names of cases, e.g. 003,017" },
   max_effects = { default = 3, help = "as for tb.diagnose" },
+  join = { default = "", help = "results of earlier scores, folder,folder: nothing is diagnosed, all their cases are counted" },
 }
 
 local folder = option.cases
-if folder == "" then
+if folder == "" and option.join == "" then
   local made = tb.run {
     script = "scripts/diagnosis_cases.lua",
     folder = "own",
@@ -119,12 +121,13 @@ local function contains(list, wanted)
   return false
 end
 
-local function judge(name, failure)
-  local truth = tb.read_json { file = folder .. "/" .. name .. "/truth.json" }
+-- case: its folder; diagnosis: what was written for it.
+local function judge(name, case, diagnosis, failure)
+  local truth = tb.read_json { file = case .. "/truth.json" }
   local c = { case = name, truth = {}, accept = truth.accept, named = {}, rivals = {}, deviations = {} }
   for i, effect in ipairs(truth.effects) do c.truth[i] = effect.name end
   -- Whether the description is wrong besides: friction of another structure, fields off, forces that are noise.
-  local nominal = tb.read_json { file = folder .. "/" .. name .. "/nominal.json" }
+  local nominal = tb.read_json { file = case .. "/nominal.json" }
   c.model_error = truth.model_error ~= nil or nominal.tolerance ~= nil or (nominal.process_noise_rms_N or 0) > 0
   c.known = c.truth[1] ~= "none" and c.truth[1] ~= "unknown"
   if failure then
@@ -132,7 +135,7 @@ local function judge(name, failure)
     c.answer = c.verdict
     return c
   end
-  local d = tb.read_json { file = diagnosis_of(name) .. "/diagnosis.json" }
+  local d = tb.read_json { file = diagnosis .. "/diagnosis.json" }
   c.verdict, c.seconds = d.verdict, d.seconds
   local gap = d.gap.validate
   c.before, c.after = gap.before / gap.floor, gap.after / gap.floor
@@ -142,7 +145,16 @@ local function judge(name, failure)
       for _, rival in ipairs(effect.rivals) do c.rivals[#c.rivals + 1] = rival.name end
     end
   end
+  -- Friction of another structure is missing, too: who names it beside the hidden effect is right. So the first name is
+  -- the first that is not of that.
+  local besides = {}
+  for _, effect in ipairs(truth.machine and truth.machine.effects or {}) do
+    if not contains(truth.accept or {}, effect.name) then besides[#besides + 1] = effect.name end
+  end
   local first = d.effects[1]
+  for i = #d.effects, 1, -1 do
+    if not contains(besides, d.effects[i].name) then first = d.effects[i] end
+  end
   c.probability = first and first.probability or 0
   c.answer = first and first.name or d.verdict == "nothing_missing" and "none" or "unknown"
   if c.known then
@@ -155,7 +167,8 @@ local function judge(name, failure)
   else
     c.right = d.verdict == "unknown_effect" or d.verdict == "undecided"
   end
-  c.wrong_and_sure = not contains(c.accept, c.answer) and first ~= nil and c.probability > 0.8 and not c.right
+  c.wrong_and_sure = not contains(c.accept, c.answer) and not contains(besides, c.answer) and first ~= nil
+    and c.probability > 0.8 and not c.right
   if #c.truth == 2 then c.both = contains(c.named, c.truth[1]) and contains(c.named, c.truth[2]) end
   for _, effect in ipairs(truth.effects) do
     for _, found in ipairs(d.effects) do
@@ -346,8 +359,9 @@ local function show(cases, summary, bins)
     "gap at most 1.5 times the floor on the validation record, where an effect was named: " .. told(summary.gap),
     "parameters within three standard errors: " .. told(summary.parameters) .. "; all those of a case: "
       .. told(summary.all_parameters),
-    string.format("of %d parameters %.0f %% within one standard error (of normal errors 68), %.0f %% within 1.645 (90)",
-      summary.coverage.of, 100 * (summary.coverage.one or 0 / 0), 100 * (summary.coverage.ninety or 0 / 0)),
+    summary.coverage.of == 0 and "standard errors: none to count" or string.format(
+      "of %d parameters %.0f %% within one standard error (of normal errors 68), %.0f %% within 1.645 (90)",
+      summary.coverage.of, 100 * summary.coverage.one, 100 * summary.coverage.ninety),
     string.format("time on one thread: %.0f s in the median, %.0f s at most; below a minute: %s",
       summary.seconds.median or 0 / 0, summary.seconds.longest or 0 / 0, told(summary.seconds.below_60)),
   }
@@ -392,6 +406,27 @@ local function show(cases, summary, bins)
   }
 end
 
+local function conclude(cases)
+  local summary, bins = summary_of(cases), calibration_of(cases)
+  summary.calibration, summary.folder = bins, folder
+  tb.write_text { file = "cases.csv", text = table_text(cases) }
+  tb.write_json { file = "score.json", value = summary }
+  show(cases, summary, bins)
+end
+
+if option.join ~= "" then
+  local cases = {}
+  for scored in option.join:gmatch "[^,%s]+" do
+    local made = tb.read_json { file = scored .. "/score.json" }.folder
+    for _, name in ipairs(tb.list_folder { folder = scored .. "/batch/cases" }) do
+      cases[#cases + 1] = judge(scored:match "[^/]+$" .. "/" .. name, made .. "/" .. name,
+        scored .. "/batch/cases/" .. name)
+    end
+  end
+  conclude(cases)
+  return
+end
+
 tb.batch {
   name = "diagnosis score",
   points = selected(),
@@ -399,11 +434,9 @@ tb.batch {
   finish = function(merged)
     local points, failures, cases = selected(), {}, {}
     for _, failure in ipairs(merged.failures) do failures[failure.index] = failure.reason end
-    for i, point in ipairs(points) do cases[i] = judge(point.case, failures[i]) end
-    local summary, bins = summary_of(cases), calibration_of(cases)
-    summary.calibration = bins
-    tb.write_text { file = "cases.csv", text = table_text(cases) }
-    tb.write_json { file = "score.json", value = summary }
-    show(cases, summary, bins)
+    for i, point in ipairs(points) do
+      cases[i] = judge(point.case, folder .. "/" .. point.case, diagnosis_of(point.case), failures[i])
+    end
+    conclude(cases)
   end,
 }

@@ -41,7 +41,7 @@ table.insert(m.plant.modes, p)
 )lua",
     .forms = [](const Clues& c) -> std::vector<EffectForm> {
         std::vector<std::vector<double>> probes;
-        for (const double f : geometric(6, std::min(400.0, 0.3 / c.sample_time), 40)) {
+        for (const double f : geometric(6, std::min(400.0, 0.3 / c.sample_time), 120)) {
             probes.push_back({0.03 * c.gain, f, 0.02});
         }
         return {{.parameters = {factor("gain", 1e-5 * c.gain, 20 * c.gain), factor("freq_hz", 2, 0.45 / c.sample_time),

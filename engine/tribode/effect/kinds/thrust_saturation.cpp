@@ -29,7 +29,7 @@ m.amplifier.limit = math.min(m.amplifier.limit or math.huge, p.limit)
 )lua",
     .forms = [](const Clues& c) -> std::vector<EffectForm> {
         std::vector<std::vector<double>> probes;
-        for (const double share : geometric(0.05, 0.98, 18)) probes.push_back({share * c.max_thrust});
+        for (const double share : geometric(0.05, 0.98, 40)) probes.push_back({share * c.max_thrust});
         return {{.parameters = {factor("limit", 0.02 * c.max_thrust, c.max_thrust)}, .probes = probes}};
     },
     .fit_order = 140,
