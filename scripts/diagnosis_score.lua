@@ -21,7 +21,8 @@ local option = tb.options {
   most = { default = 100000, help = "at most so many" },
   only = { default = "", help = "names of cases, e.g. 003,017" },
   max_effects = { default = 3, help = "as for tb.diagnose" },
-  join = { default = "", help = "results of earlier scores, folder,folder: nothing is diagnosed, all their cases are counted" },
+  join = { default = "",
+    help = "results of earlier scores, folder,folder: nothing is diagnosed, all their cases are counted" },
 }
 
 local folder = option.cases
