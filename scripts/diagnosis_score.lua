@@ -9,7 +9,8 @@
 --   tribode run scripts/diagnosis_score.lua -o results/all -D join=results/score,results/half
 --
 -- Cases run beside one another, each on one thread (-j: how many). An interrupted score goes on with the cases that are
--- missing. Without -D cases a few are made first. Results: cases.csv, score.json, report.html, the plots confusion,
+-- missing. Without -D cases a few are made first. Where an answer is undecided and asks for a record, that record is
+-- simulated, and the diagnosis repeated with it. Results: cases.csv, score.json, report.html, the plots confusion,
 -- calibration, gaps, seconds, and below batch/cases all that each diagnosis has written.
 
 local tb = require "tribode"
@@ -52,19 +53,46 @@ local function selected()
 end
 
 local function diagnosis_of(name) return "batch/cases/" .. name end
+local function again_of(name) return "batch/again/" .. name end
+
+-- The record that an undecided diagnosis asks for, of the true machine; nil where none is asked for, or the truth is no
+-- machine with effects of the library.
+local function record_asked_for(name, found, machine, file)
+  local truth = tb.read_json { file = folder .. "/" .. name .. "/truth.json" }
+  local asked, next_record = pcall(tb.read_record, { file = diagnosis_of(name) .. "/next_experiment.csv" })
+  if found.verdict ~= "undecided" or not asked then return end
+  if machine.tolerance and not truth.machine then return end
+  local real, input = truth.machine or machine, next_record.data
+  real.effects = real.effects or {}
+  for _, effect in ipairs(truth.effects) do
+    if effect.name == "unknown" then return end
+    if effect.name ~= "none" then
+      real.effects[#real.effects + 1] = { name = effect.name, parameters = effect.params }
+    end
+  end
+  local made = tb.simulate { machine = real, r = input.r, exc = input.exc, u = input.u, seed = 1 }
+  if not made.ok then return end
+  local columns = { { name = "t", unit = "s", values = made.t }, { name = "u", unit = "N", values = made.u },
+    { name = "y", unit = "m", values = made.y } }
+  if input.r then columns[4] = { name = "r", unit = "m", values = made.r } end
+  tb.write_csv { file = file, columns = columns }
+  return file
+end
 
 local function run(point)
   local case, data = folder .. "/" .. point.case, {}
   for _, file in ipairs(tb.list_folder { folder = case }) do
     if file:find "^ident.*%.csv%.gz$" then data[#data + 1] = case .. "/" .. file end
   end
-  local found = tb.diagnose {
-    machine = tb.read_json { file = case .. "/nominal.json" },
-    data = data,
-    validate = case .. "/valid.csv.gz",
-    max_effects = option.max_effects,
-    folder = diagnosis_of(point.case),
-  }
+  local records = #data
+  local machine = tb.read_json { file = case .. "/nominal.json" }
+  local function diagnosed(result)
+    return tb.diagnose { machine = machine, data = data, validate = case .. "/valid.csv.gz",
+      max_effects = option.max_effects, folder = result }
+  end
+  local found = diagnosed(diagnosis_of(point.case))
+  data[#data + 1] = record_asked_for(point.case, found, machine, again_of(point.case) .. "_record.csv")
+  if #data > records then diagnosed(again_of(point.case)) end
   return { effects = #found.effects, gap_before_m = found.gap.validate.before, gap_after_m = found.gap.validate.after }
 end
 
@@ -152,10 +180,13 @@ local function judge(name, case, diagnosis, failure)
   for _, effect in ipairs(truth.machine and truth.machine.effects or {}) do
     if not contains(truth.accept or {}, effect.name) then besides[#besides + 1] = effect.name end
   end
-  local first = d.effects[1]
-  for i = #d.effects, 1, -1 do
-    if not contains(besides, d.effects[i].name) then first = d.effects[i] end
+  local function first_of(effects)
+    for _, effect in ipairs(effects) do
+      if not contains(besides, effect.name) then return effect end
+    end
+    return effects[1]
   end
+  local first = first_of(d.effects)
   c.probability = first and first.probability or 0
   c.answer = first and first.name or d.verdict == "nothing_missing" and "none" or "unknown"
   if c.known then
@@ -170,6 +201,14 @@ local function judge(name, case, diagnosis, failure)
   end
   c.wrong_and_sure = not contains(c.accept, c.answer) and not contains(besides, c.answer) and first ~= nil
     and c.probability > 0.8 and not c.right
+  local folder_again = diagnosis:gsub("batch/cases", "batch/again")
+  local repeated, again = pcall(tb.read_json, { file = folder_again .. "/diagnosis.json" })
+  if repeated then
+    local named = first_of(again.effects)
+    c.decided = again.verdict ~= "undecided"
+      and (c.known and named ~= nil and contains(c.accept, named.name) or not c.known and named == nil)
+    c.asked = { verdict = again.verdict, answer = named and named.name or "nothing" }
+  end
   if #c.truth == 2 then c.both = contains(c.named, c.truth[1]) and contains(c.named, c.truth[2]) end
   for _, effect in ipairs(truth.effects) do
     for _, found in ipairs(d.effects) do
@@ -224,6 +263,8 @@ local function summary_of(cases)
     exact_models = share(cases, function(c) return not c.model_error end, function(c) return c.right end),
     wrong_models = share(cases, function(c) return c.model_error end, function(c) return c.right end),
     both = share(cases, function(c) return #c.truth == 2 end, function(c) return c.both end),
+    undecided = share(cases, function() return true end, function(c) return c.verdict == "undecided" end),
+    decided = share(cases, function(c) return c.asked end, function(c) return c.decided end),
     gap = share(cases, named, function(c) return c.after <= 1.5 end),
     parameters = { count = within, of = numbers, share = numbers > 0 and within / numbers or nil },
     -- Of normal errors 0.68 lie within one standard error and 0.90 within 1.645.
@@ -357,6 +398,7 @@ local function show(cases, summary, bins)
     "right answers where the model is exact: " .. told(summary.exact_models) .. "; where it is wrong besides: "
       .. told(summary.wrong_models),
     "both of two effects named: " .. told(summary.both),
+    "undecided: " .. told(summary.undecided) .. "; with the record that was asked for right: " .. told(summary.decided),
     "gap at most 1.5 times the floor on the validation record, where an effect was named: " .. told(summary.gap),
     "parameters within three standard errors: " .. told(summary.parameters) .. "; all those of a case: "
       .. told(summary.all_parameters),
@@ -372,6 +414,10 @@ local function show(cases, summary, bins)
     rows[#rows + 1] = { c.case, table.concat(c.truth, " + "), c.right and "right" or "wrong",
       #c.named > 0 and table.concat(c.named, " + ") or c.verdict, c.probability,
       #c.rivals > 0 and table.concat(c.rivals, ", ") or "-", c.before or 0 / 0, c.after or 0 / 0, c.seconds or 0 / 0 }
+    if c.asked then
+      print(string.format("%s: %s, undecided, with the record that was asked for %s (%s)", c.case,
+        table.concat(c.truth, " + "), c.asked.answer, c.asked.verdict))
+    end
     if not c.right then
       print(string.format("%s: %s, answered %s (%s) %.2f%s", c.case, table.concat(c.truth, " + "),
         #c.named > 0 and table.concat(c.named, " + ") or "nothing", c.verdict, c.probability,

@@ -13,7 +13,7 @@
 --
 --   tribode run scripts/system_diagnosis_cases.lua -D count=50 -D seed=1 -o results/system_cases
 --
--- The budget is processor time, so that the answers do not depend on what else the computer does. Results: cases.csv,
+-- The budget is processor time, so that the answers do not depend on what else the computer does. Results: cases.json,
 -- score.json, report.html, and what each diagnosis writes.
 
 local tb = require "tribode"
@@ -26,6 +26,7 @@ local option = tb.options {
   kind = { default = "", help = "only systems of this kind, e.g. coupling" },
   budget = { default = 120, help = "seconds of processor time for each diagnosis" },
   first = { default = 1, help = "the first case, to go on after an interruption; cases do not depend on each other" },
+  join = { default = "", help = "results of earlier runs, folder,folder: nothing is diagnosed, all are counted" },
 }
 
 local case, draws = 0, 0
@@ -278,18 +279,12 @@ local function names_right(accept, result)
   return false
 end
 
-local rows, score = {}, { cases = 0, named = 0, first_right = 0, none = 0, none_right = 0, unknown = 0,
-  unknown_right = 0, unknown_modeled = 0, confident = 0, confident_wrong = 0, gap_within = 0, undecided = 0, asked = 0,
-  decided = 0, out_of_time = 0, seconds = 0, parameters = 0, within_1 = 0, within_1_645 = 0, within_3 = 0 }
-local bins = {}
-for i, low in ipairs { 0, 0.5, 0.8, 0.95 } do
-  bins[i] = { low = low, answers = 0, probability = 0, right = 0 }
-end
-local confusion, truths, answers = {}, {}, {}
-for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
-  case, draws = n, 0
+-- ---- one case -----------------------------------------------------------------------------------------------------
+
+-- A system with something hidden that shows on both records, and its inputs.
+local function draw()
   local kind, hidden, true_parameters, nominal, u, truth, disturbed, size
-  repeat -- until what is hidden shows
+  repeat
     kind = choice(kinds)
     for _, one in ipairs(kinds) do
       if one.name == option.kind then kind = one end
@@ -325,133 +320,228 @@ for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
       is_visible(kind, truth, without, u[2], 3 * 0.003))
     if shows and disturbed then size = size_of_force(kind, truth, u) end
   until shows and size
+  return { kind = kind, hidden = hidden, truth = truth, true_parameters = true_parameters, nominal = nominal, u = u,
+    disturbed = disturbed, force = size }
+end
+
+-- Draws and diagnoses case n. A gap is relative to what the true system leaves.
+local function run(n)
+  case, draws = n, 0
+  local drawn = draw()
+  local kind, truth = drawn.kind, drawn.truth
   local folder = string.format("case_%03d", n)
-  local noise = record(kind, truth, folder .. "_ident.csv", -0.003, 10 * n, u[1], size)
-  local _, left = record(kind, truth, folder .. "_valid.csv", noise, 10 * n + 1, u[2], size)
-  local common = { system = system_of(kind, nominal), data = { folder .. "_ident.csv" },
+  local noise = record(kind, truth, folder .. "_ident.csv", -0.003, 10 * n, drawn.u[1], drawn.force)
+  local _, left = record(kind, truth, folder .. "_valid.csv", noise, 10 * n + 1, drawn.u[2], drawn.force)
+  local common = { system = system_of(kind, drawn.nominal), data = { folder .. "_ident.csv" },
     validate = { folder .. "_valid.csv" }, budget_s = option.budget, folder = folder }
   local result = tb.diagnose_system(common)
-  local effect = result.effects[1]
-  local first, probability = effect and effect.name or "none", effect and effect.probability or 0
-  local accept = hidden and hidden[1] or { "none" }
-  local answer
   local gap = result.gap.validate
   left = math.max(left, gap.floor)
-  score.cases = score.cases + 1
-  score.seconds = score.seconds + result.seconds
-  score.out_of_time = score.out_of_time + (result.out_of_time and 1 or 0)
-  if not hidden then
+  local effect = result.effects[1]
+  local c = { case = n, kind = kind.name, accept = drawn.hidden and drawn.hidden[1] or { "none" },
+    disturbed = drawn.disturbed, verdict = result.verdict, first = effect and effect.name or "none", effects = {},
+    probability = effect and effect.probability or 0, before = gap.before / left, after = gap.after / left,
+    over_noise = gap.after / gap.floor, uncertainty = result.prediction_uncertainty and
+      result.prediction_uncertainty / gap.floor or nil,
+    seconds = result.seconds, out_of_time = result.out_of_time or false, deviations = {} }
+  for i, other in ipairs(result.effects) do c.effects[i] = other.name end
+  local predicts = c.after <= 2
+  c.first_right = names_right(c.accept, { verdict = "", effects = result.effects })
+  if not drawn.hidden then
     -- A random force is something missing; but it has no name.
-    answer = not effect and (disturbed or result.verdict == "nothing_missing")
-    score.none, score.none_right = score.none + 1, score.none_right + (answer and 1 or 0)
-  elseif accept[1] == "unknown" then
+    c.hides, c.right = "nothing", not effect and (drawn.disturbed or result.verdict == "nothing_missing")
+  elseif drawn.hidden.force then
     -- A sum of terms that predicts is a formula, whatever its terms are called; or no answer.
-    local predicts = gap.after <= 2 * left
-    answer = predicts or result.verdict ~= "effect_found"
-    score.unknown, score.unknown_right = score.unknown + 1, score.unknown_right + (answer and 1 or 0)
-    score.unknown_modeled = score.unknown_modeled + (predicts and 1 or 0)
+    c.hides, c.right, c.first_right = "force", predicts or result.verdict ~= "effect_found", predicts
   else
-    answer = names_right(accept, result)
-    score.named, score.first_right = score.named + 1, score.first_right + (answer and 1 or 0)
-    score.gap_within = score.gap_within + (gap.after <= 1.5 * left and 1 or 0)
-  end
-  if effect then
-    local right = accept[1] == "unknown" and gap.after <= 2 * left or
-      names_right(accept, { verdict = "", effects = result.effects })
-    for i = #bins, 1, -1 do
-      if probability >= bins[i].low then
-        bins[i].answers, bins[i].probability = bins[i].answers + 1, bins[i].probability + probability
-        bins[i].right = bins[i].right + (right and 1 or 0)
-        break
-      end
-    end
-    if probability > 0.8 then
-      score.confident = score.confident + 1
-      score.confident_wrong = score.confident_wrong + (right and 0 or 1)
-    end
+    c.hides, c.right = "term", names_right(c.accept, result)
   end
   -- The model's own parameters, where it has become the true one.
-  if accept[1] ~= "unknown" and first ~= "term" and result.verdict ~= "undecided" and
-    names_right(accept, { verdict = "", effects = effect and result.effects or { { name = "none" } } }) then
+  if c.hides ~= "force" and c.first ~= "term" and result.verdict ~= "undecided" and
+    (c.first_right or c.hides == "nothing" and not effect) then
     for name, value in pairs(result.free) do
-      local off = math.abs(value.value - true_parameters[name]) / value.standard_error
-      score.parameters = score.parameters + 1
-      score.within_1 = score.within_1 + (off < 1 and 1 or 0)
-      score.within_1_645 = score.within_1_645 + (off < 1.645 and 1 or 0)
-      score.within_3 = score.within_3 + (off < 3 and 1 or 0)
+      c.deviations[#c.deviations + 1] = math.abs(value.value - drawn.true_parameters[name]) / value.standard_error
     end
   end
-  if result.verdict == "undecided" then
-    score.undecided = score.undecided + 1
-    if type(result.next_experiment) == "string" and #result.next_experiment > 0 then
-      score.asked = score.asked + 1
-      local next_record = tb.read_record { file = folder .. "/next_experiment.csv", columns = { t = "t", u = "u" } }
-      local ran, why = pcall(record, kind, truth, folder .. "_next.csv", noise, 10 * n + 2, next_record.data.u, size)
-      local outcome = "cannot be made: " .. tostring(why) -- the true system may run away where the models do not
-      if ran then
-        common.data, common.folder = { folder .. "_ident.csv", folder .. "_next.csv" }, folder .. "_again"
-        local again = tb.diagnose_system(common)
-        local decided = again.verdict ~= "undecided" and (names_right(accept, again) or
-          accept[1] == "unknown" and again.gap.validate.after <= 2 * left)
-        score.decided = score.decided + (decided and 1 or 0)
-        outcome = again.verdict .. " " .. (again.effects[1] and again.effects[1].name or "none")
+  print(string.format("%3d %-10s %-30s %-16s %-24s %.2f  gap %.1f -> %.2f, %.0f s%s", n, kind.name,
+    table.concat(c.accept, " or "), c.verdict, c.first, c.probability, c.before, c.after, c.seconds,
+    c.right and "" or "  WRONG"))
+  if result.verdict == "undecided" and type(result.next_experiment) == "string" and #result.next_experiment > 0 then
+    c.next = { record = result.next_experiment, decided = false }
+    local asked = tb.read_record { file = folder .. "/next_experiment.csv", columns = { t = "t", u = "u" } }
+    local ran, why = pcall(record, kind, truth, folder .. "_next.csv", noise, 10 * n + 2, asked.data.u, drawn.force)
+    if ran then
+      common.data, common.folder = { folder .. "_ident.csv", folder .. "_next.csv" }, folder .. "_again"
+      local again = tb.diagnose_system(common)
+      c.next.verdict, c.next.first = again.verdict, again.effects[1] and again.effects[1].name or "none"
+      c.next.after = again.gap.validate.after / left
+      if c.hides == "force" then
+        c.next.decided = again.verdict ~= "undecided" and c.next.after <= 2
+      elseif c.hides == "term" then
+        c.next.decided = again.verdict ~= "undecided" and names_right(c.accept, again)
+      else
+        c.next.decided = not again.effects[1]
       end
-      print(string.format("    asked for %s: %s", result.next_experiment, outcome))
+    else
+      c.next.verdict = "cannot be made: " .. tostring(why) -- the true system may run away where the models do not
+    end
+    print(string.format("    asked for %s: %s %s%s", c.next.record, c.next.verdict, c.next.first or "",
+      c.next.decided and "" or "  WRONG"))
+  end
+  return c
+end
+
+-- ---- what the cases say together ------------------------------------------------------------------------------------
+
+-- "k of n", of those that count.
+local function share(cases, counts, holds)
+  local k, n = 0, 0
+  for _, c in ipairs(cases) do
+    if counts(c) then
+      n, k = n + 1, k + (holds(c) and 1 or 0)
     end
   end
-  local row = accept[1]
-  if not confusion[row] then confusion[row], truths[#truths + 1] = {}, row end
-  if not answers[first] then answers[first], answers[#answers + 1] = true, first end
-  confusion[row][first] = (confusion[row][first] or 0) + 1
-  rows[#rows + 1] = { n, kind.name, table.concat(accept, " or "), result.verdict, first, probability,
-    gap.before / left, gap.after / left, result.seconds, answer and 1 or 0 }
-  row = rows[#rows]
-  print(string.format("%3d %-10s %-30s %-16s %-24s %.2f  gap %.1f -> %.2f, %.0f s%s", n, kind.name, row[3],
-    result.verdict, first, probability, row[7], row[8], result.seconds, answer and "" or "  WRONG"))
+  return { count = k, of = n }
 end
-score.reliability = {}
-for i, bin in ipairs(bins) do
-  score.reliability[i] = { from = bin.low, answers = bin.answers, right = bin.right,
-    mean_probability = bin.answers > 0 and bin.probability / bin.answers or 0 }
+
+local function told(s) return string.format("%d of %d", s.count, s.of) end
+
+local function summary_of(cases)
+  local function hides(what) return function(c) return c.hides == what end end
+  local function right(c) return c.right end
+  local parameters = { of = 0, within_1 = 0, within_1_645 = 0, within_3 = 0 }
+  local seconds = {}
+  for i, c in ipairs(cases) do
+    for _, off in ipairs(c.deviations) do
+      parameters.of = parameters.of + 1
+      for name, limit in pairs { within_1 = 1, within_1_645 = 1.645, within_3 = 3 } do
+        parameters[name] = parameters[name] + (off < limit and 1 or 0)
+      end
+    end
+    seconds[i] = c.seconds
+  end
+  table.sort(seconds)
+  local reliability = {}
+  local ends = { 0, 0.5, 0.8, 0.95, 1 }
+  for i = 1, #ends - 1 do
+    local bin = { from = ends[i], answers = 0, right = 0, mean_probability = 0 }
+    for _, c in ipairs(cases) do
+      if c.first ~= "none" and c.probability >= bin.from and c.probability < ends[i + 1] then
+        bin.answers, bin.right = bin.answers + 1, bin.right + (c.first_right and 1 or 0)
+        bin.mean_probability = bin.mean_probability + c.probability
+      end
+    end
+    bin.mean_probability = bin.answers > 0 and bin.mean_probability / bin.answers or nil
+    reliability[i] = bin
+  end
+  return {
+    cases = #cases,
+    named = share(cases, hides "term", right),
+    left_alone = share(cases, hides "nothing", right),
+    formulas = share(cases, hides "force", function(c) return c.after <= 2 end),
+    gap = share(cases, hides "term", function(c) return c.after <= 1.5 end),
+    confident_wrong = share(cases, function(c) return c.first ~= "none" and c.probability > 0.8 end,
+      function(c) return not c.first_right end),
+    undecided = share(cases, function() return true end, function(c) return c.verdict == "undecided" end),
+    decided = share(cases, function(c) return c.next end, function(c) return c.next.decided end),
+    out_of_time = share(cases, function() return true end, function(c) return c.out_of_time end),
+    parameters = parameters,
+    seconds = { median = seconds[(#seconds + 1) // 2], below_20 = share(cases, function() return true end,
+      function(c) return c.seconds < 20 end), longest = seconds[#seconds] },
+    reliability = reliability,
+  }
 end
-score.confusion = confusion
-tb.write_json { file = "score.json", value = score }
-local columns = { { name = "case", decimals = 0 }, { name = "kind" }, { name = "hidden" }, { name = "verdict" },
-  { name = "first name" }, { name = "probability" }, { name = "gap before / noise" }, { name = "after / noise" },
-  { name = "seconds" }, { name = "right", decimals = 0 } }
-local numbers, after = {}, {}
-for n, row in ipairs(rows) do numbers[n], after[n] = row[1], row[8] end
-table.sort(truths)
-table.sort(answers)
-local confusion_columns, confusion_rows = { { name = "hidden" } }, {}
-for _, name in ipairs(answers) do
-  confusion_columns[#confusion_columns + 1] = { name = name, decimals = 0 }
+
+local function confusion_of(cases)
+  local counts, rows, columns = {}, {}, {}
+  for _, c in ipairs(cases) do
+    local row = c.accept[1]
+    if not counts[row] then counts[row], rows[#rows + 1] = {}, row end
+    if not columns[c.first] then columns[c.first], columns[#columns + 1] = true, c.first end
+    counts[row][c.first] = (counts[row][c.first] or 0) + 1
+  end
+  table.sort(rows)
+  table.sort(columns)
+  local heads, lines = { { name = "hidden" } }, {}
+  for _, name in ipairs(columns) do heads[#heads + 1] = { name = name, decimals = 0 } end
+  for i, name in ipairs(rows) do
+    lines[i] = { name }
+    for _, answered in ipairs(columns) do lines[i][#lines[i] + 1] = counts[name][answered] or "" end
+  end
+  return { columns = heads, rows = lines }
 end
-for i, name in ipairs(truths) do
-  confusion_rows[i] = { name }
-  for _, answered in ipairs(answers) do
-    confusion_rows[i][#confusion_rows[i] + 1] = confusion[name][answered] or ""
+
+local function show(cases, s)
+  local p = s.parameters
+  local lines = {
+    "first name right, or among the rivals of an undecided answer: " .. told(s.named),
+    "nothing missing, or nothing that has a name, and so answered: " .. told(s.left_alone),
+    "force without a name, predicted with at most twice what the true system leaves: " .. told(s.formulas),
+    "gap at most 1.5 times that, where a term of the library was hidden: " .. told(s.gap),
+    "wrong with a probability above 0.8: " .. told(s.confident_wrong),
+    string.format("undecided: %s; with the record that was asked for right: %s", told(s.undecided), told(s.decided)),
+    string.format("parameters of models that became the true ones: %d of %d within one standard error, %d within "
+      .. "1.645, %d within 3", p.within_1, p.of, p.within_1_645, p.within_3),
+    string.format("processor time: %.0f s in the median, %.0f s at most, below 20 s in %s; ended by the budget: %s",
+      s.seconds.median, s.seconds.longest, told(s.seconds.below_20), told(s.out_of_time)),
+  }
+  for _, line in ipairs(lines) do print(line) end
+  local rows, numbers, after, stated, came, reliable = {}, {}, {}, {}, {}, {}
+  for i, c in ipairs(cases) do
+    rows[i] = { c.case, c.kind, table.concat(c.accept, " or "), c.verdict, c.first, c.probability, c.before, c.after,
+      c.seconds, c.right and "right" or "wrong" }
+    numbers[i], after[i] = i, c.after
+  end
+  for i, bin in ipairs(s.reliability) do
+    reliable[i] = { bin.from, bin.answers, bin.mean_probability or "",
+      bin.answers > 0 and bin.right / bin.answers or "" }
+    if bin.answers > 0 then
+      stated[#stated + 1], came[#came + 1] = bin.mean_probability, bin.right / bin.answers
+    end
+  end
+  tb.report {
+    file = "report.html", title = "How often the diagnosis of a system is right",
+    summary = string.format("%d cases: of hidden terms %s were named.", s.cases, told(s.named)),
+    sections = {
+      { title = "Figures", content = { { list = lines } } },
+      { title = "How often answers of a probability are right", content = {
+        { table = { columns = { { name = "probability from" }, { name = "answers", decimals = 0 },
+          { name = "mean stated", decimals = 3 }, { name = "right", decimals = 3 } }, rows = reliable } },
+        { plot = { file = "calibration", title = "Probabilities as stated and as they came out", height = 500,
+          panels = { { x_label = "Probability stated, mean of a group of answers", y_label = "Share that was right",
+            x_range = { 0, 1.02 }, y_range = { -0.02, 1.05 }, series = {
+              { name = "as it should be", x = { 0, 1 }, y = { 0, 1 }, style = "dashed", color = "#000000" },
+              { name = "answers", x = stated, y = came, style = "line_points", color = "#0072b2", width = 2 } } } } } },
+      } },
+      { title = "What was hidden and what was named first", content = { { table = confusion_of(cases) } } },
+      { title = "All cases", content = {
+        { plot = { file = "gaps", title = "Gap on the validation record", panels = { { x_label = "Case",
+          y_label = "rms error, over what the true system leaves", y_log = true,
+          series = { { name = "with what was found", x = numbers, y = after, style = "points" } } } } } },
+        { table = { columns = { { name = "case", decimals = 0 }, { name = "kind" }, { name = "hidden" },
+          { name = "verdict" }, { name = "first name" }, { name = "probability" }, { name = "gap before / left" },
+          { name = "after / left" }, { name = "seconds" }, { name = "answer" } }, rows = rows } },
+      } },
+    },
+  }
+end
+
+local function save(cases)
+  tb.write_json { file = "cases.json", value = cases }
+  local s = summary_of(cases)
+  tb.write_json { file = "score.json", value = s }
+  return s
+end
+
+local cases = {}
+if option.join ~= "" then
+  for folder in option.join:gmatch "[^,%s]+" do
+    for _, c in ipairs(tb.read_json { file = folder .. "/cases.json" }) do cases[#cases + 1] = c end
+  end
+else
+  for n = math.floor(option.first), math.floor(option.first + option.count) - 1 do
+    cases[#cases + 1] = run(n)
+    save(cases) -- so that an interruption keeps what is done
   end
 end
-local reliable = {}
-for i, bin in ipairs(score.reliability) do
-  reliable[i] = { bin.from, bin.answers, bin.mean_probability, bin.answers > 0 and bin.right / bin.answers or "" }
-end
-tb.report {
-  file = "report.html", title = "How often the diagnosis of a system is right",
-  summary = string.format("Of %d hidden terms %d were named, of %d models that lacked nothing %d were left alone, of "
-    .. "%d forces without a name %d are predicted by a formula; %d of %d confident names were wrong. Where the model "
-    .. "became the true one, %d of %d parameters were within one standard error, %d within 1.645, %d within 3.",
-    score.named, score.first_right, score.none, score.none_right, score.unknown, score.unknown_modeled,
-    score.confident_wrong, score.confident, score.within_1, score.parameters, score.within_1_645, score.within_3),
-  sections = { { title = "All cases", content = {
-    { plot = { panels = { { x_label = "Case", y_label = "Gap after / noise", y_log = true,
-      series = { { name = "all", x = numbers, y = after, style = "points" } } } } } },
-    { table = { columns = columns, rows = rows } },
-  } }, { title = "What was hidden and what was named first", content = {
-    { table = { columns = confusion_columns, rows = confusion_rows } },
-  } }, { title = "How often answers of a probability are right", content = {
-    { table = { columns = { { name = "probability from" }, { name = "answers", decimals = 0 },
-      { name = "mean probability" }, { name = "share right" } }, rows = reliable } },
-  } } },
-}
+show(cases, save(cases))

@@ -22,6 +22,7 @@ constexpr double temperature = 3;
 // What a right name has where noise explains the remaining error, and no rival comes near.
 constexpr double certain = 0.98;
 constexpr double of_a_part = 0.75; // where more than noise is left
+constexpr double told_apart = 4;   // ratio of chi square of two laws of one behavior
 
 double rms_difference(const std::vector<double>& a, const std::vector<double>& b, std::size_t first) {
     double sum = 0;
@@ -174,10 +175,11 @@ class Verdict {
                 std::set_difference(names.begin(), names.end(), rest.begin(), rest.end(), std::back_inserter(own));
                 if (own.size() != 1) continue;
                 // A richer one that does no better says the same, and more than these records need. But of two laws of one
-                // behavior either may be the one.
+                // behavior either may be the one, unless several records to fit and the validation record tell.
                 const auto& simpler = effect_kind(own[0]).simpler;
-                const bool alike =
-                    best_->effects[i]->kind().only_in_place && std::ranges::find(simpler, one.name) != simpler.end();
+                const bool alike = best_->effects[i]->kind().only_in_place &&
+                                   std::ranges::find(simpler, one.name) != simpler.end() &&
+                                   !are_told_apart(best, other);
                 if (!alike && other.contains(best)) continue;
                 if (!next) {
                     next = &other;
@@ -197,6 +199,11 @@ class Verdict {
         // The strongest first: the one without which the error is largest.
         order_by_strength();
         d_.verdict = least > 0.6 ? "effect_found" : "undecided";
+    }
+
+    bool are_told_apart(const Scored& best, const Scored& other) const {
+        return d_.search.fitted.size() > 1 && other.together_fitted > told_apart * best.together_fitted &&
+               other.together_validation > told_apart * best.together_validation;
     }
 
     void order_by_strength() {

@@ -1,6 +1,7 @@
 #pragma once
 #include "tribode/base/run_control.hpp"
 #include "tribode/diagnosis/gap.hpp"
+#include "tribode/diagnosis/next_experiment.hpp"
 #include "tribode/diagnosis/search.hpp"
 
 #include <optional>
@@ -62,7 +63,7 @@ struct Diagnosis {
         double deviations; // from what the machine says, in its tolerance
     };
     std::vector<Field> fields_off;
-    std::optional<std::string> next_experiment;
+    std::optional<NextExperiment> next_experiment;
     MachineModel before, after; // the machine as described, fields within their tolerance; with the effects
     SearchResult search;
     double explained = 0;         // share of the squared gap on the validation record

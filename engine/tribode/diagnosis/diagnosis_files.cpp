@@ -392,7 +392,8 @@ Report report_of(const Diagnosis& d, const Residuals& residuals, const Json& sum
             names.blocks.push_back(rivals);
         }
     }
-    if (d.next_experiment) names.blocks.push_back(Paragraph{"The experiment that would decide: " + *d.next_experiment});
+    if (d.next_experiment)
+        names.blocks.push_back(Paragraph{"The experiment that would decide: " + d.next_experiment->text});
     report.sections.push_back(std::move(names));
     report.sections.push_back(
         {"Before and after",
@@ -501,7 +502,7 @@ Json diagnosis_json(const Diagnosis& d, const std::vector<std::string>& data, co
     Json nearest = nullptr, next = nullptr, fields = Json::array();
     for (const auto& field : d.fields_off) fields.push_back({{"name", field.name}, {"deviations", field.deviations}});
     if (d.nearest) nearest = {{"name", d.nearest->name}, {"share", d.nearest->share}};
-    if (d.next_experiment) next = *d.next_experiment;
+    if (d.next_experiment) next = d.next_experiment->text;
     return {{"verdict", d.verdict},
             {"effects", effects},
             {"where", d.where},
@@ -545,6 +546,18 @@ void write_diagnosis(const Diagnosis& d, const Json& summary, RunFolder& folder,
     folder.write("validate.csv", to_csv(table));
     const Residuals residuals(d, validation);
     folder.write("residual_force.csv", to_csv(force_table(residuals)));
+    if (d.next_experiment && !d.next_experiment->drive.t.empty()) {
+        const DriveRecord& drive = d.next_experiment->drive;
+        Table inputs;
+        inputs.add("t", "s", drive.t);
+        if (drive.closed_loop()) {
+            inputs.add("r", "m", drive.reference);
+            inputs.add("exc", "N", drive.excitation);
+        } else {
+            inputs.add("u", "N", drive.u);
+        }
+        folder.write("next_experiment.csv", to_csv(inputs));
+    }
     RunControl whole = control;
     whole.stop = nullptr;
     for (const auto& image : write_report(folder.path("report.html"), report_of(d, residuals, summary), whole))

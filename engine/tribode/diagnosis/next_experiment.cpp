@@ -92,7 +92,7 @@ std::vector<Experiment> menu(const Limits& l, double sample_time, bool closed_lo
 
 } // namespace
 
-std::optional<std::string> next_experiment(const Diagnosis& d, const RunControl& control) {
+std::optional<NextExperiment> next_experiment(const Diagnosis& d, const RunControl& control) {
     if (d.verdict != "undecided" || d.effects.empty() || d.search.ranking.size() < 2) return std::nullopt;
     const ModelFit fit(d.before, d.search.fitted);
     // The best and the nearest of other names.
@@ -114,18 +114,23 @@ std::optional<std::string> next_experiment(const Diagnosis& d, const RunControl&
         for (const double w : record.floor.whitened(gap)) sum += w * w;
         return std::sqrt(sum);
     };
+    const auto drive_of = [&](const Experiment& experiment) {
+        DriveRecord drive;
+        for (std::size_t k = 0; k < experiment.excitation.size(); ++k) {
+            drive.t.push_back(static_cast<double>(k) * first.sample_time);
+        }
+        if (closed) {
+            drive.reference = experiment.reference;
+            drive.excitation = experiment.excitation;
+        } else {
+            drive.u = experiment.excitation;
+        }
+        return drive;
+    };
     std::vector<double> apart(list.size());
     for_each_index(list.size(), control, "next experiment", [&](std::size_t i) {
         Measurement m;
-        for (std::size_t k = 0; k < list[i].excitation.size(); ++k) {
-            m.drive.t.push_back(static_cast<double>(k) * first.sample_time);
-        }
-        if (closed) {
-            m.drive.reference = list[i].reference;
-            m.drive.excitation = list[i].excitation;
-        } else {
-            m.drive.u = list[i].excitation;
-        }
+        m.drive = drive_of(list[i]);
         m.thrust = list[i].excitation;
         m.drive.measured.assign(m.drive.t.size(), 0.0);
         m.drive.measured.back() = 1; // a bound of what the positions may be: meters
@@ -135,14 +140,16 @@ std::optional<std::string> next_experiment(const Diagnosis& d, const RunControl&
     const std::string rivals = fmt::format("{} and {}", a.effects.back()->kind().name, b.effects.back()->kind().name);
     const double here = difference(record.measurement);
     if (apart[best] < 1.2 * here) {
-        return fmt::format(
-            "No record on the list separates {} better than the present one ({:.3g} standard deviations): "
-            "a change of the machine would, such as a known mass added.",
-            rivals, here);
+        return NextExperiment{
+            fmt::format("No record on the list separates {} better than the present one ({:.3g} standard deviations): "
+                        "a change of the machine would, such as a known mass added.",
+                        rivals, here),
+            {}};
     }
-    return fmt::format(
-        "{}: there {} differ by {:.3g} standard deviations of the noise, on the present record by {:.3g}.",
-        list[best].text, rivals, apart[best], here);
+    return NextExperiment{
+        fmt::format("{}: there {} differ by {:.3g} standard deviations of the noise, on the present record by {:.3g}.",
+                    list[best].text, rivals, apart[best], here),
+        drive_of(list[best])};
 }
 
 } // namespace tribode

@@ -1,5 +1,6 @@
 #pragma once
 #include "tribode/base/run_control.hpp"
+#include "tribode/experiment/simulation.hpp"
 
 #include <optional>
 #include <string>
@@ -8,8 +9,14 @@ namespace tribode {
 
 struct Diagnosis;
 
+struct NextExperiment {
+    std::string text; // which record, and how far it separates the rivals; or that none does
+    DriveRecord
+        drive; // what drives the machine there, without a measured position; empty where no record separates them
+};
+
 // The record on which rivals that could not be told apart differ most, simulated as they were fitted: one of a list, within
 // the stroke, speed and thrust already seen. Nothing where there is nothing to decide.
-std::optional<std::string> next_experiment(const Diagnosis& diagnosis, const RunControl& control);
+std::optional<NextExperiment> next_experiment(const Diagnosis& diagnosis, const RunControl& control);
 
 } // namespace tribode

@@ -13,18 +13,20 @@ namespace {
 
 using namespace diagnosis_cases;
 
-// Two records of two seconds: one to fit, one for validation.
-Diagnosis diagnosed(const Json& hidden, const Json& believed = small_axis(), std::size_t max_effects = 1) {
+// Two records of two seconds: one to fit, one for validation. `more`: what drives a further one to fit.
+Diagnosis diagnosed(const Json& hidden, const Json& believed = small_axis(), std::size_t max_effects = 1,
+                    const DriveRecord* more = nullptr) {
     const MachineModel machine = MachineModel::from_description(believed, "case");
-    const auto record = [&](double amplitude, double frequency, std::uint64_t seed) {
-        return measurement_from_table(measured(small_axis(), hidden, sine_record(amplitude, frequency, 2), seed),
-                                      machine, "case");
+    const auto driven = [&](const DriveRecord& drive, std::uint64_t seed) {
+        return measurement_from_table(measured(small_axis(), hidden, drive, seed), machine, "case");
     };
+    std::vector<Measurement> fitted = {driven(sine_record(0.012, 1.5, 2), 1)};
+    if (more) fitted.push_back(driven(*more, 3));
     DiagnosisOptions options;
     options.max_effects = max_effects;
     RunControl control;
     control.workers = 2;
-    return diagnose(machine, {record(0.012, 1.5, 1)}, record(0.02, 1, 2), options, control);
+    return diagnose(machine, std::move(fitted), driven(sine_record(0.02, 1, 2), 2), options, control);
 }
 
 // Within three of its standard errors, and with some of them.
@@ -109,14 +111,21 @@ TEST(Diagnosis, TwoEffectsThatAThirdImitatesAreFoundTogether) {
     expect_parameter(d.effects[first ? 1 : 0], "dF", 1.3);
 }
 
-TEST(Diagnosis, BristlesAreNotTakenForElementsThatSlip) {
-    const Diagnosis d = diagnosed(Json::parse(R"([{"name": "lugre_friction",
-        "parameters": {"F": 2, "Fs": 2, "velocity": 0.01, "K": 50000}}])"));
+TEST(Diagnosis, BristlesAreToldFromElementsThatSlipByTheRecordThatIsAskedFor) {
+    const Json hidden = Json::parse(R"([{"name": "lugre_friction",
+        "parameters": {"F": 2, "Fs": 2, "velocity": 0.01, "K": 50000}}])");
+    const Diagnosis d = diagnosed(hidden);
     ASSERT_EQ(d.verdict, "undecided");
     EXPECT_EQ(d.effects[0].name, "lugre_friction");
     expect_parameter(d.effects[0], "F", 2);
     ASSERT_EQ(d.effects[0].rivals.size(), 1u);
     EXPECT_EQ(d.effects[0].rivals[0].name, "presliding_hysteresis");
+    ASSERT_TRUE(d.next_experiment.has_value());
+    ASSERT_FALSE(d.next_experiment->drive.t.empty()) << d.next_experiment->text;
+    const Diagnosis again = diagnosed(hidden, small_axis(), 1, &d.next_experiment->drive);
+    ASSERT_EQ(again.verdict, "effect_found");
+    EXPECT_EQ(again.effects[0].name, "lugre_friction");
+    EXPECT_TRUE(again.effects[0].rivals.empty());
 }
 
 TEST(Diagnosis, ABacklashIsFoundThoughNoiseDecidesWhereTheBodiesMeet) {
