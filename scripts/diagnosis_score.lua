@@ -9,7 +9,7 @@
 --   tribode run scripts/diagnosis_score.lua -o results/all -D join=results/score,results/half
 --
 -- Cases run beside one another, each on one thread (-j: how many). An interrupted score goes on with the cases that are
--- missing. Without -D cases a few are made first. Where an answer is undecided and asks for a record, that record is
+-- missing. Without -D cases a few are made first. Where an answer asks for a record to decide, that record is
 -- simulated, and the diagnosis repeated with it. Results: cases.csv, score.json, report.html, the plots confusion,
 -- calibration, gaps, seconds, and below batch/cases all that each diagnosis has written.
 
@@ -55,12 +55,12 @@ end
 local function diagnosis_of(name) return "batch/cases/" .. name end
 local function again_of(name) return "batch/again/" .. name end
 
--- The record that an undecided diagnosis asks for, of the true machine; nil where none is asked for, or the truth is no
--- machine with effects of the library.
-local function record_asked_for(name, found, machine, file)
+-- The record that a diagnosis asks for, of the true machine; nil where none is asked for, or the truth is no machine
+-- with effects of the library.
+local function record_asked_for(name, machine, file)
   local truth = tb.read_json { file = folder .. "/" .. name .. "/truth.json" }
   local asked, next_record = pcall(tb.read_record, { file = diagnosis_of(name) .. "/next_experiment.csv" })
-  if found.verdict ~= "undecided" or not asked then return end
+  if not asked then return end
   if machine.tolerance and not truth.machine then return end
   local real, input = truth.machine or machine, next_record.data
   real.effects = real.effects or {}
@@ -91,7 +91,7 @@ local function run(point)
       max_effects = option.max_effects, folder = result }
   end
   local found = diagnosed(diagnosis_of(point.case))
-  data[#data + 1] = record_asked_for(point.case, found, machine, again_of(point.case) .. "_record.csv")
+  data[#data + 1] = record_asked_for(point.case, machine, again_of(point.case) .. "_record.csv")
   if #data > records then diagnosed(again_of(point.case)) end
   return { effects = #found.effects, gap_before_m = found.gap.validate.before, gap_after_m = found.gap.validate.after }
 end
@@ -398,7 +398,8 @@ local function show(cases, summary, bins)
     "right answers where the model is exact: " .. told(summary.exact_models) .. "; where it is wrong besides: "
       .. told(summary.wrong_models),
     "both of two effects named: " .. told(summary.both),
-    "undecided: " .. told(summary.undecided) .. "; with the record that was asked for right: " .. told(summary.decided),
+    "undecided: " .. told(summary.undecided) .. "; right with the record that an answer asked for: "
+      .. told(summary.decided),
     "gap at most 1.5 times the floor on the validation record, where an effect was named: " .. told(summary.gap),
     "parameters within three standard errors: " .. told(summary.parameters) .. "; all those of a case: "
       .. told(summary.all_parameters),
@@ -415,8 +416,8 @@ local function show(cases, summary, bins)
       #c.named > 0 and table.concat(c.named, " + ") or c.verdict, c.probability,
       #c.rivals > 0 and table.concat(c.rivals, ", ") or "-", c.before or 0 / 0, c.after or 0 / 0, c.seconds or 0 / 0 }
     if c.asked then
-      print(string.format("%s: %s, undecided, with the record that was asked for %s (%s)", c.case,
-        table.concat(c.truth, " + "), c.asked.answer, c.asked.verdict))
+      print(string.format("%s: %s, %s, with the record that it asked for %s (%s)", c.case,
+        table.concat(c.truth, " + "), c.verdict, c.asked.answer, c.asked.verdict))
     end
     if not c.right then
       print(string.format("%s: %s, answered %s (%s) %.2f%s", c.case, table.concat(c.truth, " + "),

@@ -3,8 +3,8 @@
 -- model that is diagnosed has parameters that are off by up to 20 %, and a share of the systems (-D disturbed) is moved
 -- by a random force that the model does not have, by as much as the noise of the sensor. Counts right names, false
 -- alarms, confident wrong names, how far the gap shrinks, how often answers of a probability are right, and how often
--- standard errors contain the true parameters. Where an answer is undecided the record that it asks for is simulated,
--- and the diagnosis repeated with it.
+-- standard errors contain the true parameters. Where an answer asks for a record to decide, that is simulated, and the
+-- diagnosis repeated with it.
 --
 -- A case counts only if what is hidden moves the output by six times the noise on the first record and three times on
 -- the second one. Gaps are relative to what the true system leaves of the record: noise, and what the random force
@@ -366,7 +366,7 @@ local function run(n)
   print(string.format("%3d %-10s %-30s %-16s %-24s %.2f  gap %.1f -> %.2f, %.0f s%s", n, kind.name,
     table.concat(c.accept, " or "), c.verdict, c.first, c.probability, c.before, c.after, c.seconds,
     c.right and "" or "  WRONG"))
-  if result.verdict == "undecided" and type(result.next_experiment) == "string" and #result.next_experiment > 0 then
+  if type(result.next_experiment) == "string" then
     c.next = { record = result.next_experiment, decided = false }
     local asked = tb.read_record { file = folder .. "/next_experiment.csv", columns = { t = "t", u = "u" } }
     local ran, why = pcall(record, kind, truth, folder .. "_next.csv", noise, 10 * n + 2, asked.data.u, drawn.force)
@@ -479,7 +479,8 @@ local function show(cases, s)
     "force without a name, predicted with at most twice what the true system leaves: " .. told(s.formulas),
     "gap at most 1.5 times that, where a term of the library was hidden: " .. told(s.gap),
     "wrong with a probability above 0.8: " .. told(s.confident_wrong),
-    string.format("undecided: %s; with the record that was asked for right: %s", told(s.undecided), told(s.decided)),
+    string.format("undecided: %s; right with the record that an answer asked for: %s", told(s.undecided),
+      told(s.decided)),
     string.format("parameters of models that became the true ones: %d of %d within one standard error, %d within "
       .. "1.645, %d within 3", p.within_1, p.of, p.within_1_645, p.within_3),
     string.format("processor time: %.0f s in the median, %.0f s at most, below 20 s in %s; ended by the budget: %s",

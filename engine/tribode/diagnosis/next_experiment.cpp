@@ -93,7 +93,8 @@ std::vector<Experiment> menu(const Limits& l, double sample_time, bool closed_lo
 } // namespace
 
 std::optional<NextExperiment> next_experiment(const Diagnosis& d, const RunControl& control) {
-    if (d.verdict != "undecided" || d.effects.empty() || d.search.ranking.size() < 2) return std::nullopt;
+    const bool is_open = d.verdict == "undecided" || d.verdict == "partial";
+    if (!is_open || d.effects.empty() || d.search.ranking.size() < 2) return std::nullopt;
     const ModelFit fit(d.before, d.search.fitted);
     // The best and the nearest of other names.
     const Hypothesis& a = d.search.ranking[0].hypothesis;

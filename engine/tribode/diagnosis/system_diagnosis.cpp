@@ -105,8 +105,9 @@ class Diagnoser {
         name_effects(search);
         result_.where = where_the_gap_is(result_.validation.front(), model_);
         decide();
+        const bool is_open = result_.verdict == "undecided" || result_.verdict == "partial";
         for (const Step& step : steps_) {
-            if (result_.verdict != "undecided" || result_.next_experiment || step.contenders.size() < 2) continue;
+            if (!is_open || result_.next_experiment || step.contenders.size() < 2) continue;
             const SystemCandidate& one = step.contenders.front();
             const std::vector<SystemCandidate> others(step.contenders.begin() + 1, step.contenders.end());
             result_.next_experiment =
@@ -788,8 +789,10 @@ class Diagnoser {
             d.verdict = "undecided"; // what was not tried may explain it
         if (d.verdict != "unknown_effect") d.nearest.reset();
         // The probabilities compare the terms of the library. Where much is left, the right one may not be among them, and a name
-        // is no surer than the share that it explains.
-        const double share = is_left ? most_certain_of_a_part * std::clamp(d.explained, 0.0, 1.0)
+        // is no surer than the share that it explains. So it is, too, where uncertain values may be all that is wrong: that the
+        // model is right is then not shown.
+        const double share = gap.after > little_left * gap.floor
+                                 ? most_certain_of_a_part * std::clamp(d.explained, 0.0, 1.0)
                              : gap.after > noise_left * floor ? most_certain_of_most
                                                               : most_certain;
         for (auto& effect : d.effects) {
