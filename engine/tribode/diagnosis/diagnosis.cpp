@@ -108,7 +108,8 @@ class Verdict {
 
   private:
     // How far a name may be trusted although more than noise remains, as on real machines: the effect must remove most
-    // of the gap, on the validation records too, have the same parameters on both, and no other may do nearly as well.
+    // of the gap, on the validation records too, have the same parameters on both, and none but rivals of one effect may do
+    // nearly as well.
     double trust_in_part() const {
         const SearchResult& s = d_.search;
         const Scored& best = s.ranking.front();
@@ -139,14 +140,27 @@ class Verdict {
             if (std::abs(a - b) > 0.2 * std::max(std::abs(a), std::abs(b)) + p.step) return 0;
             index += effect->parameters.size();
         }
-        for (const auto& rival : s.ranking) {
-            if (rival.names() == best.names()) continue;
-            if (rival.together_fitted < 1.5 * best.together_fitted ||
-                rival.together_validation < 1.5 * best.together_validation) {
-                return 0;
-            }
+        for (const auto& other : s.ranking) {
+            if (other.names() != best.names() && is_near(other, best) && !other_name(other, best)) return 0;
         }
         return of_a_part;
+    }
+
+    // Where more than noise remains.
+    static bool is_near(const Scored& other, const Scored& best) {
+        return other.together_fitted < 1.5 * best.together_fitted ||
+               other.together_validation < 1.5 * best.together_validation;
+    }
+
+    // The effect of the other hypothesis that is not one of the best, if there is one, and the best has one in its place: its
+    // place in the best, and its name.
+    static std::optional<std::pair<std::string, std::string>> other_name(const Scored& other, const Scored& best) {
+        const auto a = best.names(), b = other.names();
+        std::vector<std::string> gone, come;
+        std::set_difference(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(gone));
+        std::set_difference(b.begin(), b.end(), a.begin(), a.end(), std::back_inserter(come));
+        if (gone.size() != 1 || come.size() != 1) return std::nullopt;
+        return std::pair{gone[0], come[0]};
     }
 
     void name_all(double trust) {
@@ -163,32 +177,29 @@ class Verdict {
             one.standard_errors = errors[i];
             // Alternatives: hypotheses that differ from the best one in this effect only.
             double weight = 1;
-            std::vector<std::pair<const Scored*, double>> rivals;
-            auto rest = best.names();
-            rest.erase(std::find(rest.begin(), rest.end(), one.name));
             const Scored* next = nullptr;
             std::string next_name;
             for (const auto& other : s.ranking) {
-                auto names = other.names();
-                if (names == best.names() || names.size() != best.names().size()) continue;
-                std::vector<std::string> own;
-                std::set_difference(names.begin(), names.end(), rest.begin(), rest.end(), std::back_inserter(own));
-                if (own.size() != 1) continue;
+                const auto exchanged = other_name(other, best);
+                if (!exchanged || exchanged->first != one.name) continue;
+                const std::string& name = exchanged->second;
                 // A richer one that does no better says the same, and more than these records need. But of two laws of one
                 // behavior either may be the one, unless several records to fit and the validation record tell.
-                const auto& simpler = effect_kind(own[0]).simpler;
+                const auto& simpler = effect_kind(name).simpler;
                 const bool alike = best_->effects[i]->kind().only_in_place &&
                                    std::ranges::find(simpler, one.name) != simpler.end() &&
                                    !are_told_apart(best, other);
                 if (!alike && other.contains(best)) continue;
                 if (!next) {
                     next = &other;
-                    next_name = own[0];
+                    next_name = name;
                 }
-                const double w = alike ? 1 : std::exp(-(other.score - best.score) / (2 * temperature));
+                // Where more than noise remains, differences of scores are those of what both lack.
+                const bool is_open = alike || (trust < 1 && is_near(other, best));
+                const double w = is_open ? 1 : std::exp(-(other.score - best.score) / (2 * temperature));
                 if (w < 1e-4) continue;
                 weight += w;
-                one.rivals.push_back({own[0], w});
+                one.rivals.push_back({name, w});
             }
             one.probability = certain * trust / weight;
             for (auto& rival : one.rivals) rival.probability *= certain * trust / weight;

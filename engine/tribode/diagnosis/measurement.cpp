@@ -105,7 +105,9 @@ void check_position(const Measurement& m, const MachineModel& machine, const std
         const bool catches_up =
             before * after > 0 && std::abs(before) > swift && std::abs(after) > 1.5 * std::abs(before);
         const bool there_and_back = before * after < 0 && std::min(std::abs(before), std::abs(after)) > 4 * swift;
-        if (catches_up || there_and_back || (stops_dead && stand.repeats() >= 7)) {
+        // A body that an impact stops and friction holds does not jump when it goes on.
+        const bool jumps = ends || std::abs(after) > swift;
+        if (catches_up || there_and_back || (stops_dead && jumps && stand.repeats() >= 7)) {
             if (held == 0) first = stand.first;
             held += stand.repeats();
         }

@@ -99,10 +99,7 @@ std::optional<NextExperiment> next_experiment(const Diagnosis& d, const RunContr
     // The best and the nearest of other names.
     const Hypothesis& a = d.search.ranking[0].hypothesis;
     const Hypothesis& b = d.search.ranking[1].hypothesis;
-    Hypothesis plain_a = a, plain_b = b;
-    plain_a.nominal.assign(a.nominal.size(), 0.0);
-    plain_b.nominal.assign(b.nominal.size(), 0.0);
-    const MachineModel first = fit.machine(plain_a), second = fit.machine(plain_b);
+    const MachineModel first = fit.machine(a), second = fit.machine(b);
     const Evidence& record = d.search.fitted.front();
     const bool closed = record.measurement.drive.closed_loop();
     const auto list = menu(limits_of(d, first.sample_time), first.sample_time, closed);
