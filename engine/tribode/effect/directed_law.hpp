@@ -1,6 +1,7 @@
 #pragma once
 #include "tribode/plant/point_force.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <span>
@@ -40,6 +41,25 @@ class DirectedLaw : public FrictionLaw {
     virtual double friction(double v, double way, double z) const = 0;
     virtual double rate(double v, double way, double z) const = 0;
 
+    // Where there are numbers(): what follows from a small change of v, z and each number.
+    struct Derivatives {
+        double velocity = 0, deflection = 0;
+        std::span<double> numbers; // zero
+    };
+    virtual void differentiate(double /*v*/, double /*way*/, double /*z*/, Derivatives& /*friction*/,
+                               Derivatives& /*rate*/) const {}
+
+    void differentiate(double v, std::span<const double> s, std::span<double> rows) const final {
+        const std::size_t width = rows.size() / 3; // v, z, the direction and the numbers
+        std::fill(rows.begin(), rows.end(), 0.0);
+        Derivatives friction{.numbers = rows.subspan(3, width - 3)};
+        Derivatives rate{.numbers = rows.subspan(width + 3, width - 3)};
+        differentiate(v, motion::way(v, s[1]), s[0], friction, rate);
+        rows[0] = friction.velocity;
+        rows[1] = friction.deflection;
+        rows[width] = rate.velocity;
+        rows[width + 1] = rate.deflection;
+    }
     double friction(double v, std::span<const double> s) const final { return friction(v, motion::way(v, s[1]), s[0]); }
     void rates(double v, std::span<const double> s, std::span<double> dsdt) const final {
         dsdt[0] = rate(v, motion::way(v, s[1]), s[0]);

@@ -21,9 +21,12 @@ std::unique_ptr<const ServoSystem> system_of(const MachineModel& machine, Drive 
     auto system = std::make_unique<SensitiveServoSystem>(machine, std::move(drive), options.seed, options.start,
                                                          options.sensitivities, options.channels);
     const Method method = resolved(options.solver.method, *system, options.purpose);
-    if (method == Method::exact) return system;
-    throw InputError(
-        fmt::format("sensitivities: they need the solver \"exact\" (or \"auto\"), not \"{}\"", name_of(method)));
+    const bool is_affine = !why_not_affine(*system);
+    if (is_affine ? method == Method::exact : !has_fixed_step(method)) return system;
+    throw InputError(fmt::format("sensitivities: {}, not \"{}\"",
+                                 is_affine ? "they need the solver \"exact\" (or \"auto\")"
+                                           : "they need a solver that locates events (\"auto\" or \"collocation\")",
+                                 name_of(method)));
 }
 
 } // namespace

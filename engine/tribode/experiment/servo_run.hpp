@@ -16,9 +16,8 @@ struct ServoRunOptions {
     std::uint64_t seed = 0; // of the noise
     ServoSystem::Start start{0.0, 0.0};
     ServoChannels channels;
-    Purpose purpose = Purpose::result; // what `automatic` is chosen for
-    std::vector<ServoDirection> sensitivities =
-        {}; // by what the channels are differentiated; only with the exact solver
+    Purpose purpose = Purpose::result;              // what `automatic` is chosen for
+    std::vector<ServoDirection> sensitivities = {}; // by what the channels are differentiated; not with fixed steps
 };
 
 // One run of a machine: its system, simulator and recorder. Whatever simulates a machine does it with this.

@@ -27,7 +27,7 @@ SensitiveServoSystem::SensitiveServoSystem(const MachineModel& model, Drive driv
     const auto refuse = [](const std::string& reason) {
         throw InputError(fmt::format("sensitivities: a run of this machine has none: {}", reason));
     };
-    if (const auto reason = why_not_affine()) refuse(*reason);
+    if (const auto reason = plant().why_not_differentiable()) refuse(*reason);
     if (model.input == InputKind::band_limited && std::holds_alternative<OpenLoop>(drive_)) {
         refuse("u varies between its samples (input = \"band_limited\")");
     }
@@ -46,9 +46,13 @@ SensitiveServoSystem::SensitiveServoSystem(const MachineModel& model, Drive driv
 void SensitiveServoSystem::add_group(std::vector<ServoDirection> directions) const {
     std::vector<const ServoPlantNumbers*> plants;
     for (const auto& by : directions) plants.push_back(&by.numbers.plant);
+    const std::size_t n = states().size();
+    std::vector<double> scale;
+    for (const auto& state : states()) scale.push_back(state.scale);
     Group group{.by = {},
-                .series = SensitivitySeries(states().size(), directions.size()),
-                .plant = ServoPlantTangent(plant(), plants)};
+                .series = SensitivitySeries(n, directions.size()),
+                .plant = ServoPlantTangent(plant(), plants),
+                .midpoint = ExtrapolatedMidpoint(std::move(scale), padded(n) + padded(n) / lane_count)};
     for (std::size_t p = 0; p < directions.size(); ++p) {
         const ServoDirection& by = directions[p];
         const ServoNumbers& numbers = by.numbers;
@@ -151,13 +155,38 @@ void SensitiveServoSystem::propagate(const SystemState& state) const {
     if (!(h > 0)) return;
     const ServoPlant::State& s = values(state).plant;
     if (run.is_new_pattern) find_patterns(s);
-    plant().derivative(run.t, run.x, s, of_states(run.f));
-    for (auto& group : run.groups) {
-        group.plant.rates(run.x, s, 1, of_states(group.q));
-        group.series.propagate(*group.pattern, run.t, h, run.f, group.q, group.s);
+    if (plant().is_affine_in(s)) {
+        plant().derivative(run.t, run.x, s, of_states(run.f));
+        for (auto& group : run.groups) {
+            group.plant.rates(run.x, s, 1, of_states(group.q));
+            group.series.propagate(*group.pattern, run.t, h, run.f, group.q, group.s);
+        }
+    } else {
+        for (auto& group : run.groups) {
+            if (propagate_curved(h, s, group)) continue;
+            throw NoSolution(fmt::format(
+                "sensitivities: between t = {:.9g} s and {:.9g} s the derivatives are no numbers", run.t, state.t));
+        }
     }
     run.x = state.x;
     run.t = state.t;
+}
+
+// With x once more, from where the step begins.
+bool SensitiveServoSystem::propagate_curved(double h, const ServoPlant::State& s, Group& group) const {
+    const Run& run = *run_;
+    const std::size_t n = states().size(), height = group.series.height();
+    group.z.resize(height + height / lane_count);
+    std::copy(group.s.begin(), group.s.end(), group.z.begin());
+    std::copy(run.x.begin(), run.x.end(), group.z[height].of.data());
+    const auto rates = [&](double t, std::span<const Lanes> z, std::span<Lanes> slope) {
+        const std::span<const double> x(z[height].of.data(), n);
+        group.plant.curved_rates(t, x, s, z.first(n), {slope[height].of.data(), n}, of_states(group.q));
+        group.series.rates(*group.pattern, group.q, z.first(height), slope.first(height));
+    };
+    if (!group.midpoint.advance(run.t, h, group.z, rates)) return false;
+    std::copy_n(group.z.begin(), height, group.s.begin());
+    return true;
 }
 
 void SensitiveServoSystem::find_patterns(const ServoPlant::State& s) const {
@@ -235,7 +264,7 @@ EventEffect SensitiveServoSystem::on_crossing(GuardId guard, SystemState& state,
         } else if (stopped) {
             group.plant.after_reversal(changes, s, group.s);
         } else if (changes.front().subject != ServoPlant::coulomb_subject) {
-            group.plant.after_slips(changes, s, group.s);
+            group.plant.after_slips(changes, state.t, state.x, s, group.s);
         }
     }
     return effect;

@@ -2,6 +2,7 @@
 #include "tribode/base/lanes.hpp"
 #include "tribode/experiment/servo_recorder.hpp"
 #include "tribode/machine/servo_numbers.hpp"
+#include "tribode/solver/extrapolated_midpoint.hpp"
 #include "tribode/solver/sensitivity_series.hpp"
 
 #include <memory>
@@ -22,14 +23,14 @@ struct ServoSensitivity {
 };
 
 // A servo system that carries the derivatives of its run along: between its events and samples they are propagated by
-// SensitivitySeries, at them they change as the states and values do. One system serves one run by the exact solver, from its
-// initial_state() on, and may ask its drive for a sample twice.
+// SensitivitySeries, or by ExtrapolatedMidpoint where forces are not affine; at them they change as the states and values do. One
+// system serves one run by a solver that locates events, from its initial_state() on, and may ask its drive for a sample twice.
 //
 // Rounding by the encoder is passed over, as if its slope were one.
 class SensitiveServoSystem final : public ServoSystem {
   public:
-    // Throws InputError where a run has no derivatives: the machine is not piecewise affine, u varies between samples, or
-    // friction is fed back.
+    // Throws InputError where a run has no derivatives: the machine has forces of which they are not known, u varies between
+    // samples, or friction is fed back.
     SensitiveServoSystem(const MachineModel& model, Drive drive, std::uint64_t seed, Start start,
                          std::vector<ServoDirection> directions, ServoChannels channels);
 
@@ -51,6 +52,7 @@ class SensitiveServoSystem final : public ServoSystem {
         std::vector<ServoDirection> by;
         SensitivitySeries series;
         ServoPlantTangent plant;
+        ExtrapolatedMidpoint midpoint;
         std::size_t first = 0; // place in the results
         Lanes output_delay, input_delay, noise_rms, process_noise_rms, thrust, reference, excitation;
         bool moves_input = false, has_noise = false, has_process_noise = false, has_excitation = false; // any of these
@@ -61,6 +63,7 @@ class SensitiveServoSystem final : public ServoSystem {
         std::vector<CascadeController::State> cascade = {};   // the same
         std::vector<Lanes> encoder_ring = {}, hold_ring = {}; // as in ServoSystem::State
         std::vector<Lanes> s = {}, q = {};                    // of each state dx/dp, and dx'/dp at fixed x
+        std::vector<Lanes> z = {};                            // of the midpoint rule: s, then x
         std::vector<Row> rows = {};                           // that are not in the results yet
         SensitivitySeries::Pattern* pattern = nullptr;
     };
@@ -83,6 +86,7 @@ class SensitiveServoSystem final : public ServoSystem {
     void take_apart(Group& group) const;
     void add_group(std::vector<ServoDirection> directions) const;
     void propagate(const SystemState& state) const;
+    bool propagate_curved(double h, const ServoPlant::State& s, Group& group) const;
     void find_patterns(const ServoPlant::State& s) const;
     void add_jump(const Lanes& shift, Group& group) const;
     Lanes detected(const Group& group, double y, const Lanes& by, long k) const;

@@ -60,6 +60,23 @@ struct DryFriction {
         return (static_level - coulomb) * std::exp(-std::pow(std::abs(ratio), exponent));
     }
 
+    // Its derivatives, which go on as it does.
+    struct AboveCoulomb {
+        double speed, static_level, velocity, exponent; // by each of them; by the Coulomb level - static_level
+    };
+    AboveCoulomb above_coulomb_by(double speed) const {
+        if (!stribeck) return {};
+        const auto [static_level, velocity, exponent] = *stribeck;
+        const double ratio = speed / velocity;
+        // power: ratio^exponent; slope: its derivative by the ratio
+        const double power = exponent == 1 ? ratio : std::pow(std::abs(ratio), exponent);
+        const double slope =
+            exponent == 1 ? 1 : std::copysign(exponent * std::pow(std::abs(ratio), exponent - 1), ratio);
+        const double share = std::exp(-power), fall = -(static_level - coulomb) * share;
+        return {fall * slope / velocity, share, -fall * slope * ratio / velocity,
+                ratio == 0 ? 0 : fall * power * std::log(std::abs(ratio))};
+    }
+
     // d level / d|v| [N s/m]; zero at v = 0, where an exponent below one has no finite slope.
     double slope(double v) const {
         if (!velocity_dependent() || v == 0) return 0;

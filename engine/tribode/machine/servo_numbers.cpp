@@ -23,8 +23,8 @@ std::vector<double> parts_of(const ServoNumbers& n) {
     const auto* pid = std::get_if<PidController>(&n.controller);
     const bool is_dry = plant.dry.present() || plant.forward.level != 0 || plant.backward.level != 0 ||
                         plant.forward.viscous != plant.backward.viscous;
-    return {plant.current_loop_hz > 0 ? 1.0 : 0.0, is_dry ? 1.0 : 0.0, pid && pid->derivative_filter_hz > 0 ? 1.0 : 0.0,
-            static_cast<double>(values_of(n).size())};
+    return {plant.current_loop_hz > 0 ? 1.0 : 0.0, is_dry ? 1.0 : 0.0, plant.dry.velocity_dependent() ? 1.0 : 0.0,
+            pid && pid->derivative_filter_hz > 0 ? 1.0 : 0.0, static_cast<double>(values_of(n).size())};
 }
 
 // The derivative at 0 of values(c), which are smooth and `here` there: differences at h, h/2, h/4, ... extrapolated to h = 0
@@ -102,8 +102,7 @@ ServoNumbers ServoNumbers::of(const MachineModel& model) {
                    .amplifier = axis.amplifier,
                    .encoder_errors = std::move(axis.encoder_errors),
                    .controller = model.controller,
-                   .plant = {{}, axis.plant.rolling.elements()}};
-    n.plant.plant = std::move(axis.plant);
+                   .plant = ServoPlantNumbers::of(std::move(axis.plant))};
     return n;
 }
 

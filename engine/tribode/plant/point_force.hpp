@@ -25,6 +25,10 @@ class PointForce {
     virtual double force(double t, double y, double v, std::span<const double> s) const = 0;
     // Nothing where they are not known, or where there are states: then the machine has no Jacobian of its own.
     virtual std::optional<Slopes> slopes(double /*t*/, double /*y*/, double /*v*/) const { return std::nullopt; }
+    // The numbers that it is made of, and dF/d of each, where runs with it can be differentiated: then it knows its slopes, or is
+    // a FrictionLaw.
+    virtual std::optional<std::vector<double>> numbers() const { return std::nullopt; }
+    virtual void by_numbers(double /*t*/, double /*y*/, double /*v*/, std::span<double> /*by*/) const {}
     // Why the machine is not affine with it, as part of a sentence.
     virtual std::string reason() const = 0;
     virtual std::vector<StateVariable> states() const { return {}; }
@@ -48,6 +52,9 @@ class FrictionLaw : public PointForce {
     virtual void rates(double v, std::span<const double> s, std::span<double> dsdt) const = 0;
     // Whether the friction is that of a load of 1 N, and grows with the load, which is the magnitude of the motor force.
     virtual bool per_load() const { return false; }
+    // Where there are numbers(): of the friction, and then of each rate, a row of derivatives by v, the states and the numbers.
+    // Rates are zero at rest.
+    virtual void differentiate(double /*v*/, std::span<const double> /*s*/, std::span<double> /*rows*/) const {}
     // The fastest rate at which a state decays at this velocity [1/s], for steps of fixed length.
     virtual double fastest_rate(double v, std::span<const double> s) const = 0;
 
@@ -63,7 +70,10 @@ class FrictionScale {
     virtual ~FrictionScale() = default;
     virtual double factor(double t, double y) const = 0;
     virtual double slope(double t, double y) const = 0; // d factor / dy [1/m]
-    virtual std::string reason() const = 0;             // as above
+    // As above; of a factor above zero.
+    virtual std::optional<std::vector<double>> numbers() const { return std::nullopt; }
+    virtual void by_numbers(double /*t*/, double /*y*/, std::span<double> /*by*/) const {}
+    virtual std::string reason() const = 0; // as above
 };
 
 } // namespace tribode

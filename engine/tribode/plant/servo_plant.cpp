@@ -61,6 +61,7 @@ ServoPlant::ServoPlant(Parameters parameters) : p_(std::move(parameters)), total
     viscous_ = {p_.viscous + backward.viscous, p_.viscous, p_.viscous + forward.viscous};
     has_dry_ = p_.dry.present() || forward.level != 0 || backward.level != 0 || forward.viscous != backward.viscous;
     scaled_ = !p_.friction_scales.empty();
+    curved_ = why_not_affine().has_value();
     added_ = p_.constant_force != 0 || p_.spring != 0 || p_.backlash || !p_.sine_forces.empty() || !p_.forces.empty();
     if (p_.current_loop_hz > 0) {
         states_.push_back({"thrust", "N", std::nullopt, force_scale});
@@ -346,26 +347,12 @@ std::optional<std::string> ServoPlant::why_not_affine() const {
 
 bool ServoPlant::jacobian(double t, std::span<const double> x, const State& s, std::span<double> matrix) const {
     const std::size_t n = states_.size();
-    const double y = position(x), v = velocity(x);
     linear_derivatives(s, matrix);
-    if (is_stuck(s) || !why_not_affine()) return true;
-    // d u_e/dy and d u_e/dv beyond those of the linear part.
-    double by_position = s.rolling.stiffness, by_velocity = s.rolling.damping + viscous(s);
-    const double factor = friction_factor(t, x);
-    by_position *= 1 - factor;
-    by_velocity *= 1 - factor;
-    double friction = p_.rolling.force(s.rolling, y, v) + viscous(s) * v;
-    if (has_dry_) {
-        friction += sign(s.dry) * dry_level(v, s);
-        by_velocity -= factor * p_.dry.slope(v);
-    }
-    for (const auto& scale : p_.friction_scales) {
-        const double own = scale->factor(t, y);
-        // The product rule; a factor that is zero has no slope, for it never falls below.
-        if (own > 0) by_position -= friction * factor / own * scale->slope(t, y);
-    }
+    if (is_stuck(s) || !curved_) return true;
+    const double v = velocity(x);
+    auto [by_position, by_velocity] = friction_slopes(t, x, s, dry_level(v, s), p_.dry.slope(v));
     for (const auto& force : p_.forces) {
-        const auto slopes = force->slopes(t, y, v);
+        const auto slopes = force->slopes(t, position(x), v);
         if (!slopes) return false;
         by_position += slopes->position;
         by_velocity += slopes->velocity;
@@ -373,6 +360,27 @@ bool ServoPlant::jacobian(double t, std::span<const double> x, const State& s, s
     push(by_position, matrix.first(n));
     push(by_velocity, matrix.subspan(n, n));
     return true;
+}
+
+// In slip d u_e/dy and d u_e/dv of what friction has beyond its linear part, with the dry level and its slope by the speed.
+PointForce::Slopes ServoPlant::friction_slopes(double t, std::span<const double> x, const State& s, double level,
+                                               double slope) const {
+    const double y = position(x), v = velocity(x);
+    double by_position = s.rolling.stiffness, by_velocity = s.rolling.damping + viscous(s);
+    const double factor = friction_factor(t, x);
+    by_position *= 1 - factor;
+    by_velocity *= 1 - factor;
+    double friction = p_.rolling.force(s.rolling, y, v) + viscous(s) * v;
+    if (has_dry_) {
+        friction += sign(s.dry) * level;
+        by_velocity -= factor * slope;
+    }
+    for (const auto& scale : p_.friction_scales) {
+        const double own = scale->factor(t, y);
+        // The product rule; a factor that is zero has no slope, for it never falls below.
+        if (own > 0) by_position -= friction * factor / own * scale->slope(t, y);
+    }
+    return {by_position, by_velocity};
 }
 
 // The way in which whatever slips does so.
@@ -468,8 +476,21 @@ std::optional<std::string> ServoPlant::why_not_nearly_affine() const {
     return std::nullopt;
 }
 
+std::optional<std::string> ServoPlant::why_not_differentiable() const {
+    for (const auto& force : p_.forces) {
+        if (!force->numbers()) return force->reason();
+    }
+    for (const auto& scale : p_.friction_scales) {
+        if (!scale->numbers()) return scale->reason();
+    }
+    if (p_.dry.velocity_dependent() && p_.dry.stribeck->exponent < 1) {
+        return "the Stribeck level has no finite slope at rest (its exponent is below one)";
+    }
+    return std::nullopt;
+}
+
 std::size_t ServoPlant::forcing_count() const {
-    if (!why_not_affine()) return 0;
+    if (!curved_) return 0;
     return (has_dry_ && scaled_ ? 2 : 1) + own_states_ + own_guards_;
 }
 

@@ -106,6 +106,10 @@ class ServoPlant {
     void linear_part(std::span<double> matrix) const;
     std::optional<std::string> why_not_affine() const;
     std::optional<std::string> why_not_nearly_affine() const;
+    // Why runs have no derivatives, as a sentence; nothing where ServoPlantTangent knows them.
+    std::optional<std::string> why_not_differentiable() const;
+    // Whether the rates are affine in this state: also in stick, where forces that are not do not act, and friction laws rest.
+    bool is_affine_in(const State& s) const { return !curved_ || is_stuck(s); }
     AffineForm affine_form(const State& s) const;
     void append_affine_key(const State& s, AffineKey& key) const;
     bool has_varying_input(const State& s) const { return s.input.rate != 0; }
@@ -146,7 +150,9 @@ class ServoPlant {
 
     double thrust(double t, std::span<const double> x, const State& s) const;
     double pushing(double thrust, std::span<const double> x, const State& s, double one) const;
-    double own_forces(double t, std::span<const double> x, const State& s) const;   // not affine [N]
+    double own_forces(double t, std::span<const double> x, const State& s) const; // not affine [N]
+    PointForce::Slopes friction_slopes(double t, std::span<const double> x, const State& s, double level,
+                                       double slope) const;
     double law_friction(double t, std::span<const double> x, const State& s) const; // of friction laws [N]
     // Calls act(force, first state, states, first guard) for each force.
     void each_force(auto act) const {
@@ -192,6 +198,7 @@ class ServoPlant {
     double release_margin_ = 0;                      // [N]
     bool has_dry_ = false;                           // whether the direction of motion is a slip state
     bool scaled_ = false;                            // whether friction is scaled
+    bool curved_ = false;                            // whether it is not affine
     bool added_ = false;              // whether there are forces besides motor and friction, or a second body
     std::array<double, 3> viscous_{}; // D_v backward, in stick, forward [N s/m]
     std::size_t other_ = 0;           // first state of the other body

@@ -10,6 +10,17 @@ namespace {
 constexpr double contact_margin = ServoPlant::contact_margin;
 } // namespace
 
+ServoPlantNumbers ServoPlantNumbers::of(ServoPlant::Parameters plant) {
+    ServoPlantNumbers n{{}, plant.rolling.elements()};
+    const auto collect = [](const auto& all, std::vector<std::vector<double>>& numbers) {
+        for (const auto& one : all) numbers.push_back(one->numbers().value_or(std::vector<double>{}));
+    };
+    collect(plant.forces, n.forces);
+    collect(plant.friction_scales, n.scales);
+    n.plant = std::move(plant);
+    return n;
+}
+
 ServoPlantTangent::ServoPlantTangent(const ServoPlant& plant, std::span<const ServoPlantNumbers* const> derivatives)
     : plant_(plant),
       modes_(plant.p_.modes.size()),
@@ -56,6 +67,7 @@ void ServoPlantTangent::set(std::size_t lane, const ServoPlantNumbers& by) {
     backward_.viscous[lane] = p_by.backward.viscous;
     corner_[lane] = two_pi * p_by.current_loop_hz;
     total_gain_[lane] = p_by.rigid_gain + modes_by;
+    set_curves(lane, by);
     if (!p.backlash) return;
     const Backlash &b = *p.backlash, &b_by = *p_by.backlash;
     const double part = b.load_fraction, rest = 1 - part;
@@ -70,6 +82,28 @@ void ServoPlantTangent::set(std::size_t lane, const ServoPlantNumbers& by) {
     contact_damping_[lane] =
         2 * (b_by.contact_zeta * omega * reduced + b.contact_zeta * (omega_by * reduced + omega * reduced_by));
     gap_[lane] = b_by.gap;
+}
+
+void ServoPlantTangent::set_curves(std::size_t lane, const ServoPlantNumbers& by) {
+    if (const auto& stribeck = by.plant.dry.stribeck) {
+        stribeck_.static_level[lane] = stribeck->static_level;
+        stribeck_.velocity[lane] = stribeck->velocity;
+        stribeck_.exponent[lane] = stribeck->exponent;
+    }
+    const auto take = [&](const std::vector<std::vector<double>>& numbers, std::vector<std::vector<Lanes>>& own) {
+        own.resize(numbers.size());
+        for (std::size_t i = 0; i < own.size(); ++i) {
+            own[i].resize(numbers[i].size());
+            work_.resize(std::max(work_.size(), own[i].size()));
+            for (std::size_t j = 0; j < own[i].size(); ++j) own[i][j][lane] = numbers[i][j];
+        }
+    };
+    take(by.forces, forces_);
+    take(by.scales, scales_);
+    for (std::size_t i = 0; i < forces_.size(); ++i) { // of friction laws
+        const std::size_t rows = 1 + plant_.own_count_[i];
+        work_.resize(std::max(work_.size(), rows * (rows + forces_[i].size())));
+    }
 }
 
 void ServoPlantTangent::start(const Lanes& position, const Lanes& velocity, const ServoPlant::State& s,
@@ -96,33 +130,22 @@ void ServoPlantTangent::refresh_sines(double t, std::span<Lanes> dx) const {
     }
 }
 
-TRIBODE_CLONES void ServoPlantTangent::rates(std::span<const double> x, const ServoPlant::State& s, double one,
-                                             std::span<Lanes> dxdt) const {
+[[gnu::always_inline]] inline Lanes ServoPlantTangent::restoring(std::span<const double> x) const {
+    Lanes sum;
+    for (std::size_t j = 0; moves_modes_ && j < modes_.size(); ++j) {
+        sum += modes_[j].damping * x[2 * j + 3] + modes_[j].stiffness * x[2 * j + 2];
+    }
+    return sum;
+}
+
+[[gnu::always_inline]] inline void ServoPlantTangent::spread(double effective, const Lanes& without_contact,
+                                                             const Lanes& restoring_by, std::span<const double> x,
+                                                             const ServoPlant::State& s, double one,
+                                                             std::span<Lanes> dxdt) const {
     const bool lag = plant_.corner_ > 0, stuck = plant_.is_stuck(s);
     const double input_force = one * s.input.coefficient[0], thrust = lag ? x.back() : input_force;
     const Lanes thrust_by = lag ? Lanes{} : one * input;
-    Lanes restoring_by; // sum r_j
-    for (std::size_t j = 0; moves_modes_ && j < modes_.size(); ++j) {
-        restoring_by += modes_[j].damping * x[2 * j + 3] + modes_[j].stiffness * x[2 * j + 2];
-    }
-    double effective; // u_e
-    Lanes effective_by;
-    if (stuck) {
-        effective = plant_.restoring(x);
-        effective_by = (restoring_by - effective * total_gain_) / plant_.total_gain_;
-    } else {
-        const double towards = sign(s.dry), from_reference = x[0] - one * s.rolling.reference;
-        effective = plant_.pushing(thrust, x, s, one) + one * (s.disturbance - s.rolling.force) -
-                    s.rolling.stiffness * from_reference - (s.rolling.damping + plant_.viscous(s)) * x[1];
-        effective_by = thrust_by + one * (constant_force_ + disturbance - force_) - spring_ * x[0] -
-                       stiffness_ * from_reference + one * s.rolling.stiffness * reference_ -
-                       (damping_ + viscous_) * x[1];
-        if (towards != 0) effective_by -= (towards > 0 ? forward_ : backward_).viscous * x[1];
-        if (plant_.has_dry_) {
-            effective -= one * towards * plant_.dry_level(x[1], s);
-            effective_by -= one * towards * (coulomb_ + (towards > 0 ? forward_ : backward_).level);
-        }
-    }
+    Lanes effective_by = without_contact;
     std::fill(dxdt.begin(), dxdt.end(), Lanes{});
     if (plant_.p_.backlash) {
         const double contact = plant_.contact_force(x, s, one);
@@ -148,6 +171,118 @@ TRIBODE_CLONES void ServoPlantTangent::rates(std::span<const double> x, const Se
         dxdt[state + 1] = -omega_by * x[state];
     }
     if (lag) dxdt.back() = corner_ * (input_force - x.back()) + plant_.corner_ * one * input;
+}
+
+TRIBODE_CLONES void ServoPlantTangent::rates(std::span<const double> x, const ServoPlant::State& s, double one,
+                                             std::span<Lanes> dxdt) const {
+    const bool lag = plant_.corner_ > 0, stuck = plant_.is_stuck(s);
+    const double input_force = one * s.input.coefficient[0], thrust = lag ? x.back() : input_force;
+    const Lanes thrust_by = lag ? Lanes{} : one * input;
+    const Lanes restoring_by = restoring(x);
+    double effective; // u_e
+    Lanes effective_by;
+    if (stuck) {
+        effective = plant_.restoring(x);
+        effective_by = (restoring_by - effective * total_gain_) / plant_.total_gain_;
+    } else {
+        const double towards = sign(s.dry), from_reference = x[0] - one * s.rolling.reference;
+        effective = plant_.pushing(thrust, x, s, one) + one * (s.disturbance - s.rolling.force) -
+                    s.rolling.stiffness * from_reference - (s.rolling.damping + plant_.viscous(s)) * x[1];
+        effective_by = thrust_by + one * (constant_force_ + disturbance - force_) - spring_ * x[0] -
+                       stiffness_ * from_reference + one * s.rolling.stiffness * reference_ -
+                       (damping_ + viscous_) * x[1];
+        if (towards != 0) effective_by -= (towards > 0 ? forward_ : backward_).viscous * x[1];
+        if (plant_.has_dry_) {
+            effective -= one * towards * plant_.dry_level(x[1], s);
+            effective_by -= one * towards * (coulomb_ + (towards > 0 ? forward_ : backward_).level);
+        }
+    }
+    spread(effective, effective_by, restoring_by, x, s, one, dxdt);
+}
+
+TRIBODE_CLONES void ServoPlantTangent::curved_rates(double t, std::span<const double> x, const ServoPlant::State& s,
+                                                    std::span<const Lanes> dx, std::span<double> dxdt,
+                                                    std::span<Lanes> by_p) const {
+    const ServoPlant::Parameters& p = plant_.p_;
+    const double y = x[0], v = x[1], towards = sign(s.dry), from_reference = y - s.rolling.reference;
+    // All friction, before it is scaled.
+    double friction = p.rolling.force(s.rolling, y, v) + plant_.viscous(s) * v, level = 0, slope = 0;
+    Lanes friction_by =
+        force_ + stiffness_ * from_reference - s.rolling.stiffness * reference_ + (damping_ + viscous_) * v;
+    const bool forward = towards > 0;
+    const Direction& direction = forward ? forward_ : backward_;
+    if (towards != 0) friction_by += direction.viscous * v;
+    if (plant_.has_dry_) {
+        Lanes level_by = coulomb_ + direction.level;
+        level = p.dry.coulomb + (forward ? p.forward : p.backward).level;
+        if (p.dry.velocity_dependent()) {
+            const auto by = p.dry.above_coulomb_by(towards * v);
+            level += p.dry.above_coulomb(towards * v);
+            slope = by.speed;
+            level_by += by.static_level * (stribeck_.static_level - coulomb_) + by.velocity * stribeck_.velocity +
+                        by.exponent * stribeck_.exponent;
+        }
+        friction += towards * level;
+        friction_by += towards * level_by;
+    }
+    double factor = 1;
+    Lanes factor_by;
+    for (std::size_t i = 0; i < p.friction_scales.size(); ++i) {
+        const double own = p.friction_scales[i]->factor(t, y);
+        Lanes own_by;
+        if (own > 0) { // else it stays zero
+            p.friction_scales[i]->by_numbers(t, y, work_);
+            for (std::size_t j = 0; j < scales_[i].size(); ++j) own_by += work_[j] * scales_[i][j];
+        }
+        factor_by = own * factor_by + factor * own_by;
+        factor *= own;
+    }
+    auto slopes = plant_.friction_slopes(t, x, s, level, slope);
+    Lanes forces_by;
+    for (std::size_t i = 0; i < p.forces.size(); ++i) {
+        if (plant_.laws_[i]) continue;
+        const auto own = p.forces[i]->slopes(t, y, v).value_or(PointForce::Slopes{});
+        slopes.position += own.position;
+        slopes.velocity += own.velocity;
+        p.forces[i]->by_numbers(t, y, v, work_);
+        for (std::size_t j = 0; j < forces_[i].size(); ++j) forces_by += work_[j] * forces_[i][j];
+    }
+    const Lanes effective_by = (plant_.corner_ > 0 ? Lanes{} : input) + constant_force_ + disturbance - spring_ * y +
+                               forces_by - factor * friction_by - factor_by * friction;
+    plant_.derivative(t, x, s, dxdt);
+    if (plant_.has_dry_ && towards * v < 0) plant_.push(factor * towards * (plant_.dry_level(v, s) - level), dxdt);
+    spread(plant_.driving(t, x, s) - factor * friction, effective_by, restoring(x), x, s, 1, by_p);
+    push(slopes.position * dx[0] + slopes.velocity * dx[1], by_p);
+    if (plant_.own_states_ == 0) return;
+    const bool lag = plant_.corner_ > 0;
+    differentiate_laws(lag ? x.back() : s.input.coefficient[0], lag ? dx.back() : input, x, dx, by_p);
+}
+
+// Adds what changes with friction laws and their states. thrust_by: dFm/dp.
+void ServoPlantTangent::differentiate_laws(double thrust, const Lanes& thrust_by, std::span<const double> x,
+                                           std::span<const Lanes> dx, std::span<Lanes> by_p) const {
+    std::size_t own = plant_.first_own_;
+    for (std::size_t i = 0; i < plant_.laws_.size(); ++i) {
+        const std::size_t states = plant_.own_count_[i], width = 1 + states + forces_[i].size();
+        if (const FrictionLaw* law = plant_.laws_[i]) {
+            law->differentiate(x[1], x.subspan(own, states), std::span(work_).first((1 + states) * width));
+            const auto row = [&](std::size_t k) {
+                const double* by = work_.data() + k * width;
+                Lanes sum = *by++ * dx[1];
+                for (std::size_t j = 0; j < states; ++j) sum += *by++ * dx[own + j];
+                for (const Lanes& number : forces_[i]) sum += *by++ * number;
+                return sum;
+            };
+            Lanes friction = row(0);
+            if (law->per_load()) {
+                friction = std::abs(thrust) * friction +
+                           std::copysign(1.0, thrust) * law->friction(x[1], x.subspan(own, states)) * thrust_by;
+            }
+            push(-friction, by_p);
+            for (std::size_t k = 0; k < states; ++k) by_p[own + k] += row(1 + k);
+        }
+        own += states;
+    }
 }
 
 void ServoPlantTangent::push(const Lanes& force, std::span<Lanes> dxdt) const {
@@ -189,7 +324,8 @@ TRIBODE_CLONES void ServoPlantTangent::sum_up(const ServoPlant::State& s) {
     damping_ = damping;
 }
 
-void ServoPlantTangent::after_slips(std::span<const Event> log, const ServoPlant::State& s, std::span<Lanes> dx) {
+void ServoPlantTangent::after_slips(std::span<const Event> log, double t, std::span<const double> x,
+                                    const ServoPlant::State& s, std::span<Lanes> dx) {
     const auto& elements = plant_.p_.rolling.elements();
     Lanes jump; // of the effective thrust, times dt*
     for (const auto& event : log) {
@@ -201,7 +337,7 @@ void ServoPlantTangent::after_slips(std::span<const Event> log, const ServoPlant
         jump -= elements[i].damping * (reference_ + towards * by.limit - by.z - dx[0]);
         by.z = towards * by.limit;
     }
-    push(jump, dx);
+    push(plant_.friction_factor(t, x) * jump, dx);
     if (moves_elements_) sum_up(s);
 }
 

@@ -7,10 +7,13 @@
 
 namespace tribode {
 
-// The numbers of a plant that is piecewise affine; or their derivatives by one parameter.
+// The numbers of a plant; or their derivatives by one parameter.
 struct ServoPlantNumbers {
-    ServoPlant::Parameters plant; // but for the elements
+    ServoPlant::Parameters plant; // but for the elements, and the numbers of forces and scales
     std::vector<MaxwellSlipElement> elements;
+    std::vector<std::vector<double>> forces = {}, scales = {}; // none of those that runs cannot be differentiated with
+
+    static ServoPlantNumbers of(ServoPlant::Parameters plant);
 
     static void each(auto& numbers, const auto& act) {
         auto& p = numbers.plant;
@@ -26,6 +29,11 @@ struct ServoPlantNumbers {
             act(element.damping);
         }
         act(p.dry.coulomb);
+        if (p.dry.stribeck) {
+            act(p.dry.stribeck->static_level);
+            act(p.dry.stribeck->velocity);
+            act(p.dry.stribeck->exponent);
+        }
         act(p.viscous);
         act(p.current_loop_hz);
         for (auto* direction : {&p.forward, &p.backward}) {
@@ -38,6 +46,11 @@ struct ServoPlantNumbers {
             act(sine.amplitude);
             act(sine.freq_hz);
             act(sine.phase);
+        }
+        for (auto* own : {&numbers.forces, &numbers.scales}) {
+            for (auto& all : *own) {
+                for (auto& number : all) act(number);
+            }
         }
         if (!p.backlash) return;
         act(p.backlash->gap);
@@ -57,14 +70,18 @@ struct ServoPlantNumbers {
 // jumps in proportion to the velocity, of which dt*/dp is a fraction: there the product is finite however slow the motion is.
 class ServoPlantTangent {
   public:
-    // derivatives: of the plant's numbers by each p. The plant must be affine and outlive it.
+    // derivatives: of the plant's numbers by each p. The plant must be differentiable and outlive it.
     ServoPlantTangent(const ServoPlant& plant, std::span<const ServoPlantNumbers* const> derivatives);
 
     // As ServoPlant::start, whose state s is.
     void start(const Lanes& position, const Lanes& velocity, const ServoPlant::State& s, std::span<Lanes> dx);
 
-    // df/dp at fixed x; `one` = 0: the part linear in x. dxdt has an entry for each state.
+    // df/dp at fixed x; `one` = 0: the part linear in x. dxdt has an entry for each state. Where the plant is affine.
     void rates(std::span<const double> x, const ServoPlant::State& s, double one, std::span<Lanes> dxdt) const;
+    // In a state in which it is not: f in dxdt, in by_p df/dp along dx but for A dx, A being the matrix of the plant's affine form.
+    // The dry level goes on smoothly beyond v = 0.
+    void curved_rates(double t, std::span<const double> x, const ServoPlant::State& s, std::span<const Lanes> dx,
+                      std::span<double> dxdt, std::span<Lanes> by_p) const;
 
     // The derivatives of the elements' stiffness and damping in stick, on which rates() with `one` = 0 depends besides the
     // plant's key.
@@ -73,7 +90,8 @@ class ServoPlantTangent {
 
     // What on_crossing of the plant did, s being the state after it and log its entries. Slips of elements and contacts that
     // close change dx; at a reversal dx is that after it.
-    void after_slips(std::span<const Event> log, const ServoPlant::State& s, std::span<Lanes> dx);
+    void after_slips(std::span<const Event> log, double t, std::span<const double> x, const ServoPlant::State& s,
+                     std::span<Lanes> dx);
     void after_reversal(std::span<const Event> log, const ServoPlant::State& s, std::span<const Lanes> dx);
     // f: the rates before it.
     void after_contact(ContactState before, std::span<const double> x, std::span<const double> f,
@@ -103,6 +121,13 @@ class ServoPlantTangent {
     };
 
     void set(std::size_t lane, const ServoPlantNumbers& by);
+    void set_curves(std::size_t lane, const ServoPlantNumbers& by);
+    void differentiate_laws(double thrust, const Lanes& thrust_by, std::span<const double> x, std::span<const Lanes> dx,
+                            std::span<Lanes> by_p) const;
+    Lanes restoring(std::span<const double> x) const; // of sum r_j
+    // The rates by p from u_e, the effective thrust, and its derivative by p but for that of a contact.
+    void spread(double effective, const Lanes& without_contact, const Lanes& restoring_by, std::span<const double> x,
+                const ServoPlant::State& s, double one, std::span<Lanes> dxdt) const;
     void sum_up(const ServoPlant::State& s);
     void push(const Lanes& force, std::span<Lanes> dxdt) const;
     Lanes separation(std::span<const Lanes> dx, std::size_t of) const;
@@ -112,11 +137,17 @@ class ServoPlantTangent {
     std::vector<Mode> modes_;
     std::vector<Element> elements_;
     std::vector<Sine> sines_;
+    struct Stribeck {
+        Lanes static_level, velocity, exponent;
+    };
+    Stribeck stribeck_;
+    std::vector<std::vector<Lanes>> forces_, scales_; // of their numbers
     Lanes coulomb_, viscous_, constant_force_, spring_, gap_;
     Direction forward_, backward_;
     Lanes total_gain_, corner_, other_gain_, contact_stiffness_, contact_damping_;
     bool moves_modes_ = false, moves_elements_ = false; // whether the numbers of any depend on a parameter
     Lanes reference_, force_, stiffness_, damping_;     // of RollingFriction::State
+    mutable std::vector<double> work_;                  // the derivatives of a force by its numbers
 };
 
 } // namespace tribode

@@ -40,7 +40,7 @@ std::vector<FieldRow> simulation_rows() {
     std::vector<FieldRow> rows = option_rows<SimulationOptions>(drive_rows());
     rows.push_back({"sensitivities", "", "list of texts", "none",
                     "by what the run is differentiated ([sensitivities](sensitivities.md)), such as "
-                    "`\"friction.coulomb\"`; with `exact` only"});
+                    "`\"friction.coulomb\"`; not with fixed steps"});
     return rows;
 }
 

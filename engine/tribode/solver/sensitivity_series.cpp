@@ -100,6 +100,11 @@ void SensitivitySeries::set_matrices(Pattern& pattern, std::span<const double> a
     }
 }
 
+void SensitivitySeries::rates(const Pattern& pattern, std::span<const Lanes> q, std::span<const Lanes> s,
+                              std::span<Lanes> rates) const {
+    sensitivity_rates(matrices(pattern), numbers(s.data()), numbers(q.data()), numbers(rates.data()));
+}
+
 void SensitivitySeries::propagate(Pattern& pattern, double t, double h, std::span<const double> f,
                                   std::span<const Lanes> q, std::span<Lanes> s) {
     sensitivity_rates(matrices(pattern), numbers(s.data()), numbers(q.data()), numbers(rates_.data()));

@@ -64,6 +64,10 @@ class SensitivitySeries {
     // From matrices of states x states, by columns: A, and the A_p side by side.
     void set_matrices(Pattern& pattern, std::span<const double> a, std::span<const Lanes> partial) const;
 
+    // A s + q
+    void rates(const Pattern& pattern, std::span<const Lanes> q, std::span<const Lanes> s,
+               std::span<Lanes> rates) const;
+
     // s over a step of h [s] from t, with f and q at its beginning; each with height() entries.
     void propagate(Pattern& pattern, double t, double h, std::span<const double> f, std::span<const Lanes> q,
                    std::span<Lanes> s);

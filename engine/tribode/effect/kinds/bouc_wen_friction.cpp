@@ -22,6 +22,20 @@ class BoucWen final : public DirectedLaw {
         const double share = std::pow(std::abs(z) / reach_, exponent_);
         return v * (1 - share * (beta_ * way * std::copysign(1.0, z) + 1 - beta_));
     }
+    std::optional<std::vector<double>> numbers() const override { return {{level_, reach_, beta_, exponent_}}; }
+    void differentiate(double v, double way, double z, Derivatives& friction, Derivatives& rate) const override {
+        friction.deflection = level_ / reach_;
+        friction.numbers[0] = z / reach_;
+        friction.numbers[1] = -level_ * z / (reach_ * reach_);
+        const double share = std::pow(std::abs(z) / reach_, exponent_), side = way * std::copysign(1.0, z);
+        const double shape = beta_ * side + 1 - beta_;
+        rate.velocity = 1 - share * shape;
+        rate.numbers[1] = v * shape * exponent_ * share / reach_;
+        rate.numbers[2] = -v * share * (side - 1);
+        if (z == 0) return;
+        rate.deflection = -v * shape * exponent_ * share / z;
+        rate.numbers[3] = -v * shape * share * std::log(std::abs(z) / reach_);
+    }
     double fastest_rate(double v, std::span<const double>) const override { return exponent_ * std::abs(v) / reach_; }
 
   private:

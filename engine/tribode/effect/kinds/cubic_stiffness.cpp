@@ -19,6 +19,12 @@ class CubicSpring final : public PointForce {
         const double d = y - relaxed_;
         return Slopes{-3 * stiffness_ * d * d, 0};
     }
+    std::optional<std::vector<double>> numbers() const override { return {{stiffness_, relaxed_}}; }
+    void by_numbers(double, double y, double, std::span<double> by) const override {
+        const double d = y - relaxed_;
+        by[0] = -d * d * d;
+        by[1] = 3 * stiffness_ * d * d;
+    }
     std::string reason() const override { return "the cubic spring (cubic_stiffness) is not linear in the position"; }
 
   private:

@@ -21,6 +21,23 @@ class Dahl final : public DirectedLaw {
         const double left = 1 - stiffness_ * z * way / level_; // of the level; 2 right after a reversal in slip
         return v * (exponent_ == 1 ? left : std::copysign(std::pow(std::abs(left), exponent_), left));
     }
+    // With an exponent below one the level is reached, and the rate has no finite slope there.
+    std::optional<std::vector<double>> numbers() const override {
+        if (exponent_ < 1) return std::nullopt;
+        return {{level_, stiffness_, exponent_}};
+    }
+    void differentiate(double v, double way, double z, Derivatives& friction, Derivatives& rate) const override {
+        friction.deflection = stiffness_;
+        friction.numbers[1] = z;
+        const double left = 1 - stiffness_ * z * way / level_;
+        const double power = std::copysign(std::pow(std::abs(left), exponent_), left);
+        const double by_left = v * exponent_ * std::pow(std::abs(left), exponent_ - 1);
+        rate.velocity = power;
+        rate.deflection = -by_left * stiffness_ * way / level_;
+        rate.numbers[0] = by_left * stiffness_ * z * way / (level_ * level_);
+        rate.numbers[1] = -by_left * z * way / level_;
+        rate.numbers[2] = left == 0 ? 0 : v * power * std::log(std::abs(left));
+    }
     double fastest_rate(double v, std::span<const double>) const override {
         return exponent_ * std::pow(2, exponent_ - 1) * stiffness_ * std::abs(v) / level_;
     }

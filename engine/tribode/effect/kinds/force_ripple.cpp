@@ -24,6 +24,20 @@ class ForceRipple final : public PointForce {
         for (const auto& h : harmonics_) sum.position += h.amplitude * h.wave * std::cos(h.wave * y + h.phase);
         return sum;
     }
+    std::optional<std::vector<double>> numbers() const override {
+        std::vector<double> all;
+        for (const auto& h : harmonics_) all.insert(all.end(), {h.amplitude, h.wave, h.phase});
+        return all;
+    }
+    void by_numbers(double, double y, double, std::span<double> by) const override {
+        double* next = by.data();
+        for (const auto& h : harmonics_) {
+            const double by_phase = h.amplitude * std::cos(h.wave * y + h.phase);
+            *next++ = std::sin(h.wave * y + h.phase);
+            *next++ = y * by_phase;
+            *next++ = by_phase;
+        }
+    }
     std::string reason() const override { return "the force ripple (force_ripple) is not linear in the position"; }
 
   private:

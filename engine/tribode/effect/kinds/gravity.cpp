@@ -19,6 +19,12 @@ class Gravity final : public PointForce {
     std::optional<Slopes> slopes(double, double y, double) const override {
         return Slopes{-force_ * wave_ * std::cos(wave_ * y + phase_), 0};
     }
+    std::optional<std::vector<double>> numbers() const override { return {{force_, wave_, phase_}}; }
+    void by_numbers(double, double y, double, std::span<double> by) const override {
+        by[0] = -std::sin(wave_ * y + phase_);
+        by[2] = -force_ * std::cos(wave_ * y + phase_);
+        by[1] = y * by[2];
+    }
     std::string reason() const override { return "the weight of an arm (gravity) is not linear in the position"; }
 
   private:

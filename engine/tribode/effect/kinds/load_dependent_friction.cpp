@@ -14,6 +14,15 @@ class LoadDependent final : public DirectedLaw {
     LoadDependent(double share, double reach) : DirectedLaw("load_dependent_friction"), share_(share), reach_(reach) {}
     double friction(double, double, double z) const override { return share_ / reach_ * z; }
     double rate(double v, double way, double z) const override { return v - way * v * z / reach_; }
+    std::optional<std::vector<double>> numbers() const override { return {{share_, reach_}}; }
+    void differentiate(double v, double way, double z, Derivatives& friction, Derivatives& rate) const override {
+        friction.deflection = share_ / reach_;
+        friction.numbers[0] = z / reach_;
+        friction.numbers[1] = -share_ * z / (reach_ * reach_);
+        rate.velocity = 1 - way * z / reach_;
+        rate.deflection = -way * v / reach_;
+        rate.numbers[1] = way * v * z / (reach_ * reach_);
+    }
     bool per_load() const override { return true; }
     bool is_nearly_affine() const override { return true; }
     double fastest_rate(double v, std::span<const double>) const override { return std::abs(v) / reach_; }

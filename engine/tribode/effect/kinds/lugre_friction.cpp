@@ -28,6 +28,30 @@ class LuGre final : public DirectedLaw {
         return stiffness_ * std::abs(v) / level_.level(v);
     }
     bool is_nearly_affine() const override { return true; }
+    // With an exponent below one the level has no finite slope at rest.
+    std::optional<std::vector<double>> numbers() const override {
+        const Stribeck& s = *level_.stribeck;
+        if (s.exponent < 1) return std::nullopt;
+        return {{level_.coulomb, s.static_level, s.velocity, s.exponent, stiffness_, damping_, viscous_}};
+    }
+    void differentiate(double v, double way, double z, Derivatives& friction, Derivatives& rate) const override {
+        const auto by = level_.above_coulomb_by(way * v);
+        const double level = level_.coulomb + level_.above_coulomb(way * v);
+        const double by_level = stiffness_ * way * v * z / (level * level);
+        rate.velocity = 1 - stiffness_ * way * z / level + by_level * by.speed * way;
+        rate.deflection = -stiffness_ * way * v / level;
+        rate.numbers[0] = by_level * (1 - by.static_level);
+        rate.numbers[1] = by_level * by.static_level;
+        rate.numbers[2] = by_level * by.velocity;
+        rate.numbers[3] = by_level * by.exponent;
+        rate.numbers[4] = -way * v * z / level;
+        friction.velocity = damping_ * rate.velocity + viscous_;
+        friction.deflection = stiffness_ + damping_ * rate.deflection;
+        for (std::size_t i = 0; i < 5; ++i) friction.numbers[i] = damping_ * rate.numbers[i];
+        friction.numbers[4] += z;
+        friction.numbers[5] = this->rate(v, way, z);
+        friction.numbers[6] = v;
+    }
 
   private:
     DryFriction level_;

@@ -18,6 +18,12 @@ class SineScale final : public FrictionScale {
     SineScale(double share, double wave, double phase) : share_(share), wave_(wave), phase_(phase) {}
     double factor(double, double y) const override { return std::max(0.0, 1 + share_ * std::sin(wave_ * y + phase_)); }
     double slope(double, double y) const override { return share_ * wave_ * std::cos(wave_ * y + phase_); }
+    std::optional<std::vector<double>> numbers() const override { return {{share_, wave_, phase_}}; }
+    void by_numbers(double, double y, std::span<double> by) const override {
+        by[0] = std::sin(wave_ * y + phase_);
+        by[2] = share_ * std::cos(wave_ * y + phase_);
+        by[1] = y * by[2];
+    }
     std::string reason() const override { return not_linear; }
 
   private:
@@ -31,6 +37,11 @@ class GradientScale final : public FrictionScale {
         return std::max(0.0, 1 + share_ * std::clamp(y / length_, -1.0, 1.0));
     }
     double slope(double, double y) const override { return std::abs(y) < length_ ? share_ / length_ : 0; }
+    std::optional<std::vector<double>> numbers() const override { return {{share_, length_}}; }
+    void by_numbers(double, double y, std::span<double> by) const override {
+        by[0] = std::clamp(y / length_, -1.0, 1.0);
+        by[1] = std::abs(y) < length_ ? -share_ * y / (length_ * length_) : 0;
+    }
     std::string reason() const override { return not_linear; }
 
   private:

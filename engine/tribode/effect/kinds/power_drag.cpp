@@ -21,6 +21,11 @@ class PowerDrag final : public PointForce {
     std::optional<Slopes> slopes(double, double, double v) const override {
         return Slopes{0, -drag_ * exponent_ * std::pow(std::abs(v), exponent_ - 1)};
     }
+    std::optional<std::vector<double>> numbers() const override { return {{drag_, exponent_}}; }
+    void by_numbers(double, double, double v, std::span<double> by) const override {
+        by[0] = -std::copysign(std::pow(std::abs(v), exponent_), v);
+        by[1] = v == 0 ? 0 : drag_ * by[0] * std::log(std::abs(v));
+    }
     std::string reason() const override { return "the drag (power_drag) is not linear in the velocity"; }
 
   private:

@@ -15,6 +15,8 @@ class QuadraticDrag final : public PointForce {
     std::optional<Slopes> slopes(double, double, double v) const override {
         return Slopes{0, -2 * drag_ * std::abs(v)};
     }
+    std::optional<std::vector<double>> numbers() const override { return {{drag_}}; }
+    void by_numbers(double, double, double v, std::span<double> by) const override { by[0] = -v * std::abs(v); }
     std::string reason() const override { return "the drag (quadratic_drag) is not linear in the velocity"; }
 
   private:

@@ -9,13 +9,18 @@ namespace tribode::effects {
 
 namespace {
 
-// 1 + share form(t/time)
+// 1 + share form(t/time); form.slope is its derivative.
 template <class Form>
 class TimeScale final : public FrictionScale {
   public:
     TimeScale(double share, double time, Form form) : share_(share), time_(time), form_(form) {}
     double factor(double t, double) const override { return std::max(0.0, 1 + share_ * form_(t / time_)); }
     double slope(double, double) const override { return 0; }
+    std::optional<std::vector<double>> numbers() const override { return {{share_, time_}}; }
+    void by_numbers(double t, double, std::span<double> by) const override {
+        by[0] = form_(t / time_);
+        by[1] = -share_ * form_.slope(t / time_) * t / (time_ * time_);
+    }
     std::string reason() const override {
         return "the friction varies with time (time_varying_friction), so that its coefficients do";
     }
@@ -23,6 +28,21 @@ class TimeScale final : public FrictionScale {
   private:
     double share_, time_;
     Form form_;
+};
+
+struct Saturating {
+    double operator()(double s) const { return 1 - std::exp(-s); }
+    double slope(double s) const { return std::exp(-s); }
+};
+
+struct Ramp {
+    double operator()(double s) const { return s; }
+    double slope(double) const { return 1; }
+};
+
+struct Sine {
+    double operator()(double s) const { return std::sin(two_pi * s); }
+    double slope(double s) const { return two_pi * std::cos(two_pi * s); }
 };
 
 } // namespace
@@ -58,11 +78,11 @@ extern const EffectKind time_varying_friction = {
                 axis.plant.friction_scales.push_back(std::make_shared<const TimeScale<decltype(form)>>(a, time, form));
             };
             if (e.choice("kind") == "exp") {
-                add([](double s) { return 1 - std::exp(-s); });
+                add(Saturating{});
             } else if (e.choice("kind") == "ramp") {
-                add([](double s) { return s; });
+                add(Ramp{});
             } else {
-                add([](double s) { return std::sin(two_pi * s); });
+                add(Sine{});
             }
         },
     .lua = R"lua(
