@@ -360,7 +360,9 @@ local function run(n)
   if c.hides ~= "force" and c.first ~= "term" and result.verdict ~= "undecided" and
     (c.first_right or c.hides == "nothing" and not effect) then
     for name, value in pairs(result.free) do
-      c.deviations[#c.deviations + 1] = math.abs(value.value - drawn.true_parameters[name]) / value.standard_error
+      if value.standard_error then
+        c.deviations[#c.deviations + 1] = math.abs(value.value - drawn.true_parameters[name]) / value.standard_error
+      end
     end
   end
   print(string.format("%3d %-10s %-30s %-16s %-24s %.2f  gap %.1f -> %.2f, %.0f s%s", n, kind.name,

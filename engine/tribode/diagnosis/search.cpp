@@ -45,6 +45,8 @@ constexpr double followed = 1.5;          // chi square per sample up to which a
 // Chi square per sample up to which noise explains the remaining error of a settled hypothesis: a few seeds show only
 // roughly how far noise spreads the simulated paths, and the beginning was followed.
 constexpr double settled_limit = 3;
+// Of the score, by which an effect more must be better.
+constexpr double worth_an_effect = 10;
 // Chi square by that of a hypothesis to which noise alone is left, above which another one is no rival.
 constexpr double hopeless = 1.5;
 // Standard deviations of the gain in prediction from which a hypothesis is preferred to one that it contains. The gain is the
@@ -449,8 +451,18 @@ class Search {
         return with.size() == without.size() && gain_in_deviations(without, with, rows) < sure_gain;
     }
 
-    // Of a ranking: the first one gives way to one that it contains and that does as well.
+    // Of a ranking: the first one gives way to one that it contains and that does as well. So do several effects to one that
+    // contains them all, with no more parameters: one explanation is simpler than two.
     void prefer_simpler(std::vector<Scored>& pool) const {
+        const auto says_it_in_fewer = [&](const Scored& other) {
+            const Scored& first = pool.front();
+            return other.names().size() < first.names().size() && other.covers(first) &&
+                   other.together.parameter_count() <= first.together.parameter_count() &&
+                   other.score < first.score + worth_an_effect;
+        };
+        if (const auto one = std::find_if(pool.begin() + 1, pool.end(), says_it_in_fewer); one != pool.end()) {
+            std::rotate(pool.begin(), one, one + 1);
+        }
         for (std::size_t i = 1; i < pool.size();) {
             if (late()) return;
             if (pool.front().contains(pool[i]) && is_needlessly_rich(pool.front(), pool[i])) {
@@ -472,7 +484,7 @@ class Search {
             Scored simpler = scored(std::move(without));
             // One that leaves the fields where they may be is more than another that bends them.
             const bool as_good = adequate(simpler) || !adequate(one);
-            if (as_good && (simpler.score < one.score + 10 || is_needlessly_rich(one, simpler))) {
+            if (as_good && (simpler.score < one.score + worth_an_effect || is_needlessly_rich(one, simpler))) {
                 one = std::move(simpler);
                 i = 0;
             } else {
@@ -1163,7 +1175,10 @@ std::vector<std::string> Scored::names() const {
 }
 
 bool Scored::contains(const Scored& other) const {
-    if (other.together.parameter_count() >= together.parameter_count()) return false;
+    return other.together.parameter_count() < together.parameter_count() && covers(other);
+}
+
+bool Scored::covers(const Scored& other) const {
     const auto mine = names(), its = other.names();
     std::vector<std::string> own, instead;
     std::ranges::set_difference(mine, its, std::back_inserter(own));

@@ -23,6 +23,8 @@ struct Scored {
     // Whether the other one is a special case of this one: it lacks one of the effects, or has simpler kinds in its place or
     // beside a form of it with fewer parameters.
     bool contains(const Scored& other) const;
+    // The same of the effects alone, however many parameters the other one has.
+    bool covers(const Scored& other) const;
 };
 
 struct SearchResult {

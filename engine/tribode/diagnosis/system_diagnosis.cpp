@@ -98,7 +98,8 @@ class Diagnoser {
             if (attempt > max_rich_attempts) most_new_ = std::max<std::size_t>(1, fewest_refused() - 1);
             extend(search);
             result_.out_of_time = search.late();
-            if (confirm(search, 1 - (1 - sure_enough) / static_cast<double>(attempt))) break;
+            const bool is_last = attempt == max_attempts || result_.out_of_time;
+            if (confirm(search, 1 - (1 - sure_enough) / static_cast<double>(attempt), is_last)) break;
         }
         compare_on_validation(search);
         stop_if_asked();
@@ -435,10 +436,11 @@ class Diagnoser {
         return fmt::format("raises the error on the validation record by {:.1f} %", -100 * gain.share);
     }
 
-    // Of the terms of a model from this one on, whether some have amplitudes none of which is told from nothing: others do as well in
-    // their place.
-    static bool has_unsure_term(const SystemCandidate& candidate, std::size_t first, const std::vector<double>& values,
-                                const std::vector<double>& deviation) {
+    // Of the terms of a model from this one on, those that have amplitudes none of which is told from nothing.
+    static std::vector<std::size_t> unsure_terms(const SystemCandidate& candidate, std::size_t first,
+                                                 const std::vector<double>& values,
+                                                 const std::vector<double>& deviation) {
+        std::vector<std::size_t> unsure;
         std::size_t place = candidate.model.parameters.size();
         for (const auto& term : candidate.terms) place -= term.parameters.size();
         for (std::size_t t = 0; t < candidate.terms.size(); ++t) {
@@ -448,17 +450,83 @@ class Diagnoser {
                 const double size = std::abs(values[place + p] - term.neutral[p]);
                 is_sure = is_sure || size > told_from_nothing * deviation[place + p];
             }
-            if (!is_sure) return true;
+            if (!is_sure) unsure.push_back(t);
             place += term.parameters.size();
         }
-        return false;
+        return unsure;
+    }
+
+    // A model fitted to all of the fitted records, and simulated on the validation records.
+    struct Judged {
+        std::vector<double> values, errors;
+        std::vector<SystemComparison> validation;
+        std::vector<std::vector<double>> validation_values; // of each comparison
+    };
+
+    struct PoorTerm {
+        std::size_t term, step;
+        std::string why;
+    };
+
+    // Of the terms that the steps behind `before` brought, up to `last`: one that neither its size nor the validation records tell
+    // from nothing, so that others do as well in its place; or, of several, one without which these are predicted better.
+    std::optional<PoorTerm> poor_term(const SystemSearch& search, std::size_t before, std::size_t last,
+                                      const Judged& fitted) {
+        const SystemCandidate& candidate = steps_[last].candidate;
+        const auto ended = ended_after(fit_share);
+        const auto now = errors_after(fitted.validation);
+        const auto errors_without = [&](std::size_t term) {
+            const auto less = judged(search, search.without(candidate, term));
+            return less.errors.empty() ? std::vector<double>{} : errors_after(less.validation);
+        };
+        const std::size_t first_new = steps_[before + 1].before;
+        const bool is_alone = first_new + 1 >= candidate.terms.size(); // then the validation records have told it
+        const auto deviation = search.fit_of_all().standard_errors(candidate.model, fitted.values, fitted.errors);
+        for (std::size_t s = before + 1; s <= last && !is_alone; ++s) {
+            for (const std::size_t t : unsure_terms(candidate, steps_[s].before, fitted.values, deviation)) {
+                if (ended()) break;
+                const auto less = errors_without(t);
+                if (less.empty() || probability_of_gain(less, now) >= sure_enough) continue;
+                return PoorTerm{t, s, "has a term whose size is not told from nothing"};
+            }
+        }
+        for (std::size_t t = first_new; !is_alone && t < candidate.terms.size(); ++t) {
+            if (ended()) break;
+            const auto less = errors_without(t);
+            if (less.empty() || probability_of_gain(now, less) < sure_enough) continue;
+            return PoorTerm{
+                t, last,
+                fmt::format("the validation record is predicted better without {}", candidate.terms[t].kind())};
+        }
+        return std::nullopt;
+    }
+
+    // The step's model without the term, if it predicts the validation records better than the model `before` for sure. Otherwise
+    // nothing changes, and the result is false.
+    bool drop(const SystemSearch& search, std::size_t term, const Judged& before, Judged& fitted, double sure_here,
+              Step& step) {
+        SystemCandidate less = search.without(step.candidate, term);
+        if (less.terms.size() <= steps_.front().candidate.terms.size()) return false;
+        Judged one = judged(search, less);
+        const auto earlier = errors_after(before.validation), now = errors_after(one.validation);
+        if (one.errors.empty()) return false;
+        const double certainty = probability_of_gain(earlier, now);
+        if (certainty < sure_here) return false;
+        step.candidate = std::move(less);
+        step.candidate.values = one.values;
+        step.confirmed = certainty;
+        step.on_validation = now;
+        fitted = std::move(one);
+        for (auto& hypothesis : result_.hypotheses) {
+            if (hypothesis.names == kinds_of(step.candidate)) hypothesis.lost.clear();
+        }
+        return true;
     }
 
     // Each step fitted to all of the fitted records and simulated on the validation records. The last one stays that predicts
     // these better than the last before it that does, with the probability `sure_here`; what comes behind it is dropped. False where
-    // something is.
-    bool confirm(const SystemSearch& search, double sure_here) {
-        const auto ended = ended_after(fit_share);
+    // something is. `is_last`: nothing is sought in the place of what is dropped.
+    bool confirm(const SystemSearch& search, double sure_here, bool is_last) {
         scale_ = search.scale();
         baseline_starts_.clear();
         between_ = result_.interpolation = search.interpolation();
@@ -482,28 +550,13 @@ class Diagnoser {
             const Gain& gain = gains[kept + 1];
             refuse(steps_[kept + 1], std::isfinite(gain.share) ? std::max(gain.share, 0.0) : 0.0,
                    why_not_confirmed(gain));
-        } else if (kept > 0) {
-            const Judged& last = of_step[kept];
-            const auto deviation =
-                search.fit_of_all().standard_errors(steps_[kept].candidate.model, last.values, last.errors);
-            for (std::size_t s = before_kept + 1; s <= kept; ++s) {
-                const Step& step = steps_[s];
-                if (!has_unsure_term(step.candidate, step.before, last.values, deviation)) continue;
-                refuse(step, std::max(gains[s].share, 0.0), "has a term whose size is not told from nothing");
-                kept = before_kept;
-                break;
-            }
-            // Of terms that came together, none may harm.
-            const auto now = errors_after(last.validation);
-            const SystemCandidate candidate = steps_[kept].candidate;
-            const std::size_t first_new = steps_[before_kept + 1].before;
-            for (std::size_t t = first_new; first_new + 1 < candidate.terms.size() && t < candidate.terms.size(); ++t) {
-                if (kept == before_kept || ended()) break;
-                const auto less = judged(search, search.without(candidate, t));
-                if (less.errors.empty() || probability_of_gain(now, errors_after(less.validation)) < sure_enough)
-                    continue;
-                refuse(steps_[kept], std::max(gains[kept].share, 0.0),
-                       fmt::format("the validation record is predicted better without {}", candidate.terms[t].kind()));
+        }
+        while (kept > before_kept && (kept + 1 == all || is_last)) {
+            const auto poor = poor_term(search, before_kept, kept, of_step[kept]);
+            if (!poor) break;
+            refuse(steps_[poor->step], std::max(gains[poor->step].share, 0.0), poor->why);
+            // What is left of the model may do, too.
+            if (!is_last || !drop(search, poor->term, of_step[before_kept], of_step[kept], sure_here, steps_[kept])) {
                 kept = before_kept;
             }
         }
@@ -555,7 +608,7 @@ class Diagnoser {
         const auto& [candidate, at] = list[*best];
         const auto deviation =
             search.fit_of_all().standard_errors(candidate->model, all[*best].values, all[*best].errors);
-        if (has_unsure_term(*candidate, kept_of(*candidate, steps_[at].candidate), all[*best].values, deviation))
+        if (!unsure_terms(*candidate, kept_of(*candidate, steps_[at].candidate), all[*best].values, deviation).empty())
             return;
         // What the search made of it does not count any more: what predicts the validation records about as well does.
         Step step{
@@ -590,13 +643,6 @@ class Diagnoser {
         steps_.push_back(std::move(step));
         conclude(search, std::move(all[*best]));
     }
-
-    // A model fitted to all of the fitted records, and simulated on the validation records.
-    struct Judged {
-        std::vector<double> values, errors;
-        std::vector<SystemComparison> validation;
-        std::vector<std::vector<double>> validation_values; // of each comparison
-    };
 
     Judged judged(const SystemSearch& search, const SystemCandidate& candidate) {
         const auto ended = ended_after(fit_share);

@@ -15,6 +15,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <set>
 
 namespace tribode {
 
@@ -94,6 +95,24 @@ bool all_finite(const std::vector<std::vector<double>>& lists) {
     return std::all_of(lists.begin(), lists.end(), [](const auto& values) {
         return std::all_of(values.begin(), values.end(), [](double value) { return std::isfinite(value); });
     });
+}
+
+// Terms stand below no_event for the sake of fixed steps, which locate no events. A solver that controls its error cannot step
+// over a jump, so one at an instant becomes an event.
+void locate_jumps_in_time(Equations& equations) {
+    const Expressions& graph = *equations.graph;
+    std::set<Term> known = {equations.time};
+    for (const auto& parameter : equations.parameters) known.insert(parameter.symbol);
+    Expressions::Replacement events;
+    for (Term term = 0; term < graph.size(); ++term) {
+        if (graph[term].op != Op::no_event) continue;
+        const Term choice = graph[term].a;
+        if (graph[choice].op != Op::select || graph.is_continuous(choice)) continue;
+        const auto variables = graph.variables_of(std::array{graph[choice].a});
+        const bool is_known = std::ranges::all_of(variables, [&](Term variable) { return known.contains(variable); });
+        if (is_known && std::ranges::find(variables, equations.time) != variables.end()) events[term] = choice;
+    }
+    equations.replace(events);
 }
 
 } // namespace
@@ -176,6 +195,7 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
                     std::move(later), begin);
             }
         }
+        locate_jumps_in_time(equations);
         close_contacts(equations);
         if (derivatives) equations = with_sensitivities(std::move(equations), by);
         const EquationSystem system(std::move(equations));
