@@ -344,6 +344,8 @@ refused({ friction = { coulomb = 1, stribeck = { static = 2, velocity = 0.1, exp
   "the Stribeck level has no finite slope at rest")
 refused({ friction = { coulomb = 2, stribeck = { static = 2, velocity = 0.1 } } }, "friction.stribeck.static",
   "any other value adds a part")
+refused({ effects = { { name = "dahl_friction", parameters = { F = 3, K = 1e5, exponent = 0.5 } } } },
+  "friction.viscous", "no finite slope at its level")
 refused({ effects = { { name = "own_force", parameters = { force = "-3*v^3" } } } }, "friction.viscous", "own_force")
 refused({ controller = cascade }, "controller.filters[1].freq_hz", "filters of the controller are taken as exact")
 refused({ input = "band_limited" }, "friction.viscous", "u varies between its samples")

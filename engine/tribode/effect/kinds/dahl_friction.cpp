@@ -21,7 +21,10 @@ class Dahl final : public DirectedLaw {
         const double left = 1 - stiffness_ * z * way / level_; // of the level; 2 right after a reversal in slip
         return v * (exponent_ == 1 ? left : std::copysign(std::pow(std::abs(left), exponent_), left));
     }
-    // With an exponent below one the level is reached, and the rate has no finite slope there.
+    std::string reason() const override {
+        if (exponent_ >= 1) return DirectedLaw::reason();
+        return "the friction law (dahl_friction) has no finite slope at its level (its exponent is below one)";
+    }
     std::optional<std::vector<double>> numbers() const override {
         if (exponent_ < 1) return std::nullopt;
         return {{level_, stiffness_, exponent_}};

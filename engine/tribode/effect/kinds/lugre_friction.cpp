@@ -28,7 +28,10 @@ class LuGre final : public DirectedLaw {
         return stiffness_ * std::abs(v) / level_.level(v);
     }
     bool is_nearly_affine() const override { return true; }
-    // With an exponent below one the level has no finite slope at rest.
+    std::string reason() const override {
+        if (level_.stribeck->exponent >= 1) return DirectedLaw::reason();
+        return "the friction law (lugre_friction) has no finite slope at rest (its exponent is below one)";
+    }
     std::optional<std::vector<double>> numbers() const override {
         const Stribeck& s = *level_.stribeck;
         if (s.exponent < 1) return std::nullopt;
