@@ -816,7 +816,8 @@ class Diagnoser {
         // What noise leaves; where it is all that the fit leaves, also through the values that were fitted.
         const bool is_noise = steps_.back().candidate.is_noise;
         const double floor = is_noise ? std::hypot(gap.floor, d.prediction_uncertainty) : gap.floor;
-        const bool is_left = gap.after > little_left * floor;
+        // That uncertain values may explain what is left does not show that the model is right.
+        const bool is_left = gap.after > little_left * gap.floor;
         if (d.effects.empty()) {
             d.verdict = gap.before < nothing_left * floor ? "nothing_missing" : "unknown_effect";
         } else if (std::any_of(d.effects.begin(), d.effects.end(), [](const SystemEffect& effect) {
@@ -835,10 +836,8 @@ class Diagnoser {
             d.verdict = "undecided"; // what was not tried may explain it
         if (d.verdict != "unknown_effect") d.nearest.reset();
         // The probabilities compare the terms of the library. Where much is left, the right one may not be among them, and a name
-        // is no surer than the share that it explains. So it is, too, where uncertain values may be all that is wrong: that the
-        // model is right is then not shown.
-        const double share = gap.after > little_left * gap.floor
-                                 ? most_certain_of_a_part * std::clamp(d.explained, 0.0, 1.0)
+        // is no surer than the share that it explains.
+        const double share = is_left ? most_certain_of_a_part * std::clamp(d.explained, 0.0, 1.0)
                              : gap.after > noise_left * floor ? most_certain_of_most
                                                               : most_certain;
         for (auto& effect : d.effects) {
