@@ -555,10 +555,9 @@ class Diagnoser {
             const auto poor = poor_term(search, before_kept, kept, of_step[kept]);
             if (!poor) break;
             refuse(steps_[poor->step], std::max(gains[poor->step].share, 0.0), poor->why);
-            // What is left of the model may do, too.
-            if (!is_last || !drop(search, poor->term, of_step[before_kept], of_step[kept], sure_here, steps_[kept])) {
-                kept = before_kept;
-            }
+            // What is left of the model does as well.
+            if (drop(search, poor->term, of_step[before_kept], of_step[kept], sure_here, steps_[kept])) continue;
+            kept = before_kept;
         }
         steps_.resize(kept + 1);
         conclude(search, std::move(of_step[kept]));
