@@ -6,6 +6,8 @@
 #include <cmath>
 #include <gtest/gtest.h>
 #include <numbers>
+#include <set>
+#include <string>
 #include <utility>
 
 namespace tribode {
@@ -69,7 +71,7 @@ TEST(Diagnosis, AnArmAFanAValveAndAGearAreFoundAndNotTakenForTheirNeighbors) {
         std::vector<std::pair<const char*, double>> values;
     };
     for (const auto& [name, parameters, values] : std::vector<Case>{
-             {"gravity", R"({"F": 6, "turn_m": 0.03, "phase": 0.5})", {{"F", 6}, {"turn_m", 0.03}, {"phase", 0.5}}},
+             {"gravity", R"({"F": 6, "turn_m": 0.06, "phase": 0.5})", {{"F", 6}, {"turn_m", 0.06}, {"phase", 0.5}}},
              {"power_drag", R"({"c": 40, "exponent": 1.5})", {{"c", 40}, {"exponent", 1.5}}},
              {"thrust_power_law", R"({"exponent": 1.3, "size": 12})", {{"exponent", 1.3}, {"size", 12}}},
              {"load_dependent_friction", R"({"share": 0.2, "reach": 2e-4})", {{"share", 0.2}, {"reach", 2e-4}}},
@@ -84,6 +86,18 @@ TEST(Diagnosis, AnArmAFanAValveAndAGearAreFoundAndNotTakenForTheirNeighbors) {
         for (const auto& [parameter, truth] : values) expect_parameter(d.effects[0], parameter, truth);
         EXPECT_LT(d.validation_gap.after, 1.2 * d.validation_gap.floor) << name;
     }
+}
+
+// A ripple of a long period has the same equation as the weight of an arm.
+TEST(Diagnosis, AnArmThatTurnsWithinTwoStrokesMayBeARipple) {
+    const Diagnosis d =
+        diagnosed(Json::parse(R"([{"name": "gravity", "parameters": {"F": 6, "turn_m": 0.03, "phase": 0.5}}])"));
+    ASSERT_EQ(d.verdict, "undecided");
+    ASSERT_EQ(d.effects.size(), 1u);
+    ASSERT_EQ(d.effects[0].rivals.size(), 1u);
+    const std::set<std::string> names = {d.effects[0].name, d.effects[0].rivals[0].name};
+    EXPECT_EQ(names, (std::set<std::string>{"force_ripple", "gravity"}));
+    EXPECT_LT(d.validation_gap.after, 1.2 * d.validation_gap.floor);
 }
 
 // Friction by direction without a difference would be the same, and a level of one direction beside it takes less.
