@@ -21,8 +21,9 @@ namespace {
 constexpr double temperature = 3;
 // What a right name has where noise explains the remaining error, and no rival comes near.
 constexpr double certain = 0.98;
-constexpr double of_a_part = 0.75; // where more than noise is left
-constexpr double told_apart = 4;   // ratio of chi square of two laws of one behavior
+constexpr double of_a_part = 0.75;     // where more than noise is left
+constexpr double clearly_less = 0.9;   // of chi square
+constexpr double apart_from_alike = 4; // ratio of chi square of two laws of one behavior
 
 double rms_difference(const std::vector<double>& a, const std::vector<double>& b, std::size_t first) {
     double sum = 0;
@@ -189,7 +190,9 @@ class Verdict {
                 const bool alike = best_->effects[i]->kind().only_in_place &&
                                    std::ranges::find(simpler, one.name) != simpler.end() &&
                                    !are_told_apart(best, other);
-                if (!alike && other.contains(best)) continue;
+                const bool does_better = trust < 1 && is_near(other, best) &&
+                                         other.together_validation < clearly_less * best.together_validation;
+                if (!alike && !does_better && other.contains(best)) continue;
                 if (!next) {
                     next = &other;
                     next_name = name;
@@ -213,8 +216,8 @@ class Verdict {
     }
 
     bool are_told_apart(const Scored& best, const Scored& other) const {
-        return d_.search.fitted.size() > 1 && other.together_fitted > told_apart * best.together_fitted &&
-               other.together_validation > told_apart * best.together_validation;
+        return d_.search.fitted.size() > 1 && other.together_fitted > apart_from_alike * best.together_fitted &&
+               other.together_validation > apart_from_alike * best.together_validation;
     }
 
     void order_by_strength() {
