@@ -21,9 +21,10 @@ namespace {
 constexpr double temperature = 3;
 // What a right name has where noise explains the remaining error, and no rival comes near.
 constexpr double certain = 0.98;
-constexpr double of_a_part = 0.75;     // where more than noise is left
-constexpr double clearly_less = 0.9;   // of chi square
-constexpr double apart_from_alike = 4; // ratio of chi square of two laws of one behavior
+constexpr double of_a_part = 0.75;        // where more than noise is left
+constexpr double clearly_less = 0.9;      // of chi square
+constexpr double least_of_an_effect = 10; // of chi square
+constexpr double apart_from_alike = 4;    // ratio of chi square of two laws of one behavior
 
 double rms_difference(const std::vector<double>& a, const std::vector<double>& b, std::size_t first) {
     double sum = 0;
@@ -96,7 +97,9 @@ class Verdict {
                 fit_.fit(best, last);
             }
             best_ = best;
-            if (s.explained_by_noise(s.ranking.front())) {
+            if (s.explained_by_noise(s.ranking.front()) && fields_do_alone(best)) {
+                best_.reset();
+            } else if (s.explained_by_noise(s.ranking.front())) {
                 name_all(1);
             } else if (const double trust = trust_in_part(); trust > 0) {
                 name_all(trust);
@@ -108,6 +111,22 @@ class Verdict {
     }
 
   private:
+    // Whether the fields do as well without the one effect, from where they are beside it: their own fit had not come there.
+    // They are then the machine's.
+    bool fields_do_alone(const Hypothesis& best) {
+        if (best.effects.size() != 1 || best.nominal.empty()) return false;
+        Hypothesis without = best;
+        without.remove(0);
+        ModelFit::Options options;
+        options.iterations = 10;
+        options.workers = control_.workers;
+        options.stop = control_.stop;
+        fit_.fit(without, options);
+        if (without.chi_square > best.chi_square + least_of_an_effect || !without.within_tolerance()) return false;
+        d_.before = d_.after = fit_.machine(without);
+        return true;
+    }
+
     // How far a name may be trusted although more than noise remains, as on real machines: the effect must remove most
     // of the gap, on the validation records too, have the same parameters on both, and none but rivals of one effect may do
     // nearly as well.
