@@ -62,7 +62,8 @@ local function record_asked_for(name, machine, file)
   local asked, next_record = pcall(tb.read_record, { file = diagnosis_of(name) .. "/next_experiment.csv" })
   if not asked then return end
   if machine.tolerance and not truth.machine then return end
-  local real, input = truth.machine or machine, next_record.data
+  local input = next_record.data
+  local real = truth.machine or tb.read_json { file = folder .. "/" .. name .. "/nominal.json" } -- to be changed
   real.effects = real.effects or {}
   for _, effect in ipairs(truth.effects) do
     if effect.name == "unknown" then return end
