@@ -160,8 +160,8 @@ class Verdict {
             if (std::abs(a - b) > 0.2 * std::max(std::abs(a), std::abs(b)) + p.step) return 0;
             index += effect->parameters.size();
         }
-        for (const auto& other : s.ranking) {
-            if (other.names() != best.names() && is_near(other, best) && !other_name(other, best)) return 0;
+        for (const auto& rival : s.ranking) {
+            if (rival.names() != best.names() && is_near(rival, best) && !other_name(rival, best)) return 0;
         }
         return of_a_part;
     }
