@@ -14,6 +14,8 @@
 -- calibration, gaps, seconds, and below batch/cases all that each diagnosis has written.
 
 local tb = require "tribode"
+local counting = require "lib.counting"
+local share, told = counting.share, counting.told
 
 local option = tb.options {
   cases = { default = "", help = "folder of cases; without it some are made" },
@@ -224,20 +226,6 @@ local function judge(name, case, diagnosis, failure)
 end
 
 -- ---- all cases ----------------------------------------------------------------------------------------------------
-
--- "k of n (share)", and the numbers.
-local function share(cases, counts, holds)
-  local k, n = 0, 0
-  for _, c in ipairs(cases) do
-    if counts(c) then
-      n = n + 1
-      if holds(c) then k = k + 1 end
-    end
-  end
-  return { count = k, of = n, share = n > 0 and k / n or nil }
-end
-
-local function told(s) return s.of == 0 and "none to count" or string.format("%d of %d", s.count, s.of) end
 
 local function summary_of(cases)
   local function named(c) return c.known and #c.named > 0 end

@@ -17,6 +17,8 @@
 -- score.json, report.html, and what each diagnosis writes.
 
 local tb = require "tribode"
+local counting = require "lib.counting"
+local share, told = counting.share, counting.told
 
 local option = tb.options {
   count = { default = tb.quick and 5 or 50, help = "how many cases" },
@@ -395,19 +397,6 @@ end
 
 -- ---- what the cases say together ------------------------------------------------------------------------------------
 
--- "k of n", of those that count.
-local function share(cases, counts, holds)
-  local k, n = 0, 0
-  for _, c in ipairs(cases) do
-    if counts(c) then
-      n, k = n + 1, k + (holds(c) and 1 or 0)
-    end
-  end
-  return { count = k, of = n }
-end
-
-local function told(s) return string.format("%d of %d", s.count, s.of) end
-
 local function summary_of(cases)
   local function hides(what) return function(c) return c.hides == what end end
   local function right(c) return c.right end
@@ -485,7 +474,7 @@ local function show(cases, s)
       told(s.decided)),
     string.format("parameters of models that became the true ones: %d of %d within one standard error, %d within "
       .. "1.645, %d within 3", p.within_1, p.of, p.within_1_645, p.within_3),
-    string.format("processor time: %.0f s in the median, %.0f s at most, below 20 s in %s; ended by the budget: %s",
+    string.format("time: %.0f s in the median, %.0f s at most, below 20 s in %s; ended by the budget: %s",
       s.seconds.median, s.seconds.longest, told(s.seconds.below_20), told(s.out_of_time)),
   }
   for _, line in ipairs(lines) do print(line) end

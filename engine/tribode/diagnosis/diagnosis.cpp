@@ -172,8 +172,7 @@ class Verdict {
                other.together_validation < 1.5 * best.together_validation;
     }
 
-    // The effect of the other hypothesis that is not one of the best, if there is one, and the best has one in its place: its
-    // place in the best, and its name.
+    // Where two hypotheses differ in one effect: the name of the effect of the best one, and of that in its place.
     static std::optional<std::pair<std::string, std::string>> other_name(const Scored& other, const Scored& best) {
         const auto a = best.names(), b = other.names();
         std::vector<std::string> gone, come;
