@@ -89,6 +89,18 @@ TEST_F(Diagnosis, ACoarserEncoderIsReadFromItsValues) {
     EXPECT_NEAR(found["effects"][0]["parameters"]["resolution_m"].get<double>(), 2e-6, 1e-12);
 }
 
+TEST_F(Diagnosis, ABudgetThatEndsTheSearchBeforeItBeginsDoesNotMakeTheMachineRight) {
+    measure(Json::parse(R"([{"name": "quadratic_drag", "parameters": {"c": 300}}])"));
+    const auto ending = program({"diagnose", "--machine", "nominal.json", "--data", "ident.csv", "--validate",
+                                 "valid.csv", "--budget", "1e-4", "-o", "out", "--quiet"});
+    ASSERT_EQ(ending.exit_code, 0) << ending.err;
+    const Json found = Json::parse(text_of(folder / "out/diagnosis.json"));
+    EXPECT_EQ(found["out_of_time"], true);
+    EXPECT_EQ(found["verdict"], "undecided");
+    EXPECT_NE(text_of(folder / "out/report.html").find("ended the search before it was found; measured and simulated"),
+              std::string::npos);
+}
+
 // A long record keeps the search busy; the signal comes while effects are tried.
 TEST_F(Diagnosis, CtrlCSaysWhatIsKnownAndWritesNothing) {
     reference("slow.csv", 0.012, 1.5, 30000);

@@ -21,11 +21,12 @@ class SystemDiagnosis : public ::testing::Test {
         folder.write("script.lua", R"(
             local tb = require "tribode"
             local n, step = 300, 0.04
+            local option = tb.options { valid_size = { default = 1 } }
             for k, name in ipairs { "ident", "valid" } do
-                local u = {}
+                local u, size = {}, k == 2 and option.valid_size or 1
                 for i = 1, n do
                     local t = (i - 1) * step
-                    u[i] = math.sin(1.3 * t + k) + 0.6 * math.sin(3.1 * t * k) + 0.3 * math.sin(0.5 * t)
+                    u[i] = size * (math.sin(1.3 * t + k) + 0.6 * math.sin(3.1 * t * k) + 0.3 * math.sin(0.5 * t))
                 end
                 local run = tb.run_system { system = require "truth", duration_s = (n - 1) * step, output_step_s = step,
                     inputs = { u = { sample_time_s = step, values = u } } }
@@ -51,10 +52,10 @@ class SystemDiagnosis : public ::testing::Test {
 
     Ending program(const std::vector<std::string>& arguments) { return run(arguments, {.folder = folder.path()}); }
 
-    // Records ident.csv and valid.csv of the vehicle with this term, in a folder.
-    void measure(const std::string& hidden) {
+    // Records ident.csv and valid.csv of the vehicle with this term, in a folder. Of the input of valid.csv, this share.
+    void measure(const std::string& hidden, const std::string& valid_size = "1") {
         folder.write("truth.lua", model(hidden));
-        const auto ending = program({"run", "script.lua", "-o", "records", "--quiet"});
+        const auto ending = program({"run", "script.lua", "-o", "records", "-D", "valid_size=" + valid_size, "--quiet"});
         ASSERT_EQ(ending.exit_code, 0) << ending.err;
     }
 
@@ -300,6 +301,18 @@ TEST_F(SystemDiagnosis, ABudgetEndsTheSearchAndTheAnswerSaysSo) {
     EXPECT_EQ(found["verdict"], "undecided"); // not that the library lacks it, which was hardly tried
     EXPECT_NE(text_of(folder / "out/report.html").find("before the budget of time ended the search"),
               std::string::npos);
+}
+
+// The drag does next to nothing where the vehicle hardly moves. No term is tried.
+TEST_F(SystemDiagnosis, AValidationRecordThatHardlyShowsWhatIsMissingDoesNotHideIt) {
+    measure("s.v * math.abs(s.v)", "0.01");
+    const auto ending = diagnose({"--system", "model.lua", "--data", "records/ident.csv", "--validate",
+                                  "records/valid.csv", "--free", "v.start", "--free", "x.start", "--budget", "0.001",
+                                  "-o", "out", "--quiet"});
+    ASSERT_EQ(ending.exit_code, 0) << ending.err;
+    const Json found = Json::parse(text_of(folder / "out/diagnosis.json"));
+    EXPECT_LT(found["gap"]["validate"]["before"].get<double>(), 1.5 * found["gap"]["validate"]["floor"].get<double>());
+    EXPECT_EQ(found["verdict"], "undecided");
 }
 
 TEST_F(SystemDiagnosis, WhatCannotBeIsOneSentence) {

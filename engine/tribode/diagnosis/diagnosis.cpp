@@ -83,8 +83,8 @@ class Verdict {
         d_.false_alarm_limit = SearchResult::limit(s.fitted);
         d_.before = fit_.machine(s.baseline.hypothesis);
         d_.after = d_.before;
-        const bool enough = s.steps.empty();
-        if (!enough) {
+        const bool has_steps = !s.steps.empty();
+        if (has_steps) {
             Hypothesis best = s.ranking.front().hypothesis;
             ModelFit::Options last;
             last.iterations = 10;
@@ -107,7 +107,10 @@ class Verdict {
                 unknown();
             }
         }
-        if (d_.verdict.empty()) d_.verdict = "nothing_missing";
+        if (!d_.verdict.empty()) return;
+        // Without a step the budget may have ended the search before it began.
+        const bool is_noise = has_steps || s.explained_by_noise(s.baseline);
+        d_.verdict = is_noise ? "nothing_missing" : s.out_of_time ? "undecided" : "unknown_effect";
     }
 
   private:

@@ -43,15 +43,16 @@ std::string sentence(const Diagnosis& d) {
             "effect is missing that they make up for; with them {}.",
             found, fmt::join(fields, ", "), shrink);
     }
-    if (d.verdict == "unknown_effect") {
-        return fmt::format("Something is missing that is none of the known effects; the nearest, {}, explains {:.0f} % "
-                           "of the gap.",
-                           d.nearest->name, 100 * d.nearest->share);
-    }
     if (names.empty()) {
-        return fmt::format("Something is missing, and the budget of time ended the search before it was found; the "
-                           "nearest so far, {}, explains {:.0f} % of the gap.",
-                           d.nearest->name, 100 * d.nearest->share);
+        const std::string nearest =
+            d.nearest ? fmt::format("; the nearest, {}, explains {:.0f} % of the gap", d.nearest->name,
+                                    100 * d.nearest->share)
+                      : fmt::format("; measured and simulated position differ by {} rms, noise and rounding leave {}",
+                                    size(gap.before), size(gap.floor));
+        return d.verdict == "unknown_effect"
+                   ? fmt::format("Something is missing that is none of the known effects{}.", nearest)
+                   : fmt::format("Something is missing, and the budget of time ended the search before it was found{}.",
+                                 nearest);
     }
     if (d.verdict == "undecided") {
         std::vector<std::string> rivals;

@@ -815,10 +815,12 @@ class Diagnoser {
         // What noise leaves; where it is all that the fit leaves, also through the values that were fitted.
         const bool is_noise = steps_.back().candidate.is_noise;
         const double floor = is_noise ? std::hypot(gap.floor, d.prediction_uncertainty) : gap.floor;
+        // A validation record may hardly show what the fitted ones do.
+        const bool fits = d.fitted_gap.after < little_left * d.fitted_gap.floor;
         // That uncertain values may explain what is left does not show that the model is right.
-        const bool is_left = gap.after > little_left * gap.floor;
+        const bool is_left = !fits || gap.after > little_left * gap.floor;
         if (d.effects.empty()) {
-            d.verdict = gap.before < nothing_left * floor ? "nothing_missing" : "unknown_effect";
+            d.verdict = fits && gap.before < nothing_left * floor ? "nothing_missing" : "unknown_effect";
         } else if (std::any_of(d.effects.begin(), d.effects.end(), [](const SystemEffect& effect) {
                        return !effect.rivals.empty() && effect.probability < 0.5;
                    })) {
