@@ -376,6 +376,7 @@ local function run(n)
     local ran, why = pcall(record, kind, truth, folder .. "_next.csv", noise, 10 * n + 2, asked.data.u, drawn.force)
     if ran then
       common.data, common.folder = { folder .. "_ident.csv", folder .. "_next.csv" }, folder .. "_again"
+      common.budget_s = 2 * option.budget -- two records take longer
       local again = tb.diagnose_system(common)
       c.next.verdict, c.next.first = again.verdict, again.effects[1] and again.effects[1].name or "none"
       c.next.after = again.gap.validate.after / left

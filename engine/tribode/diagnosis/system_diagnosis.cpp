@@ -41,9 +41,9 @@ constexpr std::size_t max_told_apart = 3; // rivals, by the next experiment
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
 constexpr double half = 0.5; // of the squared gap, for a partial explanation
-// Of a name: the library may lack the right one. More so where more is left than noise, and where much is.
-constexpr double most_certain = 0.98, most_certain_of_most = 0.85, most_certain_of_a_part = 0.75;
-constexpr double noise_left = 1.3; // gap over the floor
+// Of a name: the library may lack the right one. More so where much is left.
+constexpr double most_certain = 0.98, most_certain_of_a_part = 0.75;
+constexpr double convincing = 1.75; // evidence of the validation records with which half of the names are right
 
 // A new term of a step: how likely it is among all that passed, and what passed without it.
 struct WeighedTerm {
@@ -60,6 +60,7 @@ struct Step {
     std::vector<SystemCandidate> contenders = {}; // the one taken and the likeliest that lack a term of it
     double gain = 0, certainty = 0;
     double confirmed = 1;                   // probability that it predicts the validation records better
+    double evidence = 0;                    // of these
     std::vector<double> on_validation = {}; // its errors there
     std::size_t compared_with = 0; // others, of which it predicts the validation records best; 0: it was not compared
     // What was fitted beside its terms, and the place of each among the hypotheses that are told.
@@ -102,20 +103,28 @@ class Diagnoser {
             if (confirm(search, 1 - (1 - sure_enough) / static_cast<double>(attempt), is_last)) break;
         }
         compare_on_validation(search);
+        drop_what_hardly_shows(search);
         stop_if_asked();
         name_effects(search);
         result_.where = where_the_gap_is(result_.validation.front(), model_);
         decide();
-        const bool is_open = result_.verdict == "undecided" || result_.verdict == "partial";
-        for (const Step& step : steps_) {
-            if (!is_open || result_.next_experiment || step.contenders.size() < 2) continue;
+        const bool is_undecided = result_.verdict == "undecided" || result_.verdict == "partial" ||
+                                  std::ranges::any_of(result_.effects, &SystemEffect::is_open);
+        for (std::size_t s = 1; s < steps_.size(); ++s) {
+            const Step& step = steps_[s];
+            if (!is_undecided || result_.next_experiment) continue;
             const SystemCandidate& one = step.contenders.front();
-            const std::vector<SystemCandidate> others(step.contenders.begin() + 1, step.contenders.end());
+            std::vector<SystemCandidate> others(step.contenders.begin() + 1, step.contenders.end());
+            if (step.evidence < convincing) others.push_back(steps_[s - 1].candidate);
+            if (others.empty()) continue;
             result_.next_experiment =
                 next_system_experiment(one, others, records_, scale_, between_, rms_of_errors(one.predicted), control_);
             if (!result_.next_experiment) continue;
             std::string names;
-            for (const auto& other : others) names += (names.empty() ? "" : ", ") + other.names_from(step.before);
+            for (const auto& other : others) {
+                const std::string own = other.names_from(step.before);
+                names += (names.empty() ? "" : ", ") + (own.empty() ? "nothing" : own);
+            }
             auto& text = result_.next_experiment->text;
             text = fmt::format("To tell {} from {}: {}", one.names_from(step.before), names, text);
         }
@@ -278,7 +287,8 @@ class Diagnoser {
                 std::log(scores[i] / scores[passed.front()]) - (best.is_noise ? 0 : std::log(as_good));
             const double w = std::exp(-independent * std::max(excess, 0.0));
             const bool is_same = found[i].equals(best);
-            if (is_same && i != chosen) step.same_as.push_back(found[i].names_from(kept_of(found[i], current)));
+            if (is_same && new_kinds(found[i], current) != taken)
+                step.same_as.push_back(found[i].names_from(kept_of(found[i], current)));
             auto& weight = weights[is_same ? taken : new_kinds(found[i], current)];
             if (w <= weight.value) continue;
             sum += w - weight.value;
@@ -503,24 +513,48 @@ class Diagnoser {
 
     // The step's model without the term, if it predicts the validation records better than the model `before` for sure. Otherwise
     // nothing changes, and the result is false.
-    bool drop(const SystemSearch& search, std::size_t term, const Judged& before, Judged& fitted, double sure_here,
+    bool drop(const SystemSearch& search, std::size_t term, const Step& before, Judged& fitted, double sure_here,
               Step& step) {
         SystemCandidate less = search.without(step.candidate, term);
         if (less.terms.size() <= steps_.front().candidate.terms.size()) return false;
         Judged one = judged(search, less);
-        const auto earlier = errors_after(before.validation), now = errors_after(one.validation);
         if (one.errors.empty()) return false;
-        const double certainty = probability_of_gain(earlier, now);
+        const auto now = errors_after(one.validation);
+        const double certainty = probability_of_gain(before.on_validation, now);
         if (certainty < sure_here) return false;
         step.candidate = std::move(less);
         step.candidate.values = one.values;
         step.confirmed = certainty;
+        step.evidence = evidence(before, step.candidate, now);
         step.on_validation = now;
         fitted = std::move(one);
         for (auto& hypothesis : result_.hypotheses) {
             if (hypothesis.names == kinds_of(step.candidate)) hypothesis.lost.clear();
         }
         return true;
+    }
+
+    // How much more of the errors on the validation records a model explains than further parameters do by chance: above 1 the Bayesian
+    // information criterion [Schwarz 1978] prefers it, with a price for the choice among all hypotheses [Chen 2008]. As many errors
+    // count as are independent. Where the model leaves but noise of a gap of the fitted records, these count as well.
+    double evidence(const Step& before, const SystemCandidate& model, const std::vector<double>& on_validation) const {
+        double independent = 0, gain = 0;
+        const auto add = [&](const std::vector<double>& without, const std::vector<double>& with) {
+            const double count = static_cast<double>(with.size()) / correlation_length(with);
+            independent += count;
+            gain += 2 * count * std::log(rms_of_errors(without) / rms_of_errors(with));
+        };
+        add(before.on_validation, on_validation);
+        const auto& earlier = before.candidate.fitted;
+        if (model.is_noise && rms_of_errors(earlier) > nothing_left * rms_of_errors(model.fitted)) {
+            add(earlier, model.fitted);
+        }
+        if (!(gain > 0)) return 0;
+        // One that took the place of others may have fewer.
+        const double parameters = std::max(1.0, static_cast<double>(model.model.parameters.size()) -
+                                                    static_cast<double>(before.candidate.model.parameters.size()));
+        const auto hypotheses = static_cast<double>(std::max<std::size_t>(result_.hypotheses.size(), 2));
+        return gain / (parameters * std::log(independent) + 2 * std::log(hypotheses));
     }
 
     // Each step fitted to all of the fitted records and simulated on the validation records. The last one stays that predicts
@@ -544,7 +578,10 @@ class Diagnoser {
             steps_[s].on_validation = now;
             if (!(gains[s].share > 0) || gains[s].certainty < sure_here) continue;
             before_kept = kept;
-            while (kept < s) steps_[++kept].confirmed = gains[s].certainty;
+            while (kept < s) {
+                steps_[++kept].confirmed = gains[s].certainty;
+                steps_[kept].evidence = evidence(steps_[before_kept], steps_[s].candidate, now);
+            }
         }
         if (kept + 1 < all) {
             const Gain& gain = gains[kept + 1];
@@ -556,7 +593,7 @@ class Diagnoser {
             if (!poor) break;
             refuse(steps_[poor->step], std::max(gains[poor->step].share, 0.0), poor->why);
             // What is left of the model does as well.
-            if (drop(search, poor->term, of_step[before_kept], of_step[kept], sure_here, steps_[kept])) continue;
+            if (drop(search, poor->term, steps_[before_kept], of_step[kept], sure_here, steps_[kept])) continue;
             kept = before_kept;
         }
         steps_.resize(kept + 1);
@@ -616,6 +653,7 @@ class Diagnoser {
         const auto& before = steps_[at].on_validation;
         step.gain = 1 - rms_of_errors(least) / rms_of_errors(before);
         step.certainty = probability_of_gain(before, least);
+        step.evidence = evidence(steps_[at], step.candidate, least);
         std::vector<SystemCandidate> found = {step.candidate};
         std::vector<double> errors = {rms_of_errors(least)};
         for (std::size_t i = 0; i < all.size(); ++i) {
@@ -641,6 +679,21 @@ class Diagnoser {
         steps_.resize(at + 1);
         steps_.push_back(std::move(step));
         conclude(search, std::move(all[*best]));
+    }
+
+    // Where the first model leaves little more than noise on the fitted records, a term may follow what random forces did there. It
+    // then must explain most of what the validation records show.
+    void drop_what_hardly_shows(const SystemSearch& search) {
+        const Gap& gap = result_.fitted_gap;
+        if (steps_.size() < 2 || gap.before > nothing_left * gap.floor || result_.explained >= half) return;
+        refuse(
+            steps_[1], std::max(0.0, 1 - result_.validation_gap.after / result_.validation_gap.before),
+            fmt::format("explains {:.0f} % of the squared gap on the validation record, and the fitted records hardly "
+                        "differ from the model without it",
+                        100 * result_.explained));
+        steps_.resize(1);
+        baseline_starts_.clear();
+        conclude(search, judged(search, steps_.front().candidate));
     }
 
     Judged judged(const SystemSearch& search, const SystemCandidate& candidate) {
@@ -749,13 +802,18 @@ class Diagnoser {
         std::size_t place = own;
         for (std::size_t t = 0; t < last.terms.size(); ++t) {
             const Step& step = step_of(last.terms[t].kind());
-            const WeighedTerm& weighed = step.weighed.at(last.terms[t].kind());
+            WeighedTerm weighed = step.weighed.at(last.terms[t].kind());
+            // Of some term at all.
+            const double certain = step.confirmed / (1 + std::pow(convincing / step.evidence, 2));
+            weighed.probability *= certain;
+            for (auto& [name, probability] : weighed.rivals) probability *= certain;
             SystemEffect effect{.name = last.terms[t].name,
                                 .equation = last.terms[t].equation,
                                 .expression = last.texts[t],
-                                .probability = weighed.probability * step.confirmed,
+                                .probability = weighed.probability,
                                 .rivals = weighed.rivals,
                                 .same_as = step.same_as};
+            effect.is_open = effect.probability < 0.5;
             for (std::size_t p = 0; p < last.terms[t].parameters.size(); ++p, ++place) {
                 const auto value = fitted_value(place);
                 effect.parameters.push_back(value.name);
@@ -776,7 +834,23 @@ class Diagnoser {
             }
             result_.effects.push_back(std::move(effect));
         }
+        open_matters_ = open_effects_matter(search);
         strongest_first(search.fit_of_all(), last);
+    }
+
+    // Of the effects, in the order of the terms: whether more than little is left without those that are open.
+    bool open_effects_matter(const SystemSearch& search) {
+        SystemCandidate less = steps_.back().candidate;
+        for (std::size_t t = result_.effects.size(); t-- > 0;) {
+            if (result_.effects[t].is_open) less = search.without(less, t);
+        }
+        if (less.terms.size() == result_.effects.size()) return false;
+        if (less.terms.empty()) return true;
+        const Judged one = judged(search, less);
+        if (one.errors.empty()) return true;
+        const Gap validation = total_gap(one.validation), &fitted = result_.fitted_gap;
+        const double fitted_after = fitted.after * rms_of_errors(one.errors) / rms_of_errors(final_errors_);
+        return validation.after > little_left * validation.floor || fitted_after > little_left * fitted.floor;
     }
 
     // The first name is that of the effect without which the error is largest.
@@ -821,9 +895,7 @@ class Diagnoser {
         const bool is_left = !fits || gap.after > little_left * gap.floor;
         if (d.effects.empty()) {
             d.verdict = fits && gap.before < nothing_left * floor ? "nothing_missing" : "unknown_effect";
-        } else if (std::any_of(d.effects.begin(), d.effects.end(), [](const SystemEffect& effect) {
-                       return !effect.rivals.empty() && effect.probability < 0.5;
-                   })) {
+        } else if (open_matters_) {
             d.verdict = "undecided";
         } else if (!is_left) {
             d.verdict = "effect_found";
@@ -838,9 +910,7 @@ class Diagnoser {
         if (d.verdict != "unknown_effect") d.nearest.reset();
         // The probabilities compare the terms of the library. Where much is left, the right one may not be among them, and a name
         // is no surer than the share that it explains.
-        const double share = is_left ? most_certain_of_a_part * std::clamp(d.explained, 0.0, 1.0)
-                             : gap.after > noise_left * floor ? most_certain_of_most
-                                                              : most_certain;
+        const double share = is_left ? most_certain_of_a_part * std::clamp(d.explained, 0.0, 1.0) : most_certain;
         for (auto& effect : d.effects) {
             effect.probability *= share;
             for (auto& [name, probability] : effect.rivals) probability *= share;
@@ -862,6 +932,7 @@ class Diagnoser {
     std::vector<double> baseline_values_, final_values_, final_errors_;
     std::vector<std::vector<double>> baseline_starts_; // of each validation record
     SystemDiagnosis result_;
+    bool open_matters_ = false; // whether effects that are not decided explain more than a little
     bool much_is_left_ = false; // of the gap on the validation records
 };
 

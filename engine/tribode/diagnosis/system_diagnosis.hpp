@@ -38,6 +38,7 @@ struct SystemEffect {
     double probability = 0;
     std::vector<std::pair<std::string, double>> rivals; // kind of term, probability
     std::vector<std::string> same_as;                   // kinds of terms that are the same in other words
+    bool is_open = false;                               // not decided: less likely than something else, or chance
     std::string evidence;
 };
 

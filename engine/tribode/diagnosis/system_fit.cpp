@@ -32,7 +32,9 @@ constexpr std::array side_by_side = {1.0 / 25, 1.0 / 5, 1.0, 6.0, 36.0, 216.0, 1
 constexpr int stiff_iterations = 2, iterations_of_halved = 3;    // at least, in halved steps
 constexpr int iterations_of_all = 3;                             // over all samples, after a fit over some
 constexpr double least_gain = 1e-6, least_gain_in_search = 1e-4; // of the squared errors, by an iteration
-constexpr double agreed = 4; // times what is negligible: fixed steps and those of another solver
+constexpr double quick_gain = 0.5;  // what an iteration of a quick fit leaves of the squared errors
+constexpr double most_bent = 0.375; // of a step, for what corrects it
+constexpr double agreed = 4;        // times what is negligible: fixed steps and those of another solver
 
 } // namespace
 
@@ -461,17 +463,23 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
         const Eigen::Map<const Eigen::VectorXd> e(result.errors.data(), j.rows());
         const Eigen::MatrixXd normal = j.transpose() * j;
         const Eigen::VectorXd gradient = j.transpose() * e;
-        const auto moved = [&](double with_damping) {
+        const auto damped_solution = [&](double with_damping, const Eigen::VectorXd& right) -> Eigen::VectorXd {
             Eigen::MatrixXd damped = normal;
             damped.diagonal().array() += with_damping + 1e-12;
-            const Eigen::VectorXd step = damped.ldlt().solve(gradient).cwiseQuotient(norm);
+            return damped.ldlt().solve(right);
+        };
+        const auto moved_by = [&](const Eigen::VectorXd& step) { // step: over the norms
             std::vector<double> next = result.values;
-            for (std::size_t i = 0; i < next.size(); ++i) next[i] += step[static_cast<Eigen::Index>(i)];
+            for (std::size_t i = 0; i < next.size(); ++i) {
+                const auto place = static_cast<Eigen::Index>(i);
+                next[i] += step[place] / norm[place];
+            }
             for (std::size_t i = 0; i < model.parameters.size(); ++i) {
                 next[i] = std::clamp(next[i], model.parameters[i].low, model.parameters[i].high);
             }
             return next;
         };
+        const auto moved = [&](double with_damping) { return moved_by(damped_solution(with_damping, gradient)); };
         const double before = result.sum;
         const auto improves = [&](const std::vector<double>& values, std::vector<double> errors) {
             const double sum = sum_of_squares(errors);
@@ -491,10 +499,38 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
                     dampings.push_back(std::max(damping * factor, 1e-9));
                     sets.push_back(moved(dampings.back()));
                 }
-                auto errors = lanes->errors(sets);
+                const auto errors = lanes->errors(sets);
                 const double present = damping;
+                std::vector<double> sums;
+                for (const auto& some : errors) sums.push_back(sum_of_squares(some));
+                if (*std::ranges::min_element(sums) > quick_gain * before) {
+                    // Slow, as along a bent valley. How far the errors are bent along each step says how the step has to bend
+                    // [Transtrum 2012].
+                    std::vector<std::vector<double>> bent;
+                    std::vector<double> bent_dampings;
+                    for (std::size_t l = 0; l < sets.size(); ++l) {
+                        if (errors[l].empty()) continue;
+                        const Eigen::Map<const Eigen::VectorXd> there(errors[l].data(), j.rows());
+                        Eigen::VectorXd step(norm.size());
+                        for (Eigen::Index i = 0; i < step.size(); ++i) {
+                            const auto place = static_cast<std::size_t>(i);
+                            step[i] = (sets[l][place] - result.values[place]) * norm[i];
+                        }
+                        const Eigen::VectorXd right = j.transpose() * (there - e) + normal * step;
+                        const Eigen::VectorXd bend = damped_solution(dampings[l], right);
+                        if (!(bend.norm() < most_bent * step.norm())) continue;
+                        bent.push_back(moved_by(step + bend));
+                        bent_dampings.push_back(dampings[l]);
+                    }
+                    auto further = lanes->errors(bent);
+                    for (std::size_t l = 0; l < bent.size(); ++l) {
+                        if (!improves(bent[l], std::move(further[l]))) continue;
+                        improved = true;
+                        damping = bent_dampings[l];
+                    }
+                }
                 for (std::size_t l = 0; l < sets.size(); ++l) {
-                    if (!improves(sets[l], std::move(errors[l]))) continue;
+                    if (!improves(sets[l], errors[l])) continue;
                     improved = true;
                     damping = dampings[l];
                 }

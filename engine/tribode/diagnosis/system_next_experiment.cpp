@@ -10,6 +10,7 @@
 #include <functional>
 #include <limits>
 #include <numbers>
+#include <optional>
 
 namespace tribode {
 
@@ -18,6 +19,8 @@ namespace {
 constexpr std::size_t max_record_samples = 2000; // of a record on the list
 constexpr double worth_measuring = 1.2;          // times what the present record tells
 constexpr double min_apart = 0.1;                // of the error that is left: below it the two say the same
+constexpr double clearly_apart = 1;              // of it: below this longer records are listed too
+constexpr std::size_t longer = 3;                // times as long
 
 struct ListedRecord {
     std::string text;
@@ -28,8 +31,15 @@ struct ListedRecord {
 class Menu {
   public:
     Menu(const SystemModel& model, const std::vector<SystemRecord>& records) : model_(model), first_(records.front()) {
-        const std::size_t n = std::min(first_.size(), max_record_samples);
         step_ = first_.t.back() / static_cast<double>(first_.size() - 1);
+        add_waves(1);
+    }
+
+    // `times` as long as the first record.
+    void add_waves(std::size_t times) {
+        const std::size_t n = std::min(times * first_.size(), max_record_samples);
+        if (n == t_.size()) return;
+        t_.clear();
         for (std::size_t k = 0; k < n; ++k) t_.push_back(static_cast<double>(k) * step_);
         for (std::size_t i = 0; i < first_.inputs.size(); ++i) {
             if (!first_.inputs[i].empty() && !is_rate(i)) waves(i);
@@ -133,34 +143,117 @@ class Menu {
     std::vector<double> t_;
 };
 
-// Of the difference of two models on a record, rms over scale, what no values of the first one make up.
-double difference(const SystemCandidate& first, const SystemCandidate& second, const ListedRecord& one,
-                  const std::vector<double>& scale, Interpolation between, SystemRecord* foretold) {
-    const auto own = [&](const SystemCandidate& candidate) {
-        auto values = candidate.model.values_of(candidate.values, 0);
-        if (!one.starts.empty()) {
-            std::copy(one.starts.begin(), one.starts.end(),
-                      values.begin() + static_cast<std::ptrdiff_t>(candidate.model.parameters.size()));
-        }
-        return values;
-    };
-    std::vector<SystemRecord> records = {one.record};
-    const std::vector<std::size_t> whole = {one.record.size()};
-    const auto trace =
-        SystemFit(records, scale, between, whole).simulate(second.model, own(second), 0, one.record.size());
-    if (!trace) return 0;
+// On a record: by how much two models differ there, over scale, and what each value of the first one changes, its parameters before
+// the start values of the record.
+struct Difference {
+    Eigen::VectorXd gap;
+    Eigen::MatrixXd slopes;
+    SystemRecord foretold = {}; // with the outputs of the second model
+};
+
+std::optional<Difference> difference(const SystemModel& first, const std::vector<double>& first_values,
+                                     const SystemModel& second, const std::vector<double>& second_values,
+                                     const SystemRecord& record, const std::vector<double>& scale,
+                                     Interpolation between) {
+    std::vector<SystemRecord> records = {record};
+    const SystemFit fit(records, scale, between, {record.size()});
+    const auto trace = fit.simulate(second, second_values, 0, record.size());
+    if (!trace) return std::nullopt;
     records[0].outputs = trace->outputs;
-    const SystemFit fit(records, scale, between, whole);
-    const auto values = own(first);
-    const auto errors = fit.errors(first.model, values);
-    if (errors.empty()) return 0;
-    const Eigen::Map<const Eigen::VectorXd> gap(errors.data(), static_cast<Eigen::Index>(errors.size()));
-    const Eigen::MatrixXd basis = basis_of(fit.jacobian(first.model, values, errors));
-    const Eigen::VectorXd rest = gap - basis * (basis.transpose() * gap);
-    if (foretold) *foretold = records[0];
-    const double rms = rest.norm() / std::sqrt(static_cast<double>(errors.size()));
-    return std::isfinite(rms) ? rms : 0;
+    const auto errors = fit.errors(first, first_values);
+    if (errors.empty()) return std::nullopt;
+    Difference result{Eigen::Map<const Eigen::VectorXd>(errors.data(), static_cast<Eigen::Index>(errors.size())),
+                      fit.jacobian(first, first_values, errors)};
+    result.foretold = std::move(records[0]);
+    return result;
 }
+
+// Squares of what no values of the first model make up of its differences on these records together, each of which has start
+// values of its own.
+double squares_left(const std::vector<const Difference*>& on, std::size_t parameters) {
+    const auto shared = static_cast<Eigen::Index>(parameters);
+    Eigen::Index rows = 0, columns = shared;
+    for (const Difference* one : on) {
+        rows += one->gap.size();
+        columns += one->slopes.cols() - shared;
+    }
+    Eigen::VectorXd gap(rows);
+    Eigen::MatrixXd slopes = Eigen::MatrixXd::Zero(rows, columns);
+    rows = 0, columns = shared;
+    for (const Difference* one : on) {
+        const Eigen::Index own = one->slopes.cols() - shared;
+        gap.segment(rows, one->gap.size()) = one->gap;
+        slopes.block(rows, 0, one->gap.size(), shared) = one->slopes.leftCols(shared);
+        slopes.block(rows, columns, one->gap.size(), own) = one->slopes.rightCols(own);
+        rows += one->gap.size();
+        columns += own;
+    }
+    const Eigen::MatrixXd basis = basis_of(std::move(slopes));
+    const double squares = (gap - basis * (basis.transpose() * gap)).squaredNorm();
+    return std::isfinite(squares) ? squares : 0;
+}
+
+// Two models of which the first one, fitted to all records, would have to do what the second one does.
+class Pair {
+  public:
+    Pair(const SystemCandidate& first, const SystemCandidate& second, const std::vector<SystemRecord>& records,
+         const std::vector<double>& scale, Interpolation between)
+        : first_(first),
+          second_(second),
+          scale_(scale),
+          between_(between) {
+        std::size_t samples = 0;
+        for (std::size_t r = 0; r < records.size(); ++r) {
+            auto one = difference(first.model, first.model.values_of(first.values, r), second.model,
+                                  second.model.values_of(second.values, r), records[r], scale, between);
+            if (!one) continue;
+            samples += static_cast<std::size_t>(one->gap.size());
+            measured_.push_back(*std::move(one));
+        }
+        squares_now_ = squares_left(with(nullptr), first.model.parameters.size());
+        now_ = samples > 0 ? std::sqrt(squares_now_ / static_cast<double>(samples)) : 0;
+    }
+
+    // rms of what is left on the records that are there.
+    double now() const { return now_; }
+
+    // rms of what another record leaves beside these.
+    double on(const ListedRecord& one) const {
+        const auto further = on_record(one);
+        if (!further) return 0;
+        const double squares = squares_left(with(&*further), first_.model.parameters.size()) - squares_now_;
+        return std::sqrt(std::max(squares, 0.0) / static_cast<double>(further->gap.size()));
+    }
+
+    SystemRecord foretold(const ListedRecord& one) const {
+        auto further = on_record(one);
+        return further ? std::move(further->foretold) : one.record;
+    }
+
+  private:
+    std::optional<Difference> on_record(const ListedRecord& one) const {
+        const auto own = [&](const SystemCandidate& candidate) {
+            auto values = candidate.model.values_of(candidate.values, 0);
+            std::ranges::copy(one.starts,
+                              values.begin() + static_cast<std::ptrdiff_t>(candidate.model.parameters.size()));
+            return values;
+        };
+        return difference(first_.model, own(first_), second_.model, own(second_), one.record, scale_, between_);
+    }
+
+    std::vector<const Difference*> with(const Difference* further) const {
+        std::vector<const Difference*> all;
+        for (const auto& one : measured_) all.push_back(&one);
+        if (further) all.push_back(further);
+        return all;
+    }
+
+    const SystemCandidate &first_, &second_;
+    const std::vector<double>& scale_;
+    Interpolation between_;
+    std::vector<Difference> measured_;
+    double squares_now_ = 0, now_ = 0;
+};
 
 } // namespace
 
@@ -184,29 +277,41 @@ std::optional<SystemExperiment> next_system_experiment(const SystemCandidate& fi
     }
     if (menu.list.empty() || rivals.empty() || !(left > 0)) return std::nullopt;
     // The one with fewer values must not be able to take the place of the other: a richer one may contain it.
-    const auto least_difference = [&](const ListedRecord& one) {
-        double least = std::numeric_limits<double>::infinity();
-        const std::size_t own = model.parameters.size();
-        for (const auto& rival : rivals) {
-            const std::size_t others = rival.model.parameters.size();
-            if (own <= others) least = std::min(least, difference(first, rival, one, scale, between, nullptr) / left);
-            if (others <= own) least = std::min(least, difference(rival, first, one, scale, between, nullptr) / left);
+    std::vector<Pair> pairs;
+    for (const auto& rival : rivals) {
+        const std::size_t own = model.parameters.size(), others = rival.model.parameters.size();
+        if (own <= others) pairs.emplace_back(first, rival, records, scale, between);
+        if (others <= own) pairs.emplace_back(rival, first, records, scale, between);
+    }
+    std::vector<double> apart, told; // told: grows with the samples
+    const auto compare = [&] {
+        const std::size_t begin = apart.size();
+        apart.resize(menu.list.size());
+        for_each_index(apart.size() - begin, control, "next experiment", [&](std::size_t i) {
+            double least = std::numeric_limits<double>::infinity();
+            for (const Pair& pair : pairs) least = std::min(least, pair.on(menu.list[begin + i]) / left);
+            apart[begin + i] = least;
+        });
+        for (std::size_t i = begin; i < apart.size(); ++i) {
+            told.push_back(apart[i] * std::sqrt(static_cast<double>(menu.list[i].record.size())));
         }
-        return least;
+        return static_cast<std::size_t>(std::ranges::max_element(told) - told.begin());
     };
-    std::vector<double> apart(menu.list.size());
-    for_each_index(apart.size(), control, "next experiment",
-                   [&](std::size_t i) { apart[i] = least_difference(menu.list[i]); });
-    const auto best = std::max_element(apart.begin(), apart.end());
-    const double here = least_difference({.record = records.front()});
-    if (!(*best > worth_measuring * here) || *best < min_apart) return std::nullopt;
-    ListedRecord& chosen = menu.list[static_cast<std::size_t>(best - apart.begin())];
-    SystemExperiment result{.apart = *best};
-    difference(first, rivals.front(), chosen, scale, between, &result.record);
-    result.text =
-        fmt::format("{}: there they differ by {:.3g} times the error that is left now or more, rms, whatever values "
-                    "the free parameters take; on {} by {:.3g}.",
-                    chosen.text, *best, records.front().source, here);
+    std::size_t best = compare();
+    if (apart[best] < clearly_apart) {
+        menu.add_waves(longer);
+        best = compare();
+    }
+    double here = std::numeric_limits<double>::infinity();
+    for (const Pair& pair : pairs) here = std::min(here, pair.now() / left);
+    if (!(apart[best] > worth_measuring * here) || apart[best] < min_apart) return std::nullopt;
+    const ListedRecord& chosen = menu.list[best];
+    SystemExperiment result{.apart = apart[best]};
+    result.record = Pair(first, rivals.front(), records, scale, between).foretold(chosen);
+    result.text = fmt::format(
+        "{}: there they differ by {:.3g} times the error that is left now or more, rms, whatever values "
+        "the free parameters take; on {} by {:.3g}.",
+        chosen.text, apart[best], records.size() == 1 ? records.front().source : "the present records", here);
     return result;
 }
 

@@ -249,8 +249,11 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
         }
         return text;
     }
-    std::vector<std::string> names;
-    for (const auto& effect : d.effects) names.push_back(described(effect));
+    // An answer that is found may have a small rest that is not decided.
+    std::vector<std::string> names, rest;
+    for (const auto& effect : d.effects) {
+        (d.verdict == "effect_found" && effect.is_open ? rest : names).push_back(described(effect));
+    }
     const std::string sizes = fmt::format(
         "The gap on the validation record decreases from {} to {} rms, noise leaves {}.",
         format_quantity(gap.before, unit, 3), format_quantity(gap.after, unit, 3), format_quantity(gap.floor, unit, 3));
@@ -258,7 +261,10 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
                         : d.verdict == "undecided"  ? "Likeliest, but not decided by these records, is"
                         : d.verdict == "partial"    ? "A part of what is missing is"
                                                     : "Most of what is missing has not been found; a part is";
-    return fmt::format("{} {}. {}", begin, fmt::join(names, "; "), sizes);
+    const std::string small =
+        rest.empty() ? ""
+                     : fmt::format(" A small rest, not decided by these records, may be {}.", fmt::join(rest, "; "));
+    return fmt::format("{} {}.{} {}", begin, fmt::join(names, "; "), small, sizes);
 }
 
 Report system_report(const SystemDiagnosis& d) {

@@ -284,11 +284,11 @@ std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening,
         const SystemTerm& term = terms[single.terms[0]];
         const bool is_first = named[term.name]++ == 0;
         // A term of one value is quickly fitted, and one that turns the motion into another one explains little to first order.
-        const bool is_quick = is_first && term.parameters.size() == 1;
+        const bool is_quick = term.parameters.size() == 1 && count[term.kind()] == 0;
         if (!is_quick && single.explained < negligible * screening.singles.front().explained) continue;
-        if (!is_first && (further == fitted_singles || count[term.kind()] == fitted_of_a_kind)) continue;
+        if (!is_quick && !is_first && (further == fitted_singles || count[term.kind()] == fitted_of_a_kind)) continue;
         ++count[term.kind()];
-        if (!is_first) ++further;
+        if (!is_quick && !is_first) ++further;
         list.push_back(single);
     }
     std::size_t any = 0, plain = 0;
@@ -688,6 +688,16 @@ std::optional<SystemCandidate> SystemSearch::sized(SystemCandidate candidate) co
     return candidate;
 }
 
+// With the first model's parameters and start values as they were given, and its terms as they are.
+SystemCandidate SystemSearch::with_given_values(SystemCandidate candidate) const {
+    const auto given = first_.values(records_.size());
+    const auto own = static_cast<std::ptrdiff_t>(first_.parameters.size());
+    std::copy_n(given.begin(), own, candidate.values.begin());
+    std::copy(given.begin() + own, given.end(),
+              candidate.values.begin() + static_cast<std::ptrdiff_t>(candidate.model.parameters.size()));
+    return candidate;
+}
+
 std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>& list,
                                                   const std::vector<SystemTerm>& terms) const {
     std::vector<SystemCandidate> start(list.size()), found(list.size());
@@ -713,6 +723,8 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
         if (!late()) improve(c, start[c], first_iterations, false);
         if (late() || list[c].is_followed || list[c].terms.terms.size() > 1 || found[c].is_noise) return;
         if (auto other = sized(start[c])) improve(c, *std::move(other), first_iterations, true);
+        if (found[c].is_noise || late()) return;
+        improve(c, with_given_values(start[c]), first_iterations, false);
     });
     // The best go on. Of the others those of which screening promised most, and which fell short of it, begin anew.
     const auto go_on = best_of(all, gone_on);
@@ -735,13 +747,7 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
         // Without the term the other values made up for it, and may have led into another minimum. So once more from the values
         // as they were given.
         if (found[c].is_noise || late()) return;
-        SystemCandidate other = found[c];
-        const auto given = first_.values(records_.size());
-        const auto own = static_cast<std::ptrdiff_t>(first_.parameters.size());
-        std::copy_n(given.begin(), own, other.values.begin());
-        std::copy(given.begin() + own, given.end(),
-                  other.values.begin() + static_cast<std::ptrdiff_t>(other.model.parameters.size()));
-        improve(c, std::move(other), iterations, true);
+        improve(c, with_given_values(found[c]), iterations, true);
     });
     // What promises most is followed to its minimum, in whatever valley of values it lies: a few percent decide.
     std::vector<std::size_t> near;

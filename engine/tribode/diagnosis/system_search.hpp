@@ -92,6 +92,7 @@ class SystemSearch {
     std::vector<SystemTerm> terms_beside(const SystemCandidate& current, bool with_nameless) const;
     SystemCandidate started(const Hypothesis& hypothesis, const std::vector<SystemTerm>& terms) const;
     std::optional<SystemCandidate> sized(SystemCandidate candidate) const;
+    SystemCandidate with_given_values(SystemCandidate candidate) const;
     std::vector<SystemCandidate> fitted(const std::vector<Hypothesis>& list,
                                         const std::vector<SystemTerm>& terms) const;
     std::vector<Hypothesis> deepened(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
