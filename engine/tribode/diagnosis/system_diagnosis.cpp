@@ -596,56 +596,71 @@ class Diagnoser {
             if (drop(search, poor->term, steps_[before_kept], of_step[kept], sure_here, steps_[kept])) continue;
             kept = before_kept;
         }
+        for (std::size_t s = kept + 1; s < all; ++s) {
+            if (steps_[s].tried) std::ranges::copy(*steps_[s].tried, std::back_inserter(dropped_));
+        }
         steps_.resize(kept + 1);
         conclude(search, std::move(of_step[kept]));
         return kept + 1 == all;
     }
 
-    // Where more than noise is left, the search judges by what the model still lacks, too. So the simplest of what it found likely are
-    // fitted to the whole records, and what predicts the validation records better than the last model for sure takes its
-    // place.
+    // Where more than noise is left, the search judges by what the model still lacks, too. So of what it found likely the simplest, no
+    // richer than the last model, and the best are fitted to the whole records, and what predicts the validation records better than
+    // the last model for sure takes its place.
     void compare_on_validation(const SystemSearch& search) {
         const SystemCandidate& last = steps_.back().candidate;
-        if (steps_.size() < 2 || last.is_noise) return;
+        if (last.is_noise) return;
+        if (steps_.size() < 2 && result_.fitted_gap.before < little_left * result_.fitted_gap.floor) return;
         struct Contender {
             const SystemCandidate* candidate;
             std::size_t step; // behind which it comes
         };
-        std::vector<Contender> list;
-        for (std::size_t s = 0; s + 1 < steps_.size(); ++s) {
-            if (!steps_[s].tried) continue;
-            for (const auto& one : *steps_[s].tried) {
+        const auto last_kinds = kinds_from(last, 0);
+        std::vector<Contender> simple, rich;
+        const auto add = [&](const std::vector<SystemCandidate>& tried, std::size_t step) {
+            for (const auto& one : tried) {
                 const bool is_likely = one.score() < likely_score * last.score() &&
-                                       one.model.parameters.size() <= last.model.parameters.size() &&
-                                       !one.is_chance_beside(steps_[s].candidate) && !refused(one) && !is_too_rich(one);
-                if (is_likely && kinds_from(one, 0) != kinds_from(last, 0)) list.push_back({&one, s});
+                                       !one.is_chance_beside(steps_[step].candidate) && !refused(one) &&
+                                       !is_too_rich(one);
+                if (!is_likely || std::ranges::includes(kinds_from(one, 0), last_kinds)) continue;
+                (one.model.parameters.size() <= last.model.parameters.size() ? simple : rich).push_back({&one, step});
             }
+        };
+        for (std::size_t s = 0; s < steps_.size(); ++s) {
+            if (steps_[s].tried) add(*steps_[s].tried, s);
         }
-        std::ranges::stable_sort(list, {}, [](const Contender& one) {
+        add(dropped_, 0);
+        std::ranges::stable_sort(simple, {}, [](const Contender& one) {
             return std::pair(one.candidate->model.parameters.size(), one.candidate->score());
         });
+        std::ranges::stable_sort(rich, {}, [](const Contender& one) { return one.candidate->score(); });
         std::set<std::set<std::string>> known;
-        std::erase_if(list, [&](const Contender& one) { return !known.insert(kinds_from(*one.candidate, 0)).second; });
-        if (list.size() > max_compared) list.resize(max_compared);
+        for (auto* list : {&simple, &rich}) {
+            std::erase_if(*list,
+                          [&](const Contender& one) { return !known.insert(kinds_from(*one.candidate, 0)).second; });
+            if (list->size() > max_compared) list->resize(max_compared);
+        }
+        std::vector<Contender> list = std::move(simple);
+        std::ranges::copy(rich, std::back_inserter(list));
         const auto ended = ended_after(fit_share);
         const double sure_here = 1 - (1 - sure_enough) / static_cast<double>(std::max<std::size_t>(list.size(), 1));
         std::optional<std::size_t> best;
         std::vector<Judged> all;
         auto least = errors_after(result_.validation);
-        for (const auto& [candidate, step] : list) {
+        for (const auto& [candidate, at] : list) {
             if (ended()) break;
             all.push_back(judged(search, *candidate));
-            auto errors = errors_after(all.back().validation);
-            if (all.back().errors.empty() || probability_of_gain(least, errors) < sure_here) continue;
+            const Judged& one = all.back();
+            auto errors = errors_after(one.validation);
+            if (one.errors.empty() || probability_of_gain(least, errors) < sure_here) continue;
+            const auto deviation = search.fit_of_all().standard_errors(candidate->model, one.values, one.errors);
+            const std::size_t first_new = kept_of(*candidate, steps_[at].candidate);
+            if (!unsure_terms(*candidate, first_new, one.values, deviation).empty()) continue;
             best = all.size() - 1;
             least = std::move(errors);
         }
         if (!best) return;
         const auto& [candidate, at] = list[*best];
-        const auto deviation =
-            search.fit_of_all().standard_errors(candidate->model, all[*best].values, all[*best].errors);
-        if (!unsure_terms(*candidate, kept_of(*candidate, steps_[at].candidate), all[*best].values, deviation).empty())
-            return;
         // What the search made of it does not count any more: what predicts the validation records about as well does.
         Step step{
             .candidate = *candidate, .before = kept_of(*candidate, steps_[at].candidate), .compared_with = all.size()};
@@ -803,6 +818,8 @@ class Diagnoser {
         for (std::size_t t = 0; t < last.terms.size(); ++t) {
             const Step& step = step_of(last.terms[t].kind());
             WeighedTerm weighed = step.weighed.at(last.terms[t].kind());
+            // Where much is left, only rivals make doubtful what is a part of what is missing.
+            const bool has_likelier_rivals = !weighed.rivals.empty() && weighed.probability * step.confirmed < 0.5;
             // Of some term at all.
             const double certain = step.confirmed / (1 + std::pow(convincing / step.evidence, 2));
             weighed.probability *= certain;
@@ -813,7 +830,7 @@ class Diagnoser {
                                 .probability = weighed.probability,
                                 .rivals = weighed.rivals,
                                 .same_as = step.same_as};
-            effect.is_open = effect.probability < 0.5;
+            effect.is_open = is_much_left() ? has_likelier_rivals : effect.probability < 0.5;
             for (std::size_t p = 0; p < last.terms[t].parameters.size(); ++p, ++place) {
                 const auto value = fitted_value(place);
                 effect.parameters.push_back(value.name);
@@ -836,6 +853,12 @@ class Diagnoser {
         }
         open_matters_ = open_effects_matter(search);
         strongest_first(search.fit_of_all(), last);
+    }
+
+    // That uncertain values may explain what is left does not show that the model is right.
+    bool is_much_left() const {
+        const Gap &validation = result_.validation_gap, &fitted = result_.fitted_gap;
+        return validation.after > little_left * validation.floor || fitted.after > little_left * fitted.floor;
     }
 
     // Of the effects, in the order of the terms: whether more than little is left without those that are open.
@@ -889,11 +912,10 @@ class Diagnoser {
         // What noise leaves; where it is all that the fit leaves, also through the values that were fitted.
         const bool is_noise = steps_.back().candidate.is_noise;
         const double floor = is_noise ? std::hypot(gap.floor, d.prediction_uncertainty) : gap.floor;
-        // A validation record may hardly show what the fitted ones do.
-        const bool fits = d.fitted_gap.after < little_left * d.fitted_gap.floor;
-        // That uncertain values may explain what is left does not show that the model is right.
-        const bool is_left = !fits || gap.after > little_left * gap.floor;
+        const bool is_left = is_much_left();
         if (d.effects.empty()) {
+            // A validation record may hardly show what the fitted ones do.
+            const bool fits = d.fitted_gap.after < little_left * d.fitted_gap.floor;
             d.verdict = fits && gap.before < nothing_left * floor ? "nothing_missing" : "unknown_effect";
         } else if (open_matters_) {
             d.verdict = "undecided";
@@ -925,8 +947,9 @@ class Diagnoser {
     const RunControl& control_;
     ProcessorTime time_{control_.workers};
     std::vector<Refusal> refused_;
-    std::size_t most_new_ = max_terms; // that a step may bring
-    std::vector<Step> steps_;          // the first one is the model as it was given
+    std::size_t most_new_ = max_terms;     // that a step may bring
+    std::vector<Step> steps_;              // the first one is the model as it was given
+    std::vector<SystemCandidate> dropped_; // tried beside steps that were dropped
     std::vector<double> scale_;
     Interpolation between_ = Interpolation::hold;
     std::vector<double> baseline_values_, final_values_, final_errors_;
