@@ -338,12 +338,14 @@ local function run(n)
     validate = { folder .. "_valid.csv" }, budget_s = option.budget, folder = folder }
   local result = tb.diagnose_system(common)
   local gap = result.gap.validate
+  -- null where the model cannot be simulated there
+  local before, after = gap.before or math.huge, gap.after or math.huge
   left = math.max(left, gap.floor)
   local effect = result.effects[1]
   local c = { case = n, kind = kind.name, accept = drawn.hidden and drawn.hidden[1] or { "none" },
     disturbed = drawn.disturbed, verdict = result.verdict, first = effect and effect.name or "none", effects = {},
-    probability = effect and effect.probability or 0, before = gap.before / left, after = gap.after / left,
-    over_noise = gap.after / gap.floor, uncertainty = result.prediction_uncertainty and
+    probability = effect and effect.probability or 0, before = before / left, after = after / left,
+    over_noise = after / gap.floor, uncertainty = result.prediction_uncertainty and
       result.prediction_uncertainty / gap.floor or nil,
     seconds = result.seconds, out_of_time = result.out_of_time or false, deviations = {} }
   for i, other in ipairs(result.effects) do c.effects[i] = other.name end
@@ -379,7 +381,7 @@ local function run(n)
       common.budget_s = 2 * option.budget -- two records take longer
       local again = tb.diagnose_system(common)
       c.next.verdict, c.next.first = again.verdict, again.effects[1] and again.effects[1].name or "none"
-      c.next.after = again.gap.validate.after / left
+      c.next.after = (again.gap.validate.after or math.huge) / left
       if c.hides == "force" then
         c.next.decided = again.verdict ~= "undecided" and c.next.after <= 2
       elseif c.hides == "term" then

@@ -176,6 +176,28 @@ class Diagnoser {
         return scale;
     }
 
+    struct Gain { // by which errors decrease
+        double share = 0, certainty = 0;
+        bool passes() const { return share > min_gain && certainty > sure_enough; }
+    };
+
+    // In what was not fitted in the search.
+    static Gain gain_of(const SystemCandidate& candidate, const SystemCandidate& current) {
+        return {1 - rms_of_errors(candidate.predicted) / rms_of_errors(current.predicted),
+                probability_of_gain(current.predicted, candidate.predicted)};
+    }
+
+    // Whether it may take the place of the current model if it gains.
+    bool is_allowed(const SystemCandidate& candidate, const SystemCandidate& current) const {
+        return candidate.score() < current.score() && !is_too_rich(candidate) &&
+               !has_too_many_new(candidate, current) && !refused(candidate) && !candidate.is_chance_beside(current);
+    }
+
+    static double independent_errors(const SystemCandidate& candidate) {
+        return static_cast<double>(candidate.fitted.size()) / correlation_length(candidate.fitted) +
+               static_cast<double>(candidate.predicted.size()) / correlation_length(candidate.predicted);
+    }
+
     // Adds terms while they predict what was not fitted better.
     void extend(SystemSearch& search) {
         std::set<std::string> kinds;
@@ -191,16 +213,11 @@ class Diagnoser {
             const auto& found = *last.tried;
             stop_if_asked();
             if (found.empty()) break;
-            std::vector<double> gains, certainties;
+            std::vector<Gain> gains;
             std::vector<std::size_t> passed;
             const auto judge = [&](std::size_t i) {
-                gains.push_back(1 - rms_of_errors(found[i].predicted) / rms_of_errors(current.predicted));
-                certainties.push_back(probability_of_gain(current.predicted, found[i].predicted));
-                if (gains[i] > min_gain && certainties[i] > sure_enough && found[i].score() < current.score() &&
-                    !is_too_rich(found[i]) && !has_too_many_new(found[i], current) && !refused(found[i]) &&
-                    !found[i].is_chance_beside(current)) {
-                    passed.push_back(i);
-                }
+                gains.push_back(gain_of(found[i], current));
+                if (gains[i].passes() && is_allowed(found[i], current)) passed.push_back(i);
             };
             for (std::size_t i = 0; i < found.size(); ++i) judge(i);
             auto chosen = simplest(found, passed);
@@ -219,22 +236,20 @@ class Diagnoser {
                     }
                 }
             }
-            tell(last, gains, certainties, chosen);
+            tell(last, gains, chosen);
             if (!chosen) {
                 for (std::size_t i = 0; i < found.size(); ++i) {
-                    if (!(gains[i] > 0) || refused(found[i])) continue;
-                    result_.nearest = {found[i].names_from(kept_of(found[i], current)), gains[i]};
+                    if (!(gains[i].share > 0) || refused(found[i])) continue;
+                    result_.nearest = {found[i].names_from(kept_of(found[i], current)), gains[i].share};
                     break;
                 }
                 break;
             }
-            Step step{.candidate = std::move(taken), .gain = gains[*chosen], .certainty = certainties[*chosen]};
+            Step step{
+                .candidate = std::move(taken), .gain = gains[*chosen].share, .certainty = gains[*chosen].certainty};
             std::vector<double> scores;
             for (const auto& one : found) scores.push_back(one.score());
-            const auto& best = found[*chosen];
-            weigh(step, current, found, passed, *chosen, scores,
-                  static_cast<double>(best.fitted.size()) / correlation_length(best.fitted) +
-                      static_cast<double>(best.predicted.size()) / correlation_length(best.predicted));
+            weigh(step, current, found, passed, *chosen, scores, independent_errors(found[*chosen]));
             for (const auto& term : step.candidate.terms) kinds.insert(term.kind());
             step.before = kept_of(step.candidate, current);
             if (step.candidate.score() >= current.score()) break;
@@ -365,8 +380,7 @@ class Diagnoser {
         return fewest;
     }
 
-    void tell(Step& step, const std::vector<double>& gains, const std::vector<double>& certainties,
-              std::optional<std::size_t> chosen) {
+    void tell(Step& step, const std::vector<Gain>& gains, std::optional<std::size_t> chosen) {
         const auto& current = step.candidate;
         const auto& found = *step.tried;
         // One more may be tried after those of later steps were told.
@@ -380,14 +394,14 @@ class Diagnoser {
             const double fitted = 1 - one.fitted / rms_of_errors(current.fitted);
             if (chosen == i) {
                 // taken
-            } else if (gains[i] < 0) {
+            } else if (gains[i].share < 0) {
                 one.lost =
                     fmt::format("{} the error of the fit by {:.0f} % and raises that of the prediction by {:.0f} %",
-                                fitted < 0 ? "raises" : "lowers", 100 * std::abs(fitted), -100 * gains[i]);
-            } else if (gains[i] <= min_gain) {
-                one.lost = fmt::format("predicts the rest of the records only {:.1f} % better", 100 * gains[i]);
-            } else if (certainties[i] <= sure_enough) {
-                one.lost = fmt::format("predicts better with a probability of only {:.2f}", certainties[i]);
+                                fitted < 0 ? "raises" : "lowers", 100 * std::abs(fitted), -100 * gains[i].share);
+            } else if (gains[i].share <= min_gain) {
+                one.lost = fmt::format("predicts the rest of the records only {:.1f} % better", 100 * gains[i].share);
+            } else if (gains[i].certainty <= sure_enough) {
+                one.lost = fmt::format("predicts better with a probability of only {:.2f}", gains[i].certainty);
             } else if (found[i].is_chance_beside(current)) {
                 one.lost = "explains no more than the best of so many frequencies does of random errors";
             } else if (const Refusal* refusal = refused(found[i])) {
@@ -421,10 +435,6 @@ class Diagnoser {
         }
         return nullptr;
     }
-
-    struct Gain { // by a step, on the validation records
-        double share = 0, certainty = 0;
-    };
 
     // `share`: of the gap on the validation records that it explains.
     void refuse(const Step& step, double share, const std::string& why) {
@@ -521,17 +531,40 @@ class Diagnoser {
         if (one.errors.empty()) return false;
         const auto now = errors_after(one.validation);
         const double certainty = probability_of_gain(before.on_validation, now);
-        if (certainty < sure_here) return false;
-        step.candidate = std::move(less);
-        step.candidate.values = one.values;
-        step.confirmed = certainty;
-        step.evidence = evidence(before, step.candidate, now);
-        step.on_validation = now;
+        if (certainty < sure_here || !search.fit(less)) return false;
+        Step changed{.candidate = less, .before = kept_of(less, before.candidate)};
+        weigh_beside(changed, before);
+        changed.confirmed = certainty;
+        changed.evidence = evidence(before, changed.candidate, now);
+        changed.on_validation = now;
+        changed.candidate.values = one.values;
+        step = std::move(changed);
         fitted = std::move(one);
         for (auto& hypothesis : result_.hypotheses) {
             if (hypothesis.names == kinds_of(step.candidate)) hypothesis.lost.clear();
         }
         return true;
+    }
+
+    // The step's model among what was tried beside the model `before`.
+    void weigh_beside(Step& step, const Step& before) const {
+        const auto& current = before.candidate;
+        std::vector<SystemCandidate> found = {step.candidate};
+        if (before.tried) {
+            std::ranges::copy_if(*before.tried, std::back_inserter(found), [&](const SystemCandidate& one) {
+                return gain_of(one, current).passes() && is_allowed(one, current) &&
+                       kinds_from(one, 0) != kinds_from(step.candidate, 0);
+            });
+        }
+        std::vector<std::size_t> passed(found.size());
+        std::iota(passed.begin(), passed.end(), std::size_t{0});
+        std::vector<double> scores;
+        for (const auto& one : found) scores.push_back(one.score());
+        std::ranges::stable_sort(passed, {}, [&](std::size_t i) { return scores[i]; });
+        const Gain gain = gain_of(step.candidate, current);
+        step.gain = gain.share;
+        step.certainty = gain.certainty;
+        weigh(step, current, found, passed, 0, scores, independent_errors(step.candidate));
     }
 
     // How much more of the errors on the validation records a model explains than further parameters do by chance: above 1 the Bayesian
@@ -588,12 +621,16 @@ class Diagnoser {
             refuse(steps_[kept + 1], std::isfinite(gain.share) ? std::max(gain.share, 0.0) : 0.0,
                    why_not_confirmed(gain));
         }
+        bool is_changed = false;
         while (kept > before_kept && (kept + 1 == all || is_last)) {
             const auto poor = poor_term(search, before_kept, kept, of_step[kept]);
             if (!poor) break;
             refuse(steps_[poor->step], std::max(gains[poor->step].share, 0.0), poor->why);
             // What is left of the model does as well.
-            if (drop(search, poor->term, steps_[before_kept], of_step[kept], sure_here, steps_[kept])) continue;
+            if (drop(search, poor->term, steps_[before_kept], of_step[kept], sure_here, steps_[kept])) {
+                is_changed = true;
+                continue;
+            }
             kept = before_kept;
         }
         for (std::size_t s = kept + 1; s < all; ++s) {
@@ -601,7 +638,8 @@ class Diagnoser {
         }
         steps_.resize(kept + 1);
         conclude(search, std::move(of_step[kept]));
-        return kept + 1 == all;
+        const bool goes_on = is_changed && !steps_.back().candidate.is_noise && !search.late();
+        return kept + 1 == all && !goes_on;
     }
 
     // Where more than noise is left, the search judges by what the model still lacks, too. So of what it found likely the simplest, no

@@ -151,6 +151,8 @@ SystemSearch::SystemSearch(const SystemModel& model, const std::vector<SystemRec
     }
 }
 
+bool SystemSearch::fit(SystemCandidate& candidate) const { return fit(candidate, iterations); }
+
 bool SystemSearch::fit(SystemCandidate& candidate, int steps, bool growing) const {
     SystemFit part = fit_of(shown_, candidate.substeps);
     if (is_followed_ && FixedSteps::of(candidate.model)) part.keep_to_fixed_steps();

@@ -66,6 +66,9 @@ class SystemSearch {
 
     SystemCandidate without(const SystemCandidate& candidate, std::size_t term) const; // not fitted
 
+    // To what is shown, from its values; false where it cannot be simulated.
+    bool fit(SystemCandidate& candidate) const;
+
     Interpolation interpolation() const { return between_; }
     const std::vector<double>& scale() const { return scale_; }
     SystemFit fit_of_all() const { return {records_, scale_, between_, whole_}; }
