@@ -437,7 +437,9 @@ local function summary_of(cases)
     confident_wrong = share(cases, function(c) return c.first ~= "none" and c.probability > 0.8 end,
       function(c) return not c.first_right end),
     undecided = share(cases, function() return true end, function(c) return c.verdict == "undecided" end),
-    decided = share(cases, function(c) return c.next end, function(c) return c.next.decided end),
+    -- What asks for a record to decide a rest is an answer.
+    decided = share(cases, function(c) return c.next and (c.verdict == "undecided" or c.verdict == "partial") end,
+      function(c) return c.next.decided end),
     out_of_time = share(cases, function() return true end, function(c) return c.out_of_time end),
     parameters = parameters,
     seconds = { median = seconds[(#seconds + 1) // 2], below_20 = share(cases, function() return true end,

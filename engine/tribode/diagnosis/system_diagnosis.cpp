@@ -43,7 +43,7 @@ constexpr double nothing_left = 1.5;
 constexpr double half = 0.5; // of the squared gap, for a partial explanation
 // Of a name: the library may lack the right one. More so where much is left.
 constexpr double most_certain = 0.98, most_certain_of_a_part = 0.75;
-constexpr double convincing = 1.75; // evidence of the validation records with which half of the names are right
+constexpr double convincing = 1.5; // evidence of the records with which half of the names are right
 
 // A new term of a step: how likely it is among all that passed, and what passed without it.
 struct WeighedTerm {
@@ -59,9 +59,10 @@ struct Step {
     std::vector<std::string> same_as = {};
     std::vector<SystemCandidate> contenders = {}; // the one taken and the likeliest that lack a term of it
     double gain = 0, certainty = 0;
-    double confirmed = 1;                   // probability that it predicts the validation records better
-    double evidence = 0;                    // of these
-    std::vector<double> on_validation = {}; // its errors there
+    double confirmed = 1; // probability that it predicts the validation records better
+    double evidence = 0;  // of these
+    // Its errors there, and on the fitted records, after a fit to all of these.
+    std::vector<double> on_validation = {}, on_fitted = {};
     std::size_t compared_with = 0; // others, of which it predicts the validation records best; 0: it was not compared
     // What was fitted beside its terms, and the place of each among the hypotheses that are told.
     std::optional<std::vector<SystemCandidate>> tried = {};
@@ -535,8 +536,9 @@ class Diagnoser {
         Step changed{.candidate = less, .before = kept_of(less, before.candidate)};
         weigh_beside(changed, before);
         changed.confirmed = certainty;
-        changed.evidence = evidence(before, changed.candidate, now);
         changed.on_validation = now;
+        changed.on_fitted = one.errors;
+        changed.evidence = evidence(before, changed);
         changed.candidate.values = one.values;
         step = std::move(changed);
         fitted = std::move(one);
@@ -567,24 +569,27 @@ class Diagnoser {
         weigh(step, current, found, passed, 0, scores, independent_errors(step.candidate));
     }
 
-    // How much more of the errors on the validation records a model explains than further parameters do by chance: above 1 the Bayesian
-    // information criterion [Schwarz 1978] prefers it, with a price for the choice among all hypotheses [Chen 2008]. As many errors
-    // count as are independent. Where the model leaves but noise of a gap of the fitted records, these count as well.
-    double evidence(const Step& before, const SystemCandidate& model, const std::vector<double>& on_validation) const {
-        double independent = 0, gain = 0;
-        const auto add = [&](const std::vector<double>& without, const std::vector<double>& with) {
-            const double count = static_cast<double>(with.size()) / correlation_length(with);
-            independent += count;
-            gain += 2 * count * std::log(rms_of_errors(without) / rms_of_errors(with));
+    // How much more of the errors a model explains than further parameters do by chance: above 1 the Bayesian information criterion
+    // [Schwarz 1978] prefers it, with a price for the choice among all hypotheses [Chen 2008]. As many errors count as are independent.
+    // Fitted values follow what random forces did on the fitted records, so that errors there seem independent: of these, no
+    // more count in proportion than of the validation records, each with no larger a gain.
+    double evidence(const Step& before, const Step& after) const {
+        const auto size = [](const std::vector<double>& errors) { return static_cast<double>(errors.size()); };
+        const auto gain_of_each = [](const std::vector<double>& without, const std::vector<double>& with) {
+            return 2 * std::log(rms_of_errors(without) / rms_of_errors(with));
         };
-        add(before.on_validation, on_validation);
-        const auto& earlier = before.candidate.fitted;
-        if (model.is_noise && rms_of_errors(earlier) > nothing_left * rms_of_errors(model.fitted)) {
-            add(earlier, model.fitted);
+        const double on_validation = size(after.on_validation) / correlation_length(after.on_validation);
+        const double each = gain_of_each(before.on_validation, after.on_validation);
+        double independent = on_validation, gain = on_validation * each;
+        if (!before.on_fitted.empty() && !after.on_fitted.empty()) {
+            const double on_fitted = std::min(size(after.on_fitted) / correlation_length(after.on_fitted),
+                                              size(after.on_fitted) * on_validation / size(after.on_validation));
+            independent += on_fitted;
+            gain += on_fitted * std::min(each, gain_of_each(before.on_fitted, after.on_fitted));
         }
         if (!(gain > 0)) return 0;
         // One that took the place of others may have fewer.
-        const double parameters = std::max(1.0, static_cast<double>(model.model.parameters.size()) -
+        const double parameters = std::max(1.0, static_cast<double>(after.candidate.model.parameters.size()) -
                                                     static_cast<double>(before.candidate.model.parameters.size()));
         const auto hypotheses = static_cast<double>(std::max<std::size_t>(result_.hypotheses.size(), 2));
         return gain / (parameters * std::log(independent) + 2 * std::log(hypotheses));
@@ -601,6 +606,7 @@ class Diagnoser {
         std::vector<Judged> of_step;
         of_step.push_back(judged(search, steps_.front().candidate));
         steps_.front().on_validation = errors_after(of_step.front().validation);
+        steps_.front().on_fitted = of_step.front().errors;
         std::size_t kept = 0, before_kept = 0;
         const std::size_t all = steps_.size();
         std::vector<Gain> gains(all);
@@ -609,11 +615,12 @@ class Diagnoser {
             const auto before = errors_after(of_step[kept].validation), now = errors_after(of_step[s].validation);
             gains[s] = {1 - rms_of_errors(now) / rms_of_errors(before), probability_of_gain(before, now)};
             steps_[s].on_validation = now;
+            steps_[s].on_fitted = of_step[s].errors;
             if (!(gains[s].share > 0) || gains[s].certainty < sure_here) continue;
             before_kept = kept;
             while (kept < s) {
                 steps_[++kept].confirmed = gains[s].certainty;
-                steps_[kept].evidence = evidence(steps_[before_kept], steps_[s].candidate, now);
+                steps_[kept].evidence = evidence(steps_[before_kept], steps_[s]);
             }
         }
         if (kept + 1 < all) {
@@ -706,13 +713,16 @@ class Diagnoser {
         const auto& before = steps_[at].on_validation;
         step.gain = 1 - rms_of_errors(least) / rms_of_errors(before);
         step.certainty = probability_of_gain(before, least);
-        step.evidence = evidence(steps_[at], step.candidate, least);
+        step.on_validation = least;
+        step.on_fitted = all[*best].errors;
+        step.evidence = evidence(steps_[at], step);
         std::vector<SystemCandidate> found = {step.candidate};
         std::vector<double> errors = {rms_of_errors(least)};
         for (std::size_t i = 0; i < all.size(); ++i) {
-            if (i == *best) continue;
+            const double error = rms_of_errors(errors_after(all[i].validation));
+            if (i == *best || !std::isfinite(error)) continue; // that cannot be simulated there
             found.push_back(*list[i].candidate);
-            errors.push_back(rms_of_errors(errors_after(all[i].validation)));
+            errors.push_back(error);
         }
         found.push_back(last);
         errors.push_back(rms_of_errors(errors_after(result_.validation)));
@@ -889,7 +899,7 @@ class Diagnoser {
             }
             result_.effects.push_back(std::move(effect));
         }
-        open_matters_ = open_effects_matter(search);
+        result_.open_rest = without_open_effects(search);
         strongest_first(search.fit_of_all(), last);
     }
 
@@ -899,19 +909,23 @@ class Diagnoser {
         return validation.after > little_left * validation.floor || fitted.after > little_left * fitted.floor;
     }
 
-    // Of the effects, in the order of the terms: whether more than little is left without those that are open.
-    bool open_effects_matter(const SystemSearch& search) {
+    // Of the effects, in the order of the terms: what is left without those that are open.
+    OpenRest without_open_effects(const SystemSearch& search) {
         SystemCandidate less = steps_.back().candidate;
         for (std::size_t t = result_.effects.size(); t-- > 0;) {
             if (result_.effects[t].is_open) less = search.without(less, t);
         }
-        if (less.terms.size() == result_.effects.size()) return false;
-        if (less.terms.empty()) return true;
+        if (less.terms.size() == result_.effects.size()) return OpenRest::none;
+        if (less.terms.empty()) return OpenRest::most;
         const Judged one = judged(search, less);
-        if (one.errors.empty()) return true;
+        if (one.errors.empty()) return OpenRest::most;
         const Gap validation = total_gap(one.validation), &fitted = result_.fitted_gap;
         const double fitted_after = fitted.after * rms_of_errors(one.errors) / rms_of_errors(final_errors_);
-        return validation.after > little_left * validation.floor || fitted_after > little_left * fitted.floor;
+        if (validation.after <= little_left * validation.floor && fitted_after <= little_left * fitted.floor) {
+            return OpenRest::little;
+        }
+        return 1 - std::pow(validation.after / validation.before, 2) >= half ? OpenRest::less_than_half
+                                                                             : OpenRest::most;
     }
 
     // The first name is that of the effect without which the error is largest.
@@ -955,7 +969,8 @@ class Diagnoser {
             // A validation record may hardly show what the fitted ones do.
             const bool fits = d.fitted_gap.after < little_left * d.fitted_gap.floor;
             d.verdict = fits && gap.before < nothing_left * floor ? "nothing_missing" : "unknown_effect";
-        } else if (open_matters_) {
+        } else if (d.open_rest == OpenRest::most ||
+                   (d.open_rest == OpenRest::less_than_half && d.effects.front().is_open)) {
             d.verdict = "undecided";
         } else if (!is_left) {
             d.verdict = "effect_found";
@@ -993,7 +1008,6 @@ class Diagnoser {
     std::vector<double> baseline_values_, final_values_, final_errors_;
     std::vector<std::vector<double>> baseline_starts_; // of each validation record
     SystemDiagnosis result_;
-    bool open_matters_ = false; // whether effects that are not decided explain more than a little
     bool much_is_left_ = false; // of the gap on the validation records
 };
 

@@ -42,6 +42,10 @@ struct SystemEffect {
     std::string evidence;
 };
 
+// What is left of the gap on the validation records without the effects that are open: nothing is open; at most three times the noise;
+// less than half of the squared gap; more.
+enum class OpenRest { none, little, less_than_half, most };
+
 struct FittedValue {
     std::string name, unit;
     double value = 0, standard_error = 0;
@@ -58,6 +62,7 @@ struct SystemDiagnosis {
     // What noise lets the prediction of the validation records be off through the values that were fitted, rms, in the unit
     // of the gap.
     double prediction_uncertainty = 0;
+    OpenRest open_rest = OpenRest::none;
     double explained = 0;                                  // share of the squared gap on the validation records
     std::optional<std::pair<std::string, double>> nearest; // what came nearest without being found, share of the gap
     std::optional<SystemExperiment> next_experiment;       // where rivals were not told apart

@@ -249,10 +249,11 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
         }
         return text;
     }
-    // An answer that is found may have a small rest that is not decided.
+    // An answer that is found may have a rest that is not decided.
     std::vector<std::string> names, rest;
     for (const auto& effect : d.effects) {
-        (d.verdict == "effect_found" && effect.is_open ? rest : names).push_back(described(effect));
+        const bool is_rest = effect.is_open && d.verdict != "undecided" && d.open_rest != OpenRest::most;
+        (is_rest ? rest : names).push_back(described(effect));
     }
     const std::string sizes = fmt::format(
         "The gap on the validation record decreases from {} to {} rms, noise leaves {}.",
@@ -261,10 +262,11 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
                         : d.verdict == "undecided"  ? "Likeliest, but not decided by these records, is"
                         : d.verdict == "partial"    ? "A part of what is missing is"
                                                     : "Most of what is missing has not been found; a part is";
-    const std::string small =
-        rest.empty() ? ""
-                     : fmt::format(" A small rest, not decided by these records, may be {}.", fmt::join(rest, "; "));
-    return fmt::format("{} {}.{} {}", begin, fmt::join(names, "; "), small, sizes);
+    const std::string open = rest.empty() ? ""
+                                          : fmt::format(" {}, not decided by these records, may be {}.",
+                                                        d.open_rest == OpenRest::little ? "A small rest" : "The rest",
+                                                        fmt::join(rest, "; "));
+    return fmt::format("{} {}.{} {}", begin, fmt::join(names, "; "), open, sizes);
 }
 
 Report system_report(const SystemDiagnosis& d) {
