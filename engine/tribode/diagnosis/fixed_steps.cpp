@@ -203,17 +203,20 @@ void FixedSteps::run(const Course& course, std::span<const std::vector<double>> 
             std::max(1.0, std::ceil(static_cast<double>(substeps) * interval.length / course.period - 1e-9)));
         for (std::size_t part = 0; part < parts; ++part) {
             const double *from = &cut[part * lanes], *to = &cut[(part + 1) * lanes];
-            double h[lanes], middle[lanes], start[lanes];
+            double h[lanes], middle[lanes], start[lanes], first[lanes], last[lanes];
             for (std::size_t l = 0; l < lanes; ++l) {
                 h[l] = (to[l] - from[l]) / static_cast<double>(steps);
                 middle[l] = 0.5 * (from[l] + to[l]);
                 start[l] = from[l];
+                // What jumps where a delayed input begins has the value of this part at both of its ends.
+                first[l] = std::min(from[l] + same_instant * course.period, middle[l]);
+                last[l] = std::max(to[l] - same_instant * course.period, middle[l]);
             }
             find_pieces(middle);
             for (std::size_t step = 0; step < steps; ++step) {
                 const auto slope = [&](double share, std::size_t of, const double* where) {
                     for (std::size_t l = 0; l < lanes; ++l) {
-                        t[l] = start[l] + (static_cast<double>(step) + share) * h[l];
+                        t[l] = std::clamp(start[l] + (static_cast<double>(step) + share) * h[l], first[l], last[l]);
                     }
                     if (course.holds && (step > 0 || of > 0)) { // the inputs are those of the step's start
                         std::copy_n(t, lanes, u.begin());

@@ -384,6 +384,37 @@ TEST(LaneFit, StepsAreAsShortAsTheEquationsNeed) {
     EXPECT_FALSE(fit.errors(stiff, stiff.values(1)).empty()); // solvers for stiff equations take it
 }
 
+// An input that jumps from its own value to the first of the record, late: the jump is within a step, and steps of fourth order
+// end there.
+TEST(LaneFit, StepsEndWhereALateInputBegins) {
+    const TemporaryFolder folder;
+    const SystemModel model =
+        model_of(folder, R"(parameters = { T = 0.13 }, inputs = { u = 0 }, states = { x = 0, v = 0 },
+        der = function(s)
+          local late = tb.where(tb.less(s.t - s.T, 0), 0, tb.delay(s.u, s.T))
+          return { x = s.v, v = 20 * (late - s.x) - s.v }
+        end, outputs = function(s) return { y = s.x } end)");
+    std::vector<SystemRecord> records = {record_of(100, 0.1, {[](double t) { return std::cos(t); }})};
+    records[0].outputs = {std::vector<double>(100, 0)};
+    for (const auto between : {Interpolation::hold, Interpolation::linear}) {
+        const SystemFit fit(records, {1}, between, {100});
+        const auto trace = fit.simulate(model, model.values(1), 0, 100);
+        ASSERT_TRUE(trace);
+        const auto steps = FixedSteps::of(model);
+        ASSERT_TRUE(steps);
+        const std::vector<std::vector<double>> sets = {model.values(1)};
+        double off[2] = {};
+        for (const std::size_t n : {std::size_t{1}, std::size_t{4}}) {
+            const auto x = steps->outputs(steps->course(records[0], 100, between), sets, n);
+            for (std::size_t k = 0; k < 100; ++k) {
+                off[n / 4] = std::max(off[n / 4], std::abs(x[k] - trace->outputs[0][k]));
+            }
+        }
+        EXPECT_LT(off[0], 2e-3);
+        EXPECT_LT(off[1], off[0] / 100); // 256 by the order
+    }
+}
+
 // What has events stays with the solvers that locate them.
 TEST(LaneFit, EventsAreNoFixedSteps) {
     const TemporaryFolder folder;
