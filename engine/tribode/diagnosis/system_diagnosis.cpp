@@ -104,6 +104,7 @@ class Diagnoser {
             if (confirm(search, 1 - (1 - sure_enough) / static_cast<double>(attempt), is_last)) break;
         }
         compare_on_validation(search);
+        weigh_on_validation(search);
         drop_what_hardly_shows(search);
         stop_if_asked();
         name_effects(search);
@@ -744,6 +745,73 @@ class Diagnoser {
         conclude(search, std::move(all[*best]));
     }
 
+    // What the validation records, which took no part in the search, say of the rivals of the last step. One that is likelier by
+    // both takes its place. Rivals of earlier steps lack what came later, and are not compared.
+    void weigh_on_validation(const SystemSearch& search) {
+        if (steps_.size() < 2 || steps_.back().compared_with > 0 || steps_.back().contenders.size() < 2) return;
+        const Step& before = steps_[steps_.size() - 2];
+        Step step = steps_.back();
+        std::vector<SystemCandidate> found = {step.candidate};
+        std::vector<Judged> fits(1);
+        std::vector<std::vector<double>> errors = {errors_after(result_.validation)};
+        const auto ended = ended_after(fit_share);
+        for (std::size_t i = 1; i < step.contenders.size(); ++i) {
+            if (ended()) return;
+            Judged one = judged(search, step.contenders[i]);
+            auto own = errors_after(one.validation);
+            if (one.errors.empty() || !std::isfinite(rms_of_errors(own))) continue;
+            found.push_back(step.contenders[i]);
+            found.back().values = one.values;
+            fits.push_back(std::move(one));
+            errors.push_back(std::move(own));
+        }
+        const auto least = std::ranges::min_element(errors, {}, rms_of_errors);
+        const double in_search = independent_errors(step.candidate),
+                     there = static_cast<double>(least->size()) / correlation_length(*least);
+        std::vector<double> scores; // of both, each with its errors
+        for (std::size_t i = 0; i < found.size(); ++i) {
+            scores.push_back(
+                std::exp((in_search * std::log(found[i].score()) + there * std::log(rms_of_errors(errors[i]))) /
+                         (in_search + there)));
+        }
+        std::vector<std::size_t> passed(found.size());
+        std::iota(passed.begin(), passed.end(), std::size_t{0});
+        std::ranges::stable_sort(passed, {}, [&](std::size_t i) { return scores[i]; });
+        const std::size_t best = passed.front();
+        const double certainty = probability_of_gain(before.on_validation, errors[best]);
+        const auto is_sure = [&] {
+            const auto deviation =
+                search.fit_of_all().standard_errors(found[best].model, found[best].values, fits[best].errors);
+            const std::size_t kept = kept_of(found[best], before.candidate);
+            return unsure_terms(found[best], kept, found[best].values, deviation).empty();
+        };
+        const bool changes = best > 0 && best == static_cast<std::size_t>(least - errors.begin()) &&
+                             certainty >= sure_enough && !refused(found[best]) && is_sure();
+        if (changes) {
+            step = Step{.candidate = found[best],
+                        .before = kept_of(found[best], before.candidate),
+                        .gain = 1 - rms_of_errors(errors[best]) / rms_of_errors(before.on_validation),
+                        .certainty = certainty,
+                        .on_validation = errors[best],
+                        .on_fitted = fits[best].errors,
+                        .compared_with = found.size() - 1};
+            step.evidence = evidence(before, step);
+            for (auto& hypothesis : result_.hypotheses) {
+                if (hypothesis.names == kinds_of(step.candidate)) {
+                    hypothesis.lost.clear();
+                } else if (hypothesis.lost.empty() && hypothesis.names == kinds_of(steps_.back().candidate)) {
+                    hypothesis.lost =
+                        fmt::format("raises the error on the validation record by {:.0f} %, beside the one taken",
+                                    100 * (rms_of_errors(errors[0]) / rms_of_errors(errors[best]) - 1));
+                }
+            }
+        }
+        step.weighed.clear();
+        weigh(step, before.candidate, found, passed, changes ? best : 0, scores, in_search + there);
+        steps_.back() = std::move(step);
+        if (changes) conclude(search, std::move(fits[best]));
+    }
+
     // Where the first model leaves little more than noise on the fitted records, a term may follow what random forces did there. It
     // then must explain most of what the validation records show.
     void drop_what_hardly_shows(const SystemSearch& search) {
@@ -928,7 +996,7 @@ class Diagnoser {
                                                                              : OpenRest::most;
     }
 
-    // The first name is that of the effect without which the error is largest.
+    // The first name is that of the effect without which the error is largest, of those that are decided if any is.
     void strongest_first(const SystemFit& fit, const SystemCandidate& last) {
         if (last.terms.size() < 2) return;
         std::vector<std::pair<double, SystemEffect>> effects; // with the squared errors without each
@@ -944,6 +1012,7 @@ class Diagnoser {
             place += last.terms[t].parameters.size();
         }
         std::ranges::stable_sort(effects, std::greater{}, &std::pair<double, SystemEffect>::first);
+        std::ranges::stable_partition(effects, [](const auto& one) { return !one.second.is_open; });
         result_.effects.clear();
         for (auto& [squares, effect] : effects) result_.effects.push_back(std::move(effect));
     }
