@@ -4,7 +4,7 @@
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/diagnosis/processor_time.hpp"
 #include "tribode/diagnosis/system_record.hpp"
-#include "tribode/diagnosis/system_search.hpp"
+#include "tribode/diagnosis/system_step.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -21,53 +21,22 @@ namespace {
 
 // Of the budget, what the search may take, and where all fits end.
 constexpr double search_share = 0.7, fit_share = 0.95;
-constexpr double min_gain = 0.03; // of the rms of a prediction, for a term to be worth having
-// How sure it must be that a term predicts better. Of many hypotheses some are by chance: so each step must be as sure again
-// on the validation records, which chose nothing.
-constexpr double sure_enough = 0.95;
 // How often the search goes on without what the validation records refused. Each attempt must be surer, as several are looked at.
 // After some of them only simpler ones count.
 constexpr std::size_t max_rich_attempts = 3, max_attempts = 5;
 // Of the fits to whole records: values that nearly make up for each other take many.
 constexpr int final_iterations = 100;
 constexpr double told_from_nothing = 2; // standard errors that an amplitude must have
-constexpr double as_good = 1.02;        // of the best score: then the simplest is taken
-constexpr std::size_t max_terms = 12, max_rivals = 5;
-constexpr double min_rival = 0.05; // probability worth showing
+constexpr std::size_t max_terms = 12;
 // Compared on the validation records: how many, and by how much their scores may be larger than that of what was found.
 constexpr std::size_t max_compared = 6;
 constexpr double likely_score = 3;
-constexpr std::size_t max_told_apart = 3; // rivals, by the next experiment
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
 constexpr double half = 0.5; // of the squared gap, for a partial explanation
 // Of a name: the library may lack the right one. More so where much is left.
 constexpr double most_certain = 0.98, most_certain_of_a_part = 0.75;
 constexpr double convincing = 1.5; // evidence of the records with which half of the names are right
-
-// A new term of a step: how likely it is among all that passed, and what passed without it.
-struct WeighedTerm {
-    double probability = 1;
-    std::vector<std::pair<std::string, double>> rivals = {};
-};
-
-// A model on the way from the first one to the last, each with more terms.
-struct Step {
-    SystemCandidate candidate;
-    std::size_t before = 0;                          // how many of its terms were there before
-    std::map<std::string, WeighedTerm> weighed = {}; // of each kind that is new
-    std::vector<std::string> same_as = {};
-    std::vector<SystemCandidate> contenders = {}; // the one taken and the likeliest that lack a term of it
-    double gain = 0, certainty = 0;
-    double confirmed = 1; // probability that it predicts the validation records better
-    double evidence = 0;  // of these
-    // Its errors there, and on the fitted records, after a fit to all of these.
-    std::vector<double> on_validation = {}, on_fitted = {};
-    std::size_t compared_with = 0; // others, of which it predicts the validation records best; 0: it was not compared
-    // What was fitted beside its terms, and the place of each among the hypotheses that are told.
-    std::optional<std::vector<SystemCandidate>> tried = {};
-    std::vector<std::size_t> told = {};
-};
 
 // The new terms of a step that the validation records refused, and why.
 struct Refusal {
@@ -113,7 +82,7 @@ class Diagnoser {
         const bool is_undecided = result_.verdict == "undecided" || result_.verdict == "partial" ||
                                   std::ranges::any_of(result_.effects, &SystemEffect::is_open);
         for (std::size_t s = 1; s < steps_.size(); ++s) {
-            const Step& step = steps_[s];
+            const SystemStep& step = steps_[s];
             if (!is_undecided || result_.next_experiment) continue;
             const SystemCandidate& one = step.contenders.front();
             std::vector<SystemCandidate> others(step.contenders.begin() + 1, step.contenders.end());
@@ -178,26 +147,10 @@ class Diagnoser {
         return scale;
     }
 
-    struct Gain { // by which errors decrease
-        double share = 0, certainty = 0;
-        bool passes() const { return share > min_gain && certainty > sure_enough; }
-    };
-
-    // In what was not fitted in the search.
-    static Gain gain_of(const SystemCandidate& candidate, const SystemCandidate& current) {
-        return {1 - rms_of_errors(candidate.predicted) / rms_of_errors(current.predicted),
-                probability_of_gain(current.predicted, candidate.predicted)};
-    }
-
     // Whether it may take the place of the current model if it gains.
     bool is_allowed(const SystemCandidate& candidate, const SystemCandidate& current) const {
         return candidate.score() < current.score() && !is_too_rich(candidate) &&
                !has_too_many_new(candidate, current) && !refused(candidate) && !candidate.is_chance_beside(current);
-    }
-
-    static double independent_errors(const SystemCandidate& candidate) {
-        return static_cast<double>(candidate.fitted.size()) / correlation_length(candidate.fitted) +
-               static_cast<double>(candidate.predicted.size()) / correlation_length(candidate.predicted);
     }
 
     // Adds terms while they predict what was not fitted better.
@@ -205,7 +158,7 @@ class Diagnoser {
         std::set<std::string> kinds;
         for (const auto& kind : kinds_of(steps_.back().candidate)) kinds.insert(kind);
         while (kinds.size() < options_.max_effects && steps_.back().candidate.terms.size() < max_terms) {
-            Step& last = steps_.back();
+            SystemStep& last = steps_.back();
             const SystemCandidate& current = last.candidate;
             if (current.is_noise) break; // nothing is left to find
             if (!last.tried) {
@@ -247,123 +200,16 @@ class Diagnoser {
                 }
                 break;
             }
-            Step step{
+            SystemStep step{
                 .candidate = std::move(taken), .gain = gains[*chosen].share, .certainty = gains[*chosen].certainty};
             std::vector<double> scores;
             for (const auto& one : found) scores.push_back(one.score());
-            weigh(step, current, found, passed, *chosen, scores, independent_errors(found[*chosen]));
+            step.weigh(current, found, passed, *chosen, scores, independent_errors(found[*chosen]));
             for (const auto& term : step.candidate.terms) kinds.insert(term.kind());
             step.before = kept_of(step.candidate, current);
             if (step.candidate.score() >= current.score()) break;
             steps_.push_back(std::move(step));
         }
-    }
-
-    // Of those that do about as well as the best, the one with the fewest parameters, and of these one that has a name; where
-    // noise decides, the best, whose score has the price of its parameters. What has some of the terms of the best, and predicts no worse for sure, does as well: each further
-    // term must be as sure as the first.
-    static std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found,
-                                               const std::vector<std::size_t>& passed) {
-        if (passed.empty()) return std::nullopt;
-        const SystemCandidate& best = found[passed.front()];
-        const auto price = [](const SystemCandidate& one) {
-            const auto nameless = std::count_if(one.terms.begin(), one.terms.end(),
-                                                [](const auto& term) { return term.name == nameless_term; });
-            return std::pair(one.model.parameters.size(), nameless);
-        };
-        const auto kinds = kinds_from(best, 0);
-        std::size_t taken = passed.front();
-        for (const std::size_t i : passed) {
-            const auto own = kinds_from(found[i], 0);
-            const bool is_part = own.size() < kinds.size() && std::ranges::includes(kinds, own) &&
-                                 probability_of_gain(found[i].predicted, best.predicted) < sure_enough;
-            const bool is_as_good = !best.is_noise && found[i].score() <= as_good * best.score();
-            if ((is_as_good || is_part) && price(found[i]) < price(found[taken])) taken = i;
-        }
-        return taken;
-    }
-
-    // Probabilities by the likelihood of the errors, of which as many count as are independent. That of a term is the share of all
-    // hypotheses that have it.
-    // `scores`: of each found one, its error.
-    static void weigh(Step& step, const SystemCandidate& current, const std::vector<SystemCandidate>& found,
-                      const std::vector<std::size_t>& passed, std::size_t chosen, const std::vector<double>& scores,
-                      double independent) {
-        const auto& best = found[chosen];
-        independent = std::max(4.0, independent);
-        const auto taken = new_kinds(best, current);
-        struct Weight {
-            double value = 0;
-            std::size_t place = 0; // of the best that has these terms
-        };
-        std::map<std::set<std::string>, Weight> weights; // by the kinds of the new terms, in whatever order these are
-        double sum = 0;
-        for (const std::size_t i : passed) {
-            // What does about as well as the best is no less likely: such differences are due to what the model lacks, not to noise.
-            const double excess =
-                std::log(scores[i] / scores[passed.front()]) - (best.is_noise ? 0 : std::log(as_good));
-            const double w = std::exp(-independent * std::max(excess, 0.0));
-            const bool is_same = found[i].equals(best);
-            if (is_same && new_kinds(found[i], current) != taken)
-                step.same_as.push_back(found[i].names_from(kept_of(found[i], current)));
-            auto& weight = weights[is_same ? taken : new_kinds(found[i], current)];
-            if (w <= weight.value) continue;
-            sum += w - weight.value;
-            weight = {w, i};
-        }
-        for (const auto& kind : taken) {
-            WeighedTerm& term = step.weighed[kind];
-            term.probability = 0;
-            for (const auto& [kinds, weight] : weights) {
-                if (kinds.contains(kind)) {
-                    term.probability += weight.value / sum * step.certainty;
-                } else if (weight.value / sum > min_rival) {
-                    const auto& rival = found[weight.place];
-                    term.rivals.emplace_back(rival.names_from(kept_of(rival, current)), weight.value / sum);
-                }
-            }
-            std::stable_sort(term.rivals.begin(), term.rivals.end(),
-                             [](const auto& a, const auto& b) { return a.second > b.second; });
-            if (term.rivals.size() > max_rivals) term.rivals.resize(max_rivals);
-        }
-        // A richer model that has the same terms speaks for them.
-        std::vector<Weight> rivals;
-        for (const auto& [kinds, weight] : weights) {
-            if (weight.value / sum > min_rival && !std::ranges::includes(kinds, taken)) rivals.push_back(weight);
-        }
-        std::ranges::stable_sort(rivals, std::greater{}, &Weight::value);
-        if (rivals.size() > max_told_apart) rivals.resize(max_told_apart);
-        step.contenders = {best};
-        for (const Weight& rival : rivals) step.contenders.push_back(found[rival.place]);
-    }
-
-    // How many of its first terms those of the current model are: others may have been exchanged, and what was new came behind.
-    static std::size_t kept_of(const SystemCandidate& candidate, const SystemCandidate& current) {
-        std::multiset<std::string> there;
-        for (const auto& term : current.terms) there.insert(term.kind());
-        std::size_t kept = 0;
-        for (; kept < candidate.terms.size(); ++kept) {
-            const auto place = there.find(candidate.terms[kept].kind());
-            if (place == there.end()) break;
-            there.erase(place);
-        }
-        return kept;
-    }
-
-    static std::set<std::string> new_kinds(const SystemCandidate& candidate, const SystemCandidate& current) {
-        return kinds_from(candidate, kept_of(candidate, current));
-    }
-
-    static std::set<std::string> kinds_from(const SystemCandidate& candidate, std::size_t begin) {
-        std::set<std::string> kinds;
-        for (std::size_t i = begin; i < candidate.terms.size(); ++i) kinds.insert(candidate.terms[i].kind());
-        return kinds;
-    }
-
-    static std::vector<std::string> kinds_of(const SystemCandidate& candidate) {
-        std::vector<std::string> names;
-        for (const auto& term : candidate.terms) names.push_back(term.kind());
-        return names;
     }
 
     bool is_too_rich(const SystemCandidate& candidate) const {
@@ -382,7 +228,7 @@ class Diagnoser {
         return fewest;
     }
 
-    void tell(Step& step, const std::vector<Gain>& gains, std::optional<std::size_t> chosen) {
+    void tell(SystemStep& step, const std::vector<Gain>& gains, std::optional<std::size_t> chosen) {
         const auto& current = step.candidate;
         const auto& found = *step.tried;
         // One more may be tried after those of later steps were told.
@@ -439,7 +285,7 @@ class Diagnoser {
     }
 
     // `share`: of the gap on the validation records that it explains.
-    void refuse(const Step& step, double share, const std::string& why) {
+    void refuse(const SystemStep& step, double share, const std::string& why) {
         const auto names = kinds_of(step.candidate);
         for (auto& hypothesis : result_.hypotheses) {
             if (hypothesis.lost.empty() && hypothesis.names == names) hypothesis.lost = why;
@@ -525,8 +371,8 @@ class Diagnoser {
 
     // The step's model without the term, if it predicts the validation records better than the model `before` for sure. Otherwise
     // nothing changes, and the result is false.
-    bool drop(const SystemSearch& search, std::size_t term, const Step& before, Judged& fitted, double sure_here,
-              Step& step) {
+    bool drop(const SystemSearch& search, std::size_t term, const SystemStep& before, Judged& fitted, double sure_here,
+              SystemStep& step) {
         SystemCandidate less = search.without(step.candidate, term);
         if (less.terms.size() <= steps_.front().candidate.terms.size()) return false;
         Judged one = judged(search, less);
@@ -534,12 +380,12 @@ class Diagnoser {
         const auto now = errors_after(one.validation);
         const double certainty = probability_of_gain(before.on_validation, now);
         if (certainty < sure_here || !search.fit(less)) return false;
-        Step changed{.candidate = less, .before = kept_of(less, before.candidate)};
+        SystemStep changed{.candidate = less, .before = kept_of(less, before.candidate)};
         weigh_beside(changed, before);
         changed.confirmed = certainty;
         changed.on_validation = now;
         changed.on_fitted = one.errors;
-        changed.evidence = evidence(before, changed);
+        changed.evidence = evidence(before, changed, result_.hypotheses.size());
         changed.candidate.values = one.values;
         step = std::move(changed);
         fitted = std::move(one);
@@ -550,7 +396,7 @@ class Diagnoser {
     }
 
     // The step's model among what was tried beside the model `before`.
-    void weigh_beside(Step& step, const Step& before) const {
+    void weigh_beside(SystemStep& step, const SystemStep& before) const {
         const auto& current = before.candidate;
         std::vector<SystemCandidate> found = {step.candidate};
         if (before.tried) {
@@ -567,33 +413,7 @@ class Diagnoser {
         const Gain gain = gain_of(step.candidate, current);
         step.gain = gain.share;
         step.certainty = gain.certainty;
-        weigh(step, current, found, passed, 0, scores, independent_errors(step.candidate));
-    }
-
-    // How much more of the errors a model explains than further parameters do by chance: above 1 the Bayesian information criterion
-    // [Schwarz 1978] prefers it, with a price for the choice among all hypotheses [Chen 2008]. As many errors count as are independent.
-    // Fitted values follow what random forces did on the fitted records, so that errors there seem independent: of these, no
-    // more count in proportion than of the validation records, each with no larger a gain.
-    double evidence(const Step& before, const Step& after) const {
-        const auto size = [](const std::vector<double>& errors) { return static_cast<double>(errors.size()); };
-        const auto gain_of_each = [](const std::vector<double>& without, const std::vector<double>& with) {
-            return 2 * std::log(rms_of_errors(without) / rms_of_errors(with));
-        };
-        const double on_validation = size(after.on_validation) / correlation_length(after.on_validation);
-        const double each = gain_of_each(before.on_validation, after.on_validation);
-        double independent = on_validation, gain = on_validation * each;
-        if (!before.on_fitted.empty() && !after.on_fitted.empty()) {
-            const double on_fitted = std::min(size(after.on_fitted) / correlation_length(after.on_fitted),
-                                              size(after.on_fitted) * on_validation / size(after.on_validation));
-            independent += on_fitted;
-            gain += on_fitted * std::min(each, gain_of_each(before.on_fitted, after.on_fitted));
-        }
-        if (!(gain > 0)) return 0;
-        // One that took the place of others may have fewer.
-        const double parameters = std::max(1.0, static_cast<double>(after.candidate.model.parameters.size()) -
-                                                    static_cast<double>(before.candidate.model.parameters.size()));
-        const auto hypotheses = static_cast<double>(std::max<std::size_t>(result_.hypotheses.size(), 2));
-        return gain / (parameters * std::log(independent) + 2 * std::log(hypotheses));
+        step.weigh(current, found, passed, 0, scores, independent_errors(step.candidate));
     }
 
     // Each step fitted to all of the fitted records and simulated on the validation records. The last one stays that predicts
@@ -621,7 +441,7 @@ class Diagnoser {
             before_kept = kept;
             while (kept < s) {
                 steps_[++kept].confirmed = gains[s].certainty;
-                steps_[kept].evidence = evidence(steps_[before_kept], steps_[s]);
+                steps_[kept].evidence = evidence(steps_[before_kept], steps_[s], result_.hypotheses.size());
             }
         }
         if (kept + 1 < all) {
@@ -708,7 +528,7 @@ class Diagnoser {
         if (!best) return;
         const auto& [candidate, at] = list[*best];
         // What the search made of it does not count any more: what predicts the validation records about as well does.
-        Step step{
+        SystemStep step{
             .candidate = *candidate, .before = kept_of(*candidate, steps_[at].candidate), .compared_with = all.size()};
         step.candidate.values = all[*best].values;
         const auto& before = steps_[at].on_validation;
@@ -716,7 +536,7 @@ class Diagnoser {
         step.certainty = probability_of_gain(before, least);
         step.on_validation = least;
         step.on_fitted = all[*best].errors;
-        step.evidence = evidence(steps_[at], step);
+        step.evidence = evidence(steps_[at], step, result_.hypotheses.size());
         std::vector<SystemCandidate> found = {step.candidate};
         std::vector<double> errors = {rms_of_errors(least)};
         for (std::size_t i = 0; i < all.size(); ++i) {
@@ -729,28 +549,33 @@ class Diagnoser {
         errors.push_back(rms_of_errors(errors_after(result_.validation)));
         std::vector<std::size_t> passed(found.size());
         std::iota(passed.begin(), passed.end(), std::size_t{0});
-        weigh(step, steps_[at].candidate, found, passed, 0, errors,
-              static_cast<double>(least.size()) / correlation_length(least));
-        for (auto& hypothesis : result_.hypotheses) {
-            if (hypothesis.names == kinds_of(step.candidate)) {
-                hypothesis.lost.clear();
-            } else if (hypothesis.lost.empty() && hypothesis.names == kinds_of(last)) {
-                hypothesis.lost =
-                    fmt::format("raises the error on the validation record by {:.0f} %, beside the one taken",
-                                100 * (errors.back() / errors.front() - 1));
-            }
-        }
+        step.weigh(steps_[at].candidate, found, passed, 0, errors,
+                   static_cast<double>(least.size()) / correlation_length(least));
+        tell_replaced(step.candidate, errors.back() / errors.front() - 1);
         steps_.resize(at + 1);
         steps_.push_back(std::move(step));
         conclude(search, std::move(all[*best]));
+    }
+
+    // `worse`: by which share the last model, whose place is taken, raises the error on the validation records.
+    void tell_replaced(const SystemCandidate& taken, double worse) {
+        const auto last = kinds_of(steps_.back().candidate);
+        for (auto& hypothesis : result_.hypotheses) {
+            if (hypothesis.names == kinds_of(taken)) {
+                hypothesis.lost.clear();
+            } else if (hypothesis.lost.empty() && hypothesis.names == last) {
+                hypothesis.lost = fmt::format(
+                    "raises the error on the validation record by {:.0f} %, beside the one taken", 100 * worse);
+            }
+        }
     }
 
     // What the validation records, which took no part in the search, say of the rivals of the last step. One that is likelier by
     // both takes its place. Rivals of earlier steps lack what came later, and are not compared.
     void weigh_on_validation(const SystemSearch& search) {
         if (steps_.size() < 2 || steps_.back().compared_with > 0 || steps_.back().contenders.size() < 2) return;
-        const Step& before = steps_[steps_.size() - 2];
-        Step step = steps_.back();
+        const SystemStep& before = steps_[steps_.size() - 2];
+        SystemStep step = steps_.back();
         std::vector<SystemCandidate> found = {step.candidate};
         std::vector<Judged> fits(1);
         std::vector<std::vector<double>> errors = {errors_after(result_.validation)};
@@ -788,26 +613,18 @@ class Diagnoser {
         const bool changes = best > 0 && best == static_cast<std::size_t>(least - errors.begin()) &&
                              certainty >= sure_enough && !refused(found[best]) && is_sure();
         if (changes) {
-            step = Step{.candidate = found[best],
-                        .before = kept_of(found[best], before.candidate),
-                        .gain = 1 - rms_of_errors(errors[best]) / rms_of_errors(before.on_validation),
-                        .certainty = certainty,
-                        .on_validation = errors[best],
-                        .on_fitted = fits[best].errors,
-                        .compared_with = found.size() - 1};
-            step.evidence = evidence(before, step);
-            for (auto& hypothesis : result_.hypotheses) {
-                if (hypothesis.names == kinds_of(step.candidate)) {
-                    hypothesis.lost.clear();
-                } else if (hypothesis.lost.empty() && hypothesis.names == kinds_of(steps_.back().candidate)) {
-                    hypothesis.lost =
-                        fmt::format("raises the error on the validation record by {:.0f} %, beside the one taken",
-                                    100 * (rms_of_errors(errors[0]) / rms_of_errors(errors[best]) - 1));
-                }
-            }
+            step = SystemStep{.candidate = found[best],
+                              .before = kept_of(found[best], before.candidate),
+                              .gain = 1 - rms_of_errors(errors[best]) / rms_of_errors(before.on_validation),
+                              .certainty = certainty,
+                              .on_validation = errors[best],
+                              .on_fitted = fits[best].errors,
+                              .compared_with = found.size() - 1};
+            step.evidence = evidence(before, step, result_.hypotheses.size());
+            tell_replaced(step.candidate, rms_of_errors(errors[0]) / rms_of_errors(errors[best]) - 1);
         }
         step.weighed.clear();
-        weigh(step, before.candidate, found, passed, changes ? best : 0, scores, in_search + there);
+        step.weigh(before.candidate, found, passed, changes ? best : 0, scores, in_search + there);
         steps_.back() = std::move(step);
         if (changes) conclude(search, std::move(fits[best]));
     }
@@ -932,7 +749,7 @@ class Diagnoser {
         for (std::size_t i = 0; i < own; ++i) result_.free.push_back(fitted_value(i));
         std::size_t place = own;
         for (std::size_t t = 0; t < last.terms.size(); ++t) {
-            const Step& step = step_of(last.terms[t].kind());
+            const SystemStep& step = step_of(last.terms[t].kind());
             WeighedTerm weighed = step.weighed.at(last.terms[t].kind());
             // Where much is left, only rivals make doubtful what is a part of what is missing.
             const bool has_likelier_rivals = !weighed.rivals.empty() && weighed.probability * step.confirmed < 0.5;
@@ -1018,8 +835,8 @@ class Diagnoser {
     }
 
     // The step that brought a term in.
-    const Step& step_of(const std::string& kind) const {
-        for (const Step& step : steps_) {
+    const SystemStep& step_of(const std::string& kind) const {
+        for (const SystemStep& step : steps_) {
             for (const auto& term : step.candidate.terms) {
                 if (term.kind() == kind) return step;
             }
@@ -1070,7 +887,7 @@ class Diagnoser {
     ProcessorTime time_{control_.workers};
     std::vector<Refusal> refused_;
     std::size_t most_new_ = max_terms;     // that a step may bring
-    std::vector<Step> steps_;              // the first one is the model as it was given
+    std::vector<SystemStep> steps_;        // the first one is the model as it was given
     std::vector<SystemCandidate> dropped_; // tried beside steps that were dropped
     std::vector<double> scale_;
     Interpolation between_ = Interpolation::hold;
