@@ -470,12 +470,24 @@ class Diagnoser {
         return kept + 1 == all && !goes_on;
     }
 
+    // Whether errors decrease by more than further parameters do by chance, of so many models: as for the evidence of a step.
+    static bool is_worth_its_price(const SystemCandidate& candidate, std::size_t parameters,
+                                   const std::vector<double>& without, const std::vector<double>& with,
+                                   std::size_t models) {
+        if (candidate.model.parameters.size() <= parameters) return true;
+        const double independent = static_cast<double>(with.size()) / correlation_length(with);
+        const double gain = 2 * independent * std::log(rms_of_errors(without) / rms_of_errors(with));
+        return gain > static_cast<double>(candidate.model.parameters.size() - parameters) * std::log(independent) +
+                          2 * std::log(static_cast<double>(models));
+    }
+
     // Where more than noise is left, the search judges by what the model still lacks, too. So of what it found likely the simplest, no
     // richer than the last model, and the best are fitted to the whole records, and what predicts the validation records better than
     // the last model for sure takes its place.
     void compare_on_validation(const SystemSearch& search) {
         const SystemCandidate& last = steps_.back().candidate;
-        if (last.is_noise) return;
+        const Gap& gap = result_.validation_gap;
+        if (last.is_noise && gap.after < nothing_left * gap.floor) return;
         if (steps_.size() < 2 && result_.fitted_gap.before < little_left * result_.fitted_gap.floor) return;
         struct Contender {
             const SystemCandidate* candidate;
@@ -513,17 +525,20 @@ class Diagnoser {
         std::optional<std::size_t> best;
         std::vector<Judged> all;
         auto least = errors_after(result_.validation);
+        std::size_t least_parameters = last.model.parameters.size();
         for (const auto& [candidate, at] : list) {
             if (ended()) break;
             all.push_back(judged(search, *candidate));
             const Judged& one = all.back();
             auto errors = errors_after(one.validation);
             if (one.errors.empty() || probability_of_gain(least, errors) < sure_here) continue;
+            if (!is_worth_its_price(*candidate, least_parameters, least, errors, list.size())) continue;
             const auto deviation = search.fit_of_all().standard_errors(candidate->model, one.values, one.errors);
             const std::size_t first_new = kept_of(*candidate, steps_[at].candidate);
             if (!unsure_terms(*candidate, first_new, one.values, deviation).empty()) continue;
             best = all.size() - 1;
             least = std::move(errors);
+            least_parameters = candidate->model.parameters.size();
         }
         if (!best) return;
         const auto& [candidate, at] = list[*best];
@@ -813,7 +828,7 @@ class Diagnoser {
                                                                              : OpenRest::most;
     }
 
-    // The first name is that of the effect without which the error is largest, of those that are decided if any is.
+    // The first name is that of the effect without which the error is largest, of those that are decided if these explain most.
     void strongest_first(const SystemFit& fit, const SystemCandidate& last) {
         if (last.terms.size() < 2) return;
         std::vector<std::pair<double, SystemEffect>> effects; // with the squared errors without each
@@ -829,7 +844,9 @@ class Diagnoser {
             place += last.terms[t].parameters.size();
         }
         std::ranges::stable_sort(effects, std::greater{}, &std::pair<double, SystemEffect>::first);
-        std::ranges::stable_partition(effects, [](const auto& one) { return !one.second.is_open; });
+        if (result_.open_rest != OpenRest::most) {
+            std::ranges::stable_partition(effects, [](const auto& one) { return !one.second.is_open; });
+        }
         result_.effects.clear();
         for (auto& [squares, effect] : effects) result_.effects.push_back(std::move(effect));
     }

@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 #include <map>
 #include <numeric>
+#include <ranges>
 #include <set>
 #include <span>
 
@@ -372,11 +373,13 @@ void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
         };
         const std::size_t some = shorter + std::min(first_reconsidered, best);
         refit(0, some);
-        const bool is_better =
-            std::any_of(others.begin(), others.begin() + static_cast<std::ptrdiff_t>(some), [&](const auto& one) {
-                return one.is_noise ? one.score() < found.front().score() : suits_better(one, found.front());
-            });
-        if (!is_better || late()) {
+        const auto is_better = [&](std::size_t i) {
+            if (i < shorter) return others[i].score() < dispensable * found.front().score();
+            return others[i].is_noise ? others[i].score() < found.front().score()
+                                      : suits_better(others[i], found.front());
+        };
+        const auto tried = std::views::iota(std::size_t{0}, some);
+        if (std::ranges::none_of(tried, is_better) || late()) {
             between_ = kept;
             continue;
         }

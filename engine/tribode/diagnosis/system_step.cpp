@@ -71,7 +71,8 @@ std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, c
         const bool is_as_good = !best.is_noise && found[i].score() <= as_good * best.score();
         if ((is_as_good || is_part) && price(found[i]) < price(found[taken])) taken = i;
     }
-    return taken;
+    // Another one that costs no more than a part of the best may do better than that.
+    return *std::ranges::find_if(passed, [&](std::size_t i) { return price(found[i]) <= price(found[taken]); });
 }
 
 void SystemStep::weigh(const SystemCandidate& current, const std::vector<SystemCandidate>& found,

@@ -64,7 +64,7 @@ double evidence(const SystemStep& before, const SystemStep& after, std::size_t h
 
 // Of those that do about as well as the best, the one with the fewest parameters, and of these one that has a name; where
 // noise decides, the best, whose score has the price of its parameters. What has some of the terms of the best, and predicts no worse
-// for sure, does as well: each further term must be as sure as the first.
+// for sure, does as well: each further term must be as sure as the first. `passed`: the best score first.
 std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, const std::vector<std::size_t>& passed);
 
 double independent_errors(const SystemCandidate& candidate); // how many of all that it was fitted to or predicts

@@ -79,6 +79,10 @@ TEST(SystemStep, TheSimplestOfWhatDoesAsWellIsTaken) {
     found[0].is_noise = true;
     EXPECT_EQ(simplest(found, {0, 1}), 0u);
     EXPECT_EQ(simplest(found, {}), std::nullopt);
+    // Not a part of the best that another one beats which costs no more.
+    found = {candidate_with({"linear", "cubic"}, 0.5), candidate_with({"dead_zone"}, 0.51),
+             candidate_with({"linear"}, 0.515)};
+    EXPECT_EQ(simplest(found, {0, 1, 2}), 1u);
 }
 
 } // namespace
