@@ -5,6 +5,7 @@
 --
 --   tribode run scripts/diagnosis_cases.lua -o results/cases -D count=60 -D seed=7
 --   tribode run scripts/diagnosis_cases.lua -D effects=backlash,none,two,unknown -D model_error=0.5
+--   tribode run scripts/diagnosis_cases.lua -o results/many -D count=450 --max-instructions 100000000000
 --
 -- The cases of a seed stay the same when more are asked for. Results: the folders cases/001, cases/002, ..., and
 -- cases.csv with what is hidden where.
