@@ -253,7 +253,9 @@ local function summary_of(cases)
     wrong_models = share(cases, function(c) return c.model_error end, function(c) return c.right end),
     both = share(cases, function(c) return #c.truth == 2 end, function(c) return c.both end),
     undecided = share(cases, function() return true end, function(c) return c.verdict == "undecided" end),
-    decided = share(cases, function(c) return c.asked end, function(c) return c.decided end),
+    -- What asks for a record to decide what is missing besides is an answer.
+    decided = share(cases, function(c) return c.asked and c.verdict ~= "effect_found" end,
+      function(c) return c.decided end),
     gap = share(cases, named, function(c) return c.after <= 1.5 end),
     parameters = { count = within, of = numbers, share = numbers > 0 and within / numbers or nil },
     -- Of normal errors 0.68 lie within one standard error and 0.90 within 1.645.

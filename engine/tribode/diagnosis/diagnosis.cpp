@@ -21,6 +21,7 @@ namespace {
 constexpr double temperature = 3;
 // What a right name has where noise explains the remaining error, and no rival comes near.
 constexpr double certain = 0.98;
+constexpr double decided = 0.6;           // probability above which an effect is told from its rivals
 constexpr double of_a_part = 0.75;        // where more than noise is left
 constexpr double clearly_less = 0.9;      // of chi square
 constexpr double least_of_an_effect = 10; // of chi square
@@ -191,7 +192,6 @@ class Verdict {
         d_.after = fit_.machine(*best_);
         const auto errors = errors_of(*best_);
         if (trust < 1) list_fields_off(best);
-        double least = 1;
         for (std::size_t i = 0; i < best_->effects.size(); ++i) {
             NamedEffect one;
             one.name = best_->effects[i]->kind().name;
@@ -227,13 +227,13 @@ class Verdict {
             }
             one.probability = certain * trust / weight;
             for (auto& rival : one.rivals) rival.probability *= certain * trust / weight;
-            least = std::min(least, one.probability);
+            one.is_open = one.probability <= decided;
             one.evidence = evidence(one, best, next, next_name, trust < 1);
             d_.effects.push_back(std::move(one));
         }
-        // The strongest first: the one without which the error is largest.
+        // The strongest first: the one without which the error is largest. What is missing besides need not be decided.
         order_by_strength();
-        d_.verdict = least > 0.6 ? "effect_found" : "undecided";
+        d_.verdict = d_.effects.front().is_open ? "undecided" : "effect_found";
     }
 
     bool are_told_apart(const Scored& best, const Scored& other) const {

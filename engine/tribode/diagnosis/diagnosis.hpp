@@ -32,6 +32,7 @@ struct NamedEffect {
     double probability = 0;
     std::vector<Rival> rivals; // alternatives to this one effect, the others being as they are
     std::string evidence;      // one paragraph
+    bool is_open = false;      // not decided between it and its rivals
 };
 
 // One record, measured and simulated.
@@ -46,9 +47,9 @@ struct Compared {
 };
 
 struct Diagnosis {
-    std::string verdict; // effect_found, partial, nothing_missing, unknown_effect or undecided
-    std::vector<NamedEffect> effects;
-    std::string where; // one paragraph
+    std::string verdict;              // effect_found, partial, nothing_missing, unknown_effect or undecided
+    std::vector<NamedEffect> effects; // the strongest first, which the verdict is of; others may be open
+    std::string where;                // one paragraph
     Gap fitted_gap, validation_gap;
     std::vector<Compared> fitted, validation;
     struct Nearest {

@@ -20,8 +20,19 @@ namespace tribode {
 namespace {
 
 std::string sentence(const Diagnosis& d) {
-    std::vector<std::string> names;
-    for (const auto& effect : d.effects) names.push_back(effect.name);
+    // Where the strongest effect is decided, what is not is told as what may be missing besides.
+    std::vector<std::string> names, open;
+    for (const auto& effect : d.effects) {
+        if (!effect.is_open || d.verdict == "undecided") {
+            names.push_back(effect.name);
+            continue;
+        }
+        std::string either = effect.name;
+        for (const auto& rival : effect.rivals) either += " or " + rival.name;
+        open.push_back(std::move(either));
+    }
+    const std::string besides =
+        open.empty() ? "" : fmt::format(", and besides, not decided by these records, {}", fmt::join(open, "; "));
     const Gap& gap = d.validation_gap;
     const auto size = [](double value) { return format_quantity(value, "m", 3); };
     const std::string shrink =
@@ -63,7 +74,7 @@ std::string sentence(const Diagnosis& d) {
                            fmt::join(names, " and "), fmt::join(rivals, " or "), shrink);
     }
     if (d.verdict == "partial")
-        return fmt::format("A part of what is missing is {}; {}.", fmt::join(names, " and "), shrink);
+        return fmt::format("A part of what is missing is {}{}; {}.", fmt::join(names, " and "), besides, shrink);
     if (names.size() == 1 && effect_kind(names.front()).is_rounding) {
         // Positions are simulated without rounding: it is the floor that differs.
         return fmt::format(
@@ -71,7 +82,7 @@ std::string sentence(const Diagnosis& d) {
             "described {}, and measured minus simulated position is {}.",
             names.front(), size(gap.floor), size(d.validation.front().described_floor), size(gap.after));
     }
-    return fmt::format("What is missing is {}; {}.", fmt::join(names, " and "), shrink);
+    return fmt::format("What is missing is {}{}; {}.", fmt::join(names, " and "), besides, shrink);
 }
 
 // A name and a value for every number in a table of parameters: "harmonics[1].F".
