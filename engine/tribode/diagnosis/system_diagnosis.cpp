@@ -845,7 +845,7 @@ class Diagnoser {
         }
         std::ranges::stable_sort(effects, std::greater{}, &std::pair<double, SystemEffect>::first);
         if (result_.open_rest != OpenRest::most) {
-            std::ranges::stable_partition(effects, [](const auto& one) { return !one.second.is_open; });
+            std::stable_partition(effects.begin(), effects.end(), [](const auto& one) { return !one.second.is_open; });
         }
         result_.effects.clear();
         for (auto& [squares, effect] : effects) result_.effects.push_back(std::move(effect));

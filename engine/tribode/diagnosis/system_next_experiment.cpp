@@ -226,8 +226,8 @@ class Pair {
     }
 
     SystemRecord foretold(const ListedRecord& one) const {
-        auto further = on_record(one);
-        return further ? std::move(further->foretold) : one.record;
+        const auto further = on_record(one);
+        return further ? further->foretold : one.record;
     }
 
   private:

@@ -11,7 +11,6 @@
 #include <fmt/format.h>
 #include <map>
 #include <numeric>
-#include <ranges>
 #include <set>
 #include <span>
 
@@ -378,8 +377,9 @@ void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
             return others[i].is_noise ? others[i].score() < found.front().score()
                                       : suits_better(others[i], found.front());
         };
-        const auto tried = std::views::iota(std::size_t{0}, some);
-        if (std::ranges::none_of(tried, is_better) || late()) {
+        bool is_any_better = false;
+        for (std::size_t i = 0; i < some && !is_any_better; ++i) is_any_better = is_better(i);
+        if (!is_any_better || late()) {
             between_ = kept;
             continue;
         }
