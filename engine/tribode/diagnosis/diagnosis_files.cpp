@@ -48,7 +48,7 @@ std::string sentence(const Diagnosis& d) {
         for (const auto& field : d.fields_off)
             fields.push_back(fmt::format("{} {:.1f}", field.name, std::abs(field.deviations)));
         const std::string found =
-            names.empty() ? "" : fmt::format("What is missing is {}, and besides: ", fmt::join(names, " and "));
+            names.empty() ? "" : fmt::format("What is missing is {}{}. ", fmt::join(names, " and "), besides);
         return fmt::format(
             "{}Fields are farther off than their tolerances let them be, in standard deviations {}, or an "
             "effect is missing that they make up for; with them {}.",
@@ -75,7 +75,7 @@ std::string sentence(const Diagnosis& d) {
     }
     if (d.verdict == "partial")
         return fmt::format("A part of what is missing is {}{}; {}.", fmt::join(names, " and "), besides, shrink);
-    if (names.size() == 1 && effect_kind(names.front()).is_rounding) {
+    if (d.effects.size() == 1 && effect_kind(names.front()).is_rounding) {
         // Positions are simulated without rounding: it is the floor that differs.
         return fmt::format(
             "What is missing is {}: with it noise and rounding leave {} rms on the validation record, as "

@@ -168,10 +168,10 @@ class Diagnoser {
             const auto& found = *last.tried;
             stop_if_asked();
             if (found.empty()) break;
-            std::vector<Gain> gains;
+            std::vector<Improvement> gains;
             std::vector<std::size_t> passed;
             const auto judge = [&](std::size_t i) {
-                gains.push_back(gain_of(found[i], current));
+                gains.push_back(improvement_of(found[i], current));
                 if (gains[i].passes() && is_allowed(found[i], current)) passed.push_back(i);
             };
             for (std::size_t i = 0; i < found.size(); ++i) judge(i);
@@ -228,7 +228,7 @@ class Diagnoser {
         return fewest;
     }
 
-    void tell(SystemStep& step, const std::vector<Gain>& gains, std::optional<std::size_t> chosen) {
+    void tell(SystemStep& step, const std::vector<Improvement>& gains, std::optional<std::size_t> chosen) {
         const auto& current = step.candidate;
         const auto& found = *step.tried;
         // One more may be tried after those of later steps were told.
@@ -295,7 +295,7 @@ class Diagnoser {
         refused_.push_back({{names.begin() + static_cast<std::ptrdiff_t>(first_new), names.end()}, why});
     }
 
-    static std::string why_not_confirmed(const Gain& gain) {
+    static std::string why_not_confirmed(const Improvement& gain) {
         if (!std::isfinite(gain.share)) return "cannot be simulated on the validation record";
         if (gain.share > 0) {
             return fmt::format("predicts the validation record {:.1f} % better, with a probability of only {:.2f}",
@@ -401,7 +401,7 @@ class Diagnoser {
         std::vector<SystemCandidate> found = {step.candidate};
         if (before.tried) {
             std::ranges::copy_if(*before.tried, std::back_inserter(found), [&](const SystemCandidate& one) {
-                return gain_of(one, current).passes() && is_allowed(one, current) &&
+                return improvement_of(one, current).passes() && is_allowed(one, current) &&
                        kinds_from(one, 0) != kinds_from(step.candidate, 0);
             });
         }
@@ -410,7 +410,7 @@ class Diagnoser {
         std::vector<double> scores;
         for (const auto& one : found) scores.push_back(one.score());
         std::ranges::stable_sort(passed, {}, [&](std::size_t i) { return scores[i]; });
-        const Gain gain = gain_of(step.candidate, current);
+        const Improvement gain = improvement_of(step.candidate, current);
         step.gain = gain.share;
         step.certainty = gain.certainty;
         step.weigh(current, found, passed, 0, scores, independent_errors(step.candidate));
@@ -430,7 +430,7 @@ class Diagnoser {
         steps_.front().on_fitted = of_step.front().errors;
         std::size_t kept = 0, before_kept = 0;
         const std::size_t all = steps_.size();
-        std::vector<Gain> gains(all);
+        std::vector<Improvement> gains(all);
         for (std::size_t s = 1; s < all; ++s) {
             of_step.push_back(judged(search, steps_[s].candidate));
             const auto before = errors_after(of_step[kept].validation), now = errors_after(of_step[s].validation);
@@ -445,7 +445,7 @@ class Diagnoser {
             }
         }
         if (kept + 1 < all) {
-            const Gain& gain = gains[kept + 1];
+            const Improvement& gain = gains[kept + 1];
             refuse(steps_[kept + 1], std::isfinite(gain.share) ? std::max(gain.share, 0.0) : 0.0,
                    why_not_confirmed(gain));
         }
@@ -477,11 +477,12 @@ class Diagnoser {
         if (candidate.model.parameters.size() <= parameters) return true;
         const double independent = static_cast<double>(with.size()) / correlation_length(with);
         const double gain = 2 * independent * std::log(rms_of_errors(without) / rms_of_errors(with));
-        return gain > static_cast<double>(candidate.model.parameters.size() - parameters) * std::log(independent) +
-                          2 * std::log(static_cast<double>(models));
+        const auto further = static_cast<double>(candidate.model.parameters.size() - parameters);
+        return evidence(gain, independent, further, models) > 1;
     }
 
-    // Where more than noise is left, the search judges by what the model still lacks, too. So of what it found likely the simplest, no
+    // Where more than noise is left, the search judges by what the model still lacks, too; and what leaves noise and predicts
+    // badly may be off in what the fitted records hardly show. So of what it found likely the simplest, no
     // richer than the last model, and the best are fitted to the whole records, and what predicts the validation records better than
     // the last model for sure takes its place.
     void compare_on_validation(const SystemSearch& search) {

@@ -372,6 +372,7 @@ void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
         };
         const std::size_t some = shorter + std::min(first_reconsidered, best);
         refit(0, some);
+        // What is simpler needs to do only as well.
         const auto is_better = [&](std::size_t i) {
             if (i < shorter) return others[i].score() < dispensable * found.front().score();
             return others[i].is_noise ? others[i].score() < found.front().score()

@@ -20,7 +20,7 @@ std::set<std::string> new_kinds(const SystemCandidate& candidate, const SystemCa
 
 } // namespace
 
-Gain gain_of(const SystemCandidate& candidate, const SystemCandidate& current) {
+Improvement improvement_of(const SystemCandidate& candidate, const SystemCandidate& current) {
     return {1 - rms_of_errors(candidate.predicted) / rms_of_errors(current.predicted),
             probability_of_gain(current.predicted, candidate.predicted)};
 }
@@ -125,6 +125,11 @@ void SystemStep::weigh(const SystemCandidate& current, const std::vector<SystemC
     for (const Weight& rival : rivals) contenders.push_back(found[rival.place]);
 }
 
+double evidence(double gain, double independent, double parameters, std::size_t hypotheses) {
+    const auto choices = static_cast<double>(std::max<std::size_t>(hypotheses, 2));
+    return gain / (parameters * std::log(independent) + 2 * std::log(choices));
+}
+
 double evidence(const SystemStep& before, const SystemStep& after, std::size_t hypotheses) {
     const auto size = [](const std::vector<double>& errors) { return static_cast<double>(errors.size()); };
     const auto gain_of_each = [](const std::vector<double>& without, const std::vector<double>& with) {
@@ -143,8 +148,7 @@ double evidence(const SystemStep& before, const SystemStep& after, std::size_t h
     // One that took the place of others may have fewer.
     const double parameters = std::max(1.0, static_cast<double>(after.candidate.model.parameters.size()) -
                                                 static_cast<double>(before.candidate.model.parameters.size()));
-    return gain / (parameters * std::log(independent) +
-                   2 * std::log(static_cast<double>(std::max<std::size_t>(hypotheses, 2))));
+    return evidence(gain, independent, parameters, hypotheses);
 }
 
 } // namespace tribode

@@ -16,13 +16,13 @@ constexpr double sure_enough = 0.95;
 constexpr double min_gain = 0.03; // of the rms of a prediction, for a term to be worth having
 
 // By how much errors decrease, as a share of their rms, and with which probability they do.
-struct Gain {
+struct Improvement {
     double share = 0, certainty = 0;
     bool passes() const { return share > min_gain && certainty > sure_enough; }
 };
 
 // Of a candidate over the current model, in what was not fitted in the search.
-Gain gain_of(const SystemCandidate& candidate, const SystemCandidate& current);
+Improvement improvement_of(const SystemCandidate& candidate, const SystemCandidate& current);
 
 // A new term of a step: how likely it is among all that passed, and what passed without it.
 struct WeighedTerm {
@@ -39,7 +39,7 @@ struct SystemStep {
     std::vector<SystemCandidate> contenders = {}; // the one taken and the likeliest that lack a term of it
     double gain = 0, certainty = 0;
     double confirmed = 1; // probability that it predicts the validation records better
-    double evidence = 0;  // of these
+    double evidence = 0;  // that the records give for it
     // Its errors there, and on the fitted records, after a fit to all of these.
     std::vector<double> on_validation = {}, on_fitted = {};
     std::size_t compared_with = 0; // others, of which it predicts the validation records best; 0: it was not compared
@@ -61,6 +61,8 @@ struct SystemStep {
 // Fitted values follow what random forces did on the fitted records, so that errors there seem independent: of these, no
 // more count in proportion than of the validation records, each with no larger a gain.
 double evidence(const SystemStep& before, const SystemStep& after, std::size_t hypotheses);
+// The same of any gain: independent errors times the logarithm of the ratio of their squares, by so many further parameters.
+double evidence(double gain, double independent, double parameters, std::size_t hypotheses);
 
 // Of those that do about as well as the best, the one with the fewest parameters, and of these one that has a name; where
 // noise decides, the best, whose score has the price of its parameters. What has some of the terms of the best, and predicts no worse
