@@ -7,6 +7,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <set>
 
 namespace tribode {
 
@@ -108,6 +109,72 @@ double probability_of_gain(const std::vector<double>& first, const std::vector<d
         if (sum > 0) ++better;
     }
     return static_cast<double>(better) / draws;
+}
+
+// Minus twice the logarithm of the likelihood of the errors of one output, with the price of what was chosen to predict them, but for
+// what is the same for all. Each error is predicted by a sum of Laguerre filters of those before it, whose pole says how far these
+// reach: noise with a slow motion in it would take dozens of the errors themselves [Wahlberg 1991].
+static double description_length(const std::vector<double>& errors, const std::vector<Stretch>& stretches,
+                                 std::size_t output) {
+    constexpr Eigen::Index most = 8;           // filters, and samples that a stretch begins with
+    constexpr std::size_t errors_of_each = 20; // at least
+    if (errors.empty()) return std::numeric_limits<double>::infinity(); // nothing was simulated
+    std::size_t all = 0;
+    for (const Stretch& one : stretches) all += one.output == output ? one.samples : 0;
+    const auto samples = static_cast<double>(all);
+    double least = std::numeric_limits<double>::infinity();
+    for (const double pole : {0.0, 0.5, 0.75, 0.875, 0.9375}) {
+        // Products of the outputs of the filters, and of the errors behind them.
+        Eigen::MatrixXd products = Eigen::MatrixXd::Zero(most + 1, most + 1);
+        double rows = 0;
+        auto begin = errors.begin();
+        for (const Stretch& one : stretches) {
+            const auto end = begin + static_cast<std::ptrdiff_t>(one.samples);
+            Eigen::VectorXd row = Eigen::VectorXd::Zero(most + 1);
+            std::size_t k = 0;
+            for (auto e = begin; e != end && one.output == output; ++e, ++k) {
+                row[most] = *e;
+                if (k >= std::min<std::size_t>(most, one.samples / 2)) {
+                    products.selfadjointView<Eigen::Lower>().rankUpdate(row);
+                    ++rows;
+                }
+                double in = *e, before = row[0]; // of each all-pass section, and what came out of it before
+                row[0] = pole * row[0] + std::sqrt(1 - pole * pole) * in;
+                for (Eigen::Index i = 1; i < most; ++i) {
+                    in = before - pole * row[i - 1];
+                    before = row[i];
+                    row[i] = pole * row[i] + in;
+                }
+            }
+            begin = end;
+        }
+        const Eigen::VectorXd with_now = products.row(most).head(most);
+        for (Eigen::Index order = 0; order <= most && (order == 0 || all > errors_of_each * order); ++order) {
+            double squares = products(most, most);
+            if (order > 0) {
+                const Eigen::MatrixXd past = products.topLeftCorner(order, order).selfadjointView<Eigen::Lower>();
+                const Eigen::VectorXd now = with_now.head(order);
+                squares -= now.dot(past.completeOrthogonalDecomposition().solve(now));
+            }
+            squares = std::max(squares, 1e-14 * products(most, most)); // they cancel down to this share
+            least =
+                std::min(least, samples * std::log(squares / rows) + static_cast<double>(order) * std::log(samples));
+        }
+    }
+    return least;
+}
+
+double likelihood_gain(const std::vector<double>& first, const std::vector<double>& second,
+                       const std::vector<Stretch>& stretches) {
+    std::set<std::size_t> outputs;
+    for (const Stretch& one : stretches) outputs.insert(one.output);
+    double gain = 0;
+    for (const std::size_t output : outputs) {
+        const double before = description_length(first, stretches, output),
+                     after = description_length(second, stretches, output);
+        if (before != after) gain += before - after;
+    }
+    return gain;
 }
 
 Eigen::MatrixXd covariance_of_correlated_errors(const Eigen::MatrixXd& inverse_of_normal, const Eigen::MatrixXd& scores,

@@ -24,6 +24,23 @@ bool is_white(const std::vector<double>& errors);
 // the first ones. Both of the same samples.
 double probability_of_gain(const std::vector<double>& first, const std::vector<double>& second);
 
+// Errors of one output at samples that follow each other.
+struct Stretch {
+    std::size_t output, samples;
+};
+
+// Of the errors that a model was fitted to, and of those that it predicts.
+struct Stretches {
+    std::vector<Stretch> fitted, predicted;
+};
+
+// Twice the logarithm of the likelihood ratio of the second errors to the first ones. Those of each output are the sum of what follows
+// from the errors before and of white noise. What a random force does to a motion follows in most part from what it has done
+// before, so that explaining it by chance gains little. How errors follow is chosen by the Bayesian information criterion [Schwarz
+// 1978], and its price is counted. `stretches`: of the errors, one behind the other.
+double likelihood_gain(const std::vector<double>& first, const std::vector<double>& second,
+                       const std::vector<Stretch>& stretches);
+
 // Covariance of parameters fitted by least squares to errors that may be correlated, in a way that nobody has modeled: with
 // the normal matrix N of the slopes J of the errors e, N^-1 B N^-1, where B sums the correlations of the scores J e by
 // Bartlett's window: over a tenth of each record, or twice the correlation of its errors where that is longer. As B is

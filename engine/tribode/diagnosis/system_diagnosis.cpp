@@ -33,10 +33,10 @@ constexpr std::size_t max_compared = 6;
 constexpr double likely_score = 3;
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
-constexpr double half = 0.5; // of the squared gap, for a partial explanation
+constexpr double least_evidence = 2; // of the records, for a step to count; half of what is convincing
+constexpr double half = 0.5;         // of the squared gap, for a partial explanation
 // Of a name: the library may lack the right one. More so where much is left.
 constexpr double most_certain = 0.98, most_certain_of_a_part = 0.75;
-constexpr double convincing = 1.5; // evidence of the records with which half of the names are right
 
 // The new terms of a step that the validation records refused, and why.
 struct Refusal {
@@ -59,6 +59,9 @@ class Diagnoser {
             divided_at_ = 2 * records_.front().size() / 3;
             records_.front() = records_.front().head(divided_at_);
         }
+        std::vector<SystemRecord> predicted = validation_;
+        if (divided_) predicted.push_back(divided_->part(divided_at_, divided_->size() - divided_at_));
+        stretches_ = {stretches_of(records_), stretches_of(predicted)};
     }
 
     SystemDiagnosis run() {
@@ -99,14 +102,16 @@ class Diagnoser {
             auto& text = result_.next_experiment->text;
             text = fmt::format("To tell {} from {}: {}", one.names_from(step.before), names, text);
         }
-        much_is_left_ = result_.verdict == "unknown_effect" || result_.verdict == "partial";
+        const Gap& gap = result_.validation_gap;
+        is_unexplained_ = (result_.verdict == "unknown_effect" || result_.verdict == "partial") &&
+                          gap.after > little_left * std::hypot(gap.floor, result_.prediction_uncertainty);
         return std::move(result_);
     }
 
     // After run(): the fitted records leave nothing but noise, and the validation records more than noise and the values that were
     // fitted explain.
     bool is_seen_in_validation_only() const {
-        return much_is_left_ && steps_.back().candidate.is_noise && !divided_ && !control_.stop_requested();
+        return is_unexplained_ && steps_.back().candidate.is_noise && !divided_ && !control_.stop_requested();
     }
 
   private:
@@ -175,7 +180,7 @@ class Diagnoser {
                 if (gains[i].passes() && is_allowed(found[i], current)) passed.push_back(i);
             };
             for (std::size_t i = 0; i < found.size(); ++i) judge(i);
-            auto chosen = simplest(found, passed);
+            auto chosen = simplest(found, passed, search.stretches());
             SystemCandidate taken;
             if (chosen) {
                 taken = found[*chosen];
@@ -204,7 +209,7 @@ class Diagnoser {
                 .candidate = std::move(taken), .gain = gains[*chosen].share, .certainty = gains[*chosen].certainty};
             std::vector<double> scores;
             for (const auto& one : found) scores.push_back(one.score());
-            step.weigh(current, found, passed, *chosen, scores, independent_errors(found[*chosen]));
+            step.weigh(current, found, passed, *chosen, scores, independent_errors(found[*chosen]), search.stretches());
             for (const auto& term : step.candidate.terms) kinds.insert(term.kind());
             step.before = kept_of(step.candidate, current);
             if (step.candidate.score() >= current.score()) break;
@@ -295,8 +300,12 @@ class Diagnoser {
         refused_.push_back({{names.begin() + static_cast<std::ptrdiff_t>(first_new), names.end()}, why});
     }
 
-    static std::string why_not_confirmed(const Improvement& gain) {
+    static std::string why_not_confirmed(const Improvement& gain, double sure_here) {
         if (!std::isfinite(gain.share)) return "cannot be simulated on the validation record";
+        if (gain.share > 0 && gain.certainty >= sure_here) {
+            return fmt::format("predicts the validation record {:.1f} % better, which random forces explain as well",
+                               100 * gain.share);
+        }
         if (gain.share > 0) {
             return fmt::format("predicts the validation record {:.1f} % better, with a probability of only {:.2f}",
                                100 * gain.share, gain.certainty);
@@ -381,11 +390,11 @@ class Diagnoser {
         const double certainty = probability_of_gain(before.on_validation, now);
         if (certainty < sure_here || !search.fit(less)) return false;
         SystemStep changed{.candidate = less, .before = kept_of(less, before.candidate)};
-        weigh_beside(changed, before);
+        weigh_beside(changed, before, search);
         changed.confirmed = certainty;
         changed.on_validation = now;
         changed.on_fitted = one.errors;
-        changed.evidence = evidence(before, changed, result_.hypotheses.size());
+        changed.evidence = evidence(before, changed, stretches_, result_.hypotheses.size());
         changed.candidate.values = one.values;
         step = std::move(changed);
         fitted = std::move(one);
@@ -396,7 +405,7 @@ class Diagnoser {
     }
 
     // The step's model among what was tried beside the model `before`.
-    void weigh_beside(SystemStep& step, const SystemStep& before) const {
+    void weigh_beside(SystemStep& step, const SystemStep& before, const SystemSearch& search) const {
         const auto& current = before.candidate;
         std::vector<SystemCandidate> found = {step.candidate};
         if (before.tried) {
@@ -413,7 +422,7 @@ class Diagnoser {
         const Improvement gain = improvement_of(step.candidate, current);
         step.gain = gain.share;
         step.certainty = gain.certainty;
-        step.weigh(current, found, passed, 0, scores, independent_errors(step.candidate));
+        step.weigh(current, found, passed, 0, scores, independent_errors(step.candidate), search.stretches());
     }
 
     // Each step fitted to all of the fitted records and simulated on the validation records. The last one stays that predicts
@@ -437,17 +446,19 @@ class Diagnoser {
             gains[s] = {1 - rms_of_errors(now) / rms_of_errors(before), probability_of_gain(before, now)};
             steps_[s].on_validation = now;
             steps_[s].on_fitted = of_step[s].errors;
-            if (!(gains[s].share > 0) || gains[s].certainty < sure_here) continue;
+            steps_[s].evidence = evidence(steps_[kept], steps_[s], stretches_, result_.hypotheses.size());
+            const bool is_more = gains[s].share > 0 && gains[s].certainty >= sure_here;
+            if (!is_more || steps_[s].evidence < least_evidence) continue;
             before_kept = kept;
             while (kept < s) {
                 steps_[++kept].confirmed = gains[s].certainty;
-                steps_[kept].evidence = evidence(steps_[before_kept], steps_[s], result_.hypotheses.size());
+                steps_[kept].evidence = steps_[s].evidence;
             }
         }
         if (kept + 1 < all) {
             const Improvement& gain = gains[kept + 1];
             refuse(steps_[kept + 1], std::isfinite(gain.share) ? std::max(gain.share, 0.0) : 0.0,
-                   why_not_confirmed(gain));
+                   why_not_confirmed(gain, sure_here));
         }
         bool is_changed = false;
         while (kept > before_kept && (kept + 1 == all || is_last)) {
@@ -471,14 +482,12 @@ class Diagnoser {
     }
 
     // Whether errors decrease by more than further parameters do by chance, of so many models: as for the evidence of a step.
-    static bool is_worth_its_price(const SystemCandidate& candidate, std::size_t parameters,
-                                   const std::vector<double>& without, const std::vector<double>& with,
-                                   std::size_t models) {
+    bool is_worth_its_price(const SystemCandidate& candidate, std::size_t parameters,
+                            const std::vector<double>& without, const std::vector<double>& with,
+                            std::size_t models) const {
         if (candidate.model.parameters.size() <= parameters) return true;
-        const double independent = static_cast<double>(with.size()) / correlation_length(with);
-        const double gain = 2 * independent * std::log(rms_of_errors(without) / rms_of_errors(with));
         const auto further = static_cast<double>(candidate.model.parameters.size() - parameters);
-        return evidence(gain, independent, further, models) > 1;
+        return evidence(likelihood_gain(without, with, stretches_.predicted), with.size(), further, models) > 1;
     }
 
     // Where more than noise is left, the search judges by what the model still lacks, too; and what leaves noise and predicts
@@ -552,7 +561,7 @@ class Diagnoser {
         step.certainty = probability_of_gain(before, least);
         step.on_validation = least;
         step.on_fitted = all[*best].errors;
-        step.evidence = evidence(steps_[at], step, result_.hypotheses.size());
+        step.evidence = evidence(steps_[at], step, stretches_, result_.hypotheses.size());
         std::vector<SystemCandidate> found = {step.candidate};
         std::vector<double> errors = {rms_of_errors(least)};
         for (std::size_t i = 0; i < all.size(); ++i) {
@@ -566,7 +575,7 @@ class Diagnoser {
         std::vector<std::size_t> passed(found.size());
         std::iota(passed.begin(), passed.end(), std::size_t{0});
         step.weigh(steps_[at].candidate, found, passed, 0, errors,
-                   static_cast<double>(least.size()) / correlation_length(least));
+                   static_cast<double>(least.size()) / correlation_length(least), search.stretches());
         tell_replaced(step.candidate, errors.back() / errors.front() - 1);
         steps_.resize(at + 1);
         steps_.push_back(std::move(step));
@@ -636,11 +645,11 @@ class Diagnoser {
                               .on_validation = errors[best],
                               .on_fitted = fits[best].errors,
                               .compared_with = found.size() - 1};
-            step.evidence = evidence(before, step, result_.hypotheses.size());
+            step.evidence = evidence(before, step, stretches_, result_.hypotheses.size());
             tell_replaced(step.candidate, rms_of_errors(errors[0]) / rms_of_errors(errors[best]) - 1);
         }
         step.weighed.clear();
-        step.weigh(before.candidate, found, passed, changes ? best : 0, scores, in_search + there);
+        step.weigh(before.candidate, found, passed, changes ? best : 0, scores, in_search + there, search.stretches());
         steps_.back() = std::move(step);
         if (changes) conclude(search, std::move(fits[best]));
     }
@@ -900,6 +909,7 @@ class Diagnoser {
     std::vector<SystemRecord> records_, validation_;
     std::optional<SystemRecord> divided_; // the first record with its last third
     std::size_t divided_at_ = 0;
+    Stretches stretches_; // of the whole records and of the validation records
     const SystemDiagnosisOptions& options_;
     const RunControl& control_;
     ProcessorTime time_{control_.workers};
@@ -912,7 +922,7 @@ class Diagnoser {
     std::vector<double> baseline_values_, final_values_, final_errors_;
     std::vector<std::vector<double>> baseline_starts_; // of each validation record
     SystemDiagnosis result_;
-    bool much_is_left_ = false; // of the gap on the validation records
+    bool is_unexplained_ = false; // what is left of the gap on the validation records
 };
 
 } // namespace

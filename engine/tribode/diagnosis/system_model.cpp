@@ -43,6 +43,26 @@ std::size_t SystemRecord::measured(std::size_t samples) const {
     return count;
 }
 
+std::vector<Stretch> stretches_of(const std::vector<SystemRecord>& records) {
+    std::vector<Stretch> all;
+    for (const auto& record : records) {
+        for (std::size_t o = 0; o < record.outputs.size(); ++o) {
+            bool follows = false;
+            for (const double y : record.outputs[o]) {
+                if (std::isnan(y)) {
+                    follows = false;
+                } else if (follows) {
+                    ++all.back().samples;
+                } else {
+                    all.push_back({o, 1});
+                    follows = true;
+                }
+            }
+        }
+    }
+    return all;
+}
+
 SystemRecord SystemRecord::part(std::size_t from, std::size_t samples) const {
     from = std::min(from, size());
     samples = std::min(samples, size() - from);

@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/experiment/input_samples.hpp"
 #include "tribode/system/equations.hpp"
 
@@ -21,6 +22,9 @@ struct SystemRecord {
     SystemRecord part(std::size_t from, std::size_t samples) const;           // at the instants that they have
     std::size_t measured(std::size_t samples) const; // values of outputs among the first samples
 };
+
+// What is measured of the records, in the order of errors: record after record, output after output.
+std::vector<Stretch> stretches_of(const std::vector<SystemRecord>& records);
 
 // Equations of which some values may move: parameters, the same for all records, and start values, which each record has
 // of its own.

@@ -2,7 +2,6 @@
 #include "tribode/base/error.hpp"
 #include "tribode/diagnosis/fixed_steps.hpp"
 #include "tribode/diagnosis/lane_fit.hpp"
-#include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/diagnosis/segments.hpp"
 
 #include <algorithm>
@@ -150,6 +149,8 @@ SystemSearch::SystemSearch(const SystemModel& model, const std::vector<SystemRec
         hidden_.push_back(std::move(hidden));
     }
 }
+
+Stretches SystemSearch::stretches() const { return {stretches_of(shown_), stretches_of(hidden_)}; }
 
 bool SystemSearch::fit(SystemCandidate& candidate) const { return fit(candidate, iterations); }
 

@@ -72,6 +72,7 @@ class SystemSearch {
     Interpolation interpolation() const { return between_; }
     const std::vector<double>& scale() const { return scale_; }
     SystemFit fit_of_all() const { return {records_, scale_, between_, whole_}; }
+    Stretches stretches() const; // of the errors of candidates
     bool late() const { return late_(); }
 
   private:

@@ -1,9 +1,9 @@
 #include "tribode/diagnosis/system_step.hpp"
-#include "tribode/diagnosis/prediction_statistics.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <limits>
 
 namespace tribode {
 
@@ -16,6 +16,15 @@ constexpr std::size_t max_told_apart = 3; // rivals, by the next experiment
 
 std::set<std::string> new_kinds(const SystemCandidate& candidate, const SystemCandidate& current) {
     return kinds_from(candidate, kept_of(candidate, current));
+}
+
+// That a model with more parameters has for these; infinite where it has no more.
+double evidence_for_further(const SystemCandidate& less, const SystemCandidate& more, const Stretches& stretches) {
+    if (more.model.parameters.size() <= less.model.parameters.size()) return std::numeric_limits<double>::infinity();
+    const auto further = static_cast<double>(more.model.parameters.size() - less.model.parameters.size());
+    const double gain = likelihood_gain(less.fitted, more.fitted, stretches.fitted) +
+                        likelihood_gain(less.predicted, more.predicted, stretches.predicted);
+    return evidence(gain, more.fitted.size() + more.predicted.size(), further, more.library);
 }
 
 } // namespace
@@ -54,7 +63,8 @@ double independent_errors(const SystemCandidate& candidate) {
            static_cast<double>(candidate.predicted.size()) / correlation_length(candidate.predicted);
 }
 
-std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, const std::vector<std::size_t>& passed) {
+std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, const std::vector<std::size_t>& passed,
+                                    const Stretches& stretches) {
     if (passed.empty()) return std::nullopt;
     const SystemCandidate& best = found[passed.front()];
     const auto price = [](const SystemCandidate& one) {
@@ -69,7 +79,8 @@ std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, c
         const bool is_part = own.size() < kinds.size() && std::ranges::includes(kinds, own) &&
                              probability_of_gain(found[i].predicted, best.predicted) < sure_enough;
         const bool is_as_good = !best.is_noise && found[i].score() <= as_good * best.score();
-        if ((is_as_good || is_part) && price(found[i]) < price(found[taken])) taken = i;
+        const bool is_as_likely = evidence_for_further(found[i], best, stretches) < convincing;
+        if ((is_as_good || is_part || is_as_likely) && price(found[i]) < price(found[taken])) taken = i;
     }
     // Another one that costs no more than a part of the best may do better than that.
     return *std::ranges::find_if(passed, [&](std::size_t i) { return price(found[i]) <= price(found[taken]); });
@@ -77,47 +88,64 @@ std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, c
 
 void SystemStep::weigh(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
                        const std::vector<std::size_t>& passed, std::size_t chosen, const std::vector<double>& scores,
-                       double independent) {
+                       double independent, const Stretches& stretches) {
     const auto& best = found[chosen];
     independent = std::max(4.0, independent);
     const auto taken = new_kinds(best, current);
+    for (const std::size_t i : passed) {
+        const auto kinds = new_kinds(found[i], current);
+        if (found[i].equals(best) && kinds != taken) same_as.push_back(found[i].names_from(kept_of(found[i], current)));
+    }
     struct Weight {
         double value = 0;
         std::size_t place = 0; // of the best that has these terms
     };
-    std::map<std::set<std::string>, Weight> weights; // by the kinds of the new terms, in whatever order these are
-    double sum = 0;
-    for (const std::size_t i : passed) {
+    // By the kinds of the new terms, in whatever order these are; their sum is one.
+    using Weights = std::map<std::set<std::string>, Weight>;
+    const auto weights_of = [&](const auto& logarithm) {
+        double most = -std::numeric_limits<double>::infinity(), sum = 0;
+        for (const std::size_t i : passed) most = std::max(most, logarithm(i));
+        Weights weights;
+        for (const std::size_t i : passed) {
+            const double w = std::exp(logarithm(i) - most);
+            auto& weight = weights[found[i].equals(best) ? taken : new_kinds(found[i], current)];
+            if (w <= weight.value) continue;
+            sum += w - weight.value;
+            weight = {w, i};
+        }
+        for (auto& [kinds, weight] : weights) weight.value /= sum;
+        return weights;
+    };
+    const auto likelihood = [&](std::size_t i) {
         // What does about as well as the best is no less likely: such differences are due to what the model lacks, not to noise.
         const double excess = std::log(scores[i] / scores[passed.front()]) - (best.is_noise ? 0 : std::log(as_good));
-        const double w = std::exp(-independent * std::max(excess, 0.0));
-        const bool is_same = found[i].equals(best);
-        if (is_same && new_kinds(found[i], current) != taken)
-            same_as.push_back(found[i].names_from(kept_of(found[i], current)));
-        auto& weight = weights[is_same ? taken : new_kinds(found[i], current)];
-        if (w <= weight.value) continue;
-        sum += w - weight.value;
-        weight = {w, i};
-    }
+        return -independent * std::max(excess, 0.0);
+    };
+    // What has more parameters may follow random forces.
+    const Weights weights = weights_of([&](std::size_t i) {
+        const double odds = evidence_for_further(best, found[i], stretches) / convincing;
+        return std::min(likelihood(i), likelihood(chosen) + 2 * std::log(odds));
+    });
     for (const auto& kind : taken) {
         WeighedTerm& term = weighed[kind];
         term.probability = 0;
         for (const auto& [kinds, weight] : weights) {
             if (kinds.contains(kind)) {
-                term.probability += weight.value / sum * certainty;
-            } else if (weight.value / sum > min_rival) {
+                term.probability += weight.value * certainty;
+            } else if (weight.value > min_rival) {
                 const auto& rival = found[weight.place];
-                term.rivals.emplace_back(rival.names_from(kept_of(rival, current)), weight.value / sum);
+                term.rivals.emplace_back(rival.names_from(kept_of(rival, current)), weight.value);
             }
         }
         std::stable_sort(term.rivals.begin(), term.rivals.end(),
                          [](const auto& a, const auto& b) { return a.second > b.second; });
         if (term.rivals.size() > max_rivals) term.rivals.resize(max_rivals);
     }
-    // A richer model that has the same terms speaks for them.
+    // The validation records tell whether what has more parameters follows random forces. A richer model that has the same terms speaks
+    // for these.
     std::vector<Weight> rivals;
-    for (const auto& [kinds, weight] : weights) {
-        if (weight.value / sum > min_rival && !std::ranges::includes(kinds, taken)) rivals.push_back(weight);
+    for (const auto& [kinds, weight] : weights_of(likelihood)) {
+        if (weight.value > min_rival && !std::ranges::includes(kinds, taken)) rivals.push_back(weight);
     }
     std::ranges::stable_sort(rivals, std::greater{}, &Weight::value);
     if (rivals.size() > max_told_apart) rivals.resize(max_told_apart);
@@ -125,30 +153,25 @@ void SystemStep::weigh(const SystemCandidate& current, const std::vector<SystemC
     for (const Weight& rival : rivals) contenders.push_back(found[rival.place]);
 }
 
-double evidence(double gain, double independent, double parameters, std::size_t hypotheses) {
+double evidence(double gain, std::size_t errors, double parameters, std::size_t hypotheses) {
+    if (!(gain > 0)) return 0;
     const auto choices = static_cast<double>(std::max<std::size_t>(hypotheses, 2));
-    return gain / (parameters * std::log(independent) + 2 * std::log(choices));
+    return gain / (parameters * std::log(static_cast<double>(errors)) + 2 * std::log(choices));
 }
 
-double evidence(const SystemStep& before, const SystemStep& after, std::size_t hypotheses) {
+double evidence(const SystemStep& before, const SystemStep& after, const Stretches& stretches, std::size_t hypotheses) {
     const auto size = [](const std::vector<double>& errors) { return static_cast<double>(errors.size()); };
-    const auto gain_of_each = [](const std::vector<double>& without, const std::vector<double>& with) {
-        return 2 * std::log(rms_of_errors(without) / rms_of_errors(with));
-    };
-    const double on_validation = size(after.on_validation) / correlation_length(after.on_validation);
-    const double each = gain_of_each(before.on_validation, after.on_validation);
-    double independent = on_validation, gain = on_validation * each;
+    double gain = likelihood_gain(before.on_validation, after.on_validation, stretches.predicted);
+    std::size_t errors = after.on_validation.size();
     if (!before.on_fitted.empty() && !after.on_fitted.empty()) {
-        const double on_fitted = std::min(size(after.on_fitted) / correlation_length(after.on_fitted),
-                                          size(after.on_fitted) * on_validation / size(after.on_validation));
-        independent += on_fitted;
-        gain += on_fitted * std::min(each, gain_of_each(before.on_fitted, after.on_fitted));
+        const double there = likelihood_gain(before.on_fitted, after.on_fitted, stretches.fitted);
+        gain += std::min(there, gain / size(after.on_validation) * size(after.on_fitted));
+        errors += after.on_fitted.size();
     }
-    if (!(gain > 0)) return 0;
     // One that took the place of others may have fewer.
     const double parameters = std::max(1.0, static_cast<double>(after.candidate.model.parameters.size()) -
                                                 static_cast<double>(before.candidate.model.parameters.size()));
-    return evidence(gain, independent, parameters, hypotheses);
+    return evidence(gain, errors, parameters, hypotheses);
 }
 
 } // namespace tribode

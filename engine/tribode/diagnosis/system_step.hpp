@@ -13,6 +13,7 @@ namespace tribode {
 // How sure it must be that a term predicts better. Of many hypotheses some are by chance: so each step must be as sure again
 // on the validation records, which chose nothing.
 constexpr double sure_enough = 0.95;
+constexpr double convincing = 4;  // evidence with which half of the names are right
 constexpr double min_gain = 0.03; // of the rms of a prediction, for a term to be worth having
 
 // By how much errors decrease, as a share of their rms, and with which probability they do.
@@ -53,21 +54,22 @@ struct SystemStep {
     // it become its rivals.
     void weigh(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
                const std::vector<std::size_t>& passed, std::size_t chosen, const std::vector<double>& scores,
-               double independent);
+               double independent, const Stretches& stretches);
 };
 
 // How much more of the errors a step explains than further parameters do by chance: above 1 the Bayesian information criterion
-// [Schwarz 1978] prefers it, with a price for the choice among `hypotheses` [Chen 2008]. As many errors count as are independent.
-// Fitted values follow what random forces did on the fitted records, so that errors there seem independent: of these, no
-// more count in proportion than of the validation records, each with no larger a gain.
-double evidence(const SystemStep& before, const SystemStep& after, std::size_t hypotheses);
-// The same of any gain: independent errors times the logarithm of the ratio of their squares, by so many further parameters.
-double evidence(double gain, double independent, double parameters, std::size_t hypotheses);
+// [Schwarz 1978] prefers it, with a price for the choice among `hypotheses` [Chen 2008].
+// Fitted values follow what random forces did on the fitted records: an error there counts no more than one of the validation records.
+double evidence(const SystemStep& before, const SystemStep& after, const Stretches& stretches, std::size_t hypotheses);
+// The same of any gain: twice the logarithm of a likelihood ratio, of so many errors, by so many further parameters.
+double evidence(double gain, std::size_t errors, double parameters, std::size_t hypotheses);
 
 // Of those that do about as well as the best, the one with the fewest parameters, and of these one that has a name; where
 // noise decides, the best, whose score has the price of its parameters. What has some of the terms of the best, and predicts no worse
-// for sure, does as well: each further term must be as sure as the first. `passed`: the best score first.
-std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, const std::vector<std::size_t>& passed);
+// for sure, does as well: each further term must be as sure as the first. So does what the best is no likelier than, for the price of
+// its further parameters: the rest is what random forces did. `passed`: the best score first.
+std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, const std::vector<std::size_t>& passed,
+                                    const Stretches& stretches);
 
 double independent_errors(const SystemCandidate& candidate); // how many of all that it was fitted to or predicts
 

@@ -51,6 +51,38 @@ TEST(PredictionStatistics, NoiseIsWhiteAndWhatIsLeftInItIsNot) {
     EXPECT_FALSE(is_white({1, -1, 1}));
 }
 
+// Of white noise twice the logarithm of the ratio of normal densities, each at its own deviation: N ln(squares of the first / second).
+TEST(PredictionStatistics, LikelihoodOfWhiteErrorsIsThatOfTheirSize) {
+    const auto first = noise(11, 4000, 1);
+    auto second = first;
+    for (std::size_t k = 1000; k < 4000; ++k) second[k] *= 0.5;
+    const std::vector<Stretch> stretches = {{0, 1000}, {1, 3000}}; // each output has a size of its own
+    EXPECT_NEAR(likelihood_gain(first, second, stretches), 3000 * std::log(4.0), 1e-9);
+    EXPECT_NEAR(likelihood_gain(second, first, stretches), -3000 * std::log(4.0), 1e-9);
+    EXPECT_LT(likelihood_gain(first, second, {{0, 4000}}), 3000 * std::log(4.0) - 100);
+}
+
+// What follows from the errors before says little, however large it is; what does not, says all.
+TEST(PredictionStatistics, LikelihoodCountsWhatDoesNotFollowFromTheErrorsBefore) {
+    // An autoregression of the first order has innovations of 1 - memory^2 of its variance.
+    const auto slow = correlated(12, 20000, 0.95), white = noise(13, 20000, std::sqrt(1 - 0.95 * 0.95));
+    EXPECT_NEAR(likelihood_gain(slow, white, {{0, 20000}}) / 20000, 0, 0.02);
+    auto smaller = slow;
+    for (double& e : smaller) e *= 0.5;
+    EXPECT_NEAR(likelihood_gain(slow, smaller, {{0, 20000}}) / 20000, std::log(4.0), 1e-9);
+    // From stretch to stretch nothing follows.
+    std::vector<double> steps = noise(14, 2000, 0.01), level = steps;
+    std::vector<Stretch> stretches;
+    for (std::size_t begin = 0; begin < 2000; begin += 100) {
+        stretches.push_back({0, 100});
+        for (std::size_t k = begin; k < begin + 100; ++k) steps[k] += begin % 200 == 0 ? 1 : -1;
+    }
+    const double each = likelihood_gain(steps, level, stretches) / 2000;
+    EXPECT_LT(each, 0.15);
+    EXPECT_GT(likelihood_gain(steps, level, {{0, 2000}}) / 2000, 2.0);
+    EXPECT_EQ(likelihood_gain({}, {}, {{0, 2000}}), 0);
+}
+
 TEST(PredictionStatistics, AGainIsSureOnlyWhereItIsMoreThanChance) {
     const auto first = correlated(4, 4000, 0.95), same = correlated(5, 4000, 0.95);
     std::vector<double> smaller = first;

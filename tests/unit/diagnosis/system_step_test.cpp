@@ -1,3 +1,4 @@
+#include "tribode/base/random.hpp"
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/diagnosis/system_step.hpp"
 
@@ -7,12 +8,25 @@
 namespace tribode {
 namespace {
 
-// Errors of this size, of which `run` at a time have the same sign.
-std::vector<double> errors_of(std::size_t count, double size, std::size_t run = 1) {
+// White noise, the same but for its size: of so many errors.
+std::vector<double> errors_of(std::size_t count, double size, std::uint64_t seed = 1) {
     std::vector<double> errors;
-    for (std::size_t k = 0; k < count; ++k) errors.push_back(k / run % 2 == 0 ? size : -size);
+    for (std::size_t k = 0; k < count; ++k) errors.push_back(size * standard_normal(seed, 0, k));
     return errors;
 }
+
+// With what a random force does to a motion, which follows it twice with a lag.
+std::vector<double> moved(std::vector<double> errors, double size, std::uint64_t seed = 2) {
+    double force = 0, motion = 0;
+    for (std::size_t k = 0; k < errors.size(); ++k) {
+        force = 0.95 * force + standard_normal(seed, 0, k);
+        motion = 0.95 * motion + 0.012 * force;
+        errors[k] += size * motion;
+    }
+    return errors;
+}
+
+const Stretches stretches = {{{0, 300}}, {{0, 100}}};
 
 SystemCandidate candidate_with(const std::vector<std::string>& names, double error) {
     SystemCandidate one{.model = {}};
@@ -26,33 +40,37 @@ SystemCandidate candidate_with(const std::vector<std::string>& names, double err
     return one;
 }
 
-// N ln(squared errors before / after) over p ln N + 2 ln M.
+// Twice the logarithm of the likelihood ratio over p ln N + 2 ln M.
 TEST(Evidence, IsThatOfTheBayesianInformationCriterion) {
     SystemStep before{.candidate = candidate_with({}, 1)}, after{.candidate = candidate_with({"linear"}, 0.5)};
     before.on_validation = errors_of(100, 1);
     after.on_validation = errors_of(100, 0.5);
     const double each = 2 * std::log(2.0), price = 2 * std::log(50.0);
-    EXPECT_NEAR(evidence(before, after, 50), 100 * each / (std::log(100.0) + price), 1e-12);
+    EXPECT_NEAR(evidence(before, after, stretches, 50), 100 * each / (std::log(100.0) + price), 1e-9);
     // Fitted values may follow what random forces did: each error of the fitted records gains no more than one of the others does.
     before.on_fitted = errors_of(300, 1);
     after.on_fitted = errors_of(300, 0.01);
-    EXPECT_NEAR(evidence(before, after, 50), 400 * each / (std::log(400.0) + price), 1e-12);
+    EXPECT_NEAR(evidence(before, after, stretches, 50), 400 * each / (std::log(400.0) + price), 1e-9);
     after.on_fitted = errors_of(300, 1);
-    EXPECT_NEAR(evidence(before, after, 50), 100 * each / (std::log(400.0) + price), 1e-12);
-    EXPECT_EQ(evidence(after, before, 50), 0);
+    EXPECT_NEAR(evidence(before, after, stretches, 50), 100 * each / (std::log(400.0) + price), 1e-9);
+    EXPECT_EQ(evidence(after, before, stretches, 50), 0);
 }
 
-// Where the errors of the validation records stay correlated, white ones of the fitted records count no more than those in proportion.
-TEST(Evidence, CountsErrorsOfFittedRecordsAsThoseOfTheValidationRecords) {
+// To explain what a random force did is no evidence, though it makes the errors much smaller.
+TEST(Evidence, IsNotThatARandomForceIsExplained) {
+    const Stretches these = {{{0, 400}}, {{0, 400}}};
     SystemStep before{.candidate = candidate_with({}, 1)}, after{.candidate = candidate_with({"linear"}, 0.5)};
-    before.on_validation = errors_of(400, 1, 20);
-    after.on_validation = errors_of(400, 0.5, 20);
-    before.on_fitted = errors_of(800, 1);
-    after.on_fitted = errors_of(800, 0.5);
-    const double independent = 3 * 400 / correlation_length(after.on_validation);
-    ASSERT_LT(independent, 300);
-    EXPECT_NEAR(evidence(before, after, 50),
-                independent * 2 * std::log(2.0) / (std::log(independent) + 2 * std::log(50.0)), 1e-12);
+    after.on_validation = errors_of(400, 1, 3);
+    after.on_fitted = errors_of(400, 1, 4);
+    before.on_validation = moved(after.on_validation, 2, 5);
+    before.on_fitted = moved(after.on_fitted, 2, 6);
+    const double larger = rms_of_errors(before.on_validation) / rms_of_errors(after.on_validation);
+    EXPECT_GT(larger, 1.3);
+    const double of_a_force = evidence(before, after, these, 200);
+    // Where it is as large and does not follow from what was before, it is.
+    before.on_validation = errors_of(400, larger, 5);
+    before.on_fitted = errors_of(400, larger, 6);
+    EXPECT_GT(evidence(before, after, these, 200), 2.5 * of_a_force);
 }
 
 TEST(SystemStep, TermsShareTheProbabilityOfWhatHasThem) {
@@ -61,28 +79,45 @@ TEST(SystemStep, TermsShareTheProbabilityOfWhatHasThem) {
                                                 candidate_with({"linear", "square"}, 0.5),
                                                 candidate_with({"gravity"}, 0.9)};
     SystemStep step{.candidate = found[0], .certainty = 1};
-    step.weigh(current, found, {0, 1, 2, 3}, 0, {0.5, 0.5, 0.5, 0.9}, 400);
+    step.weigh(current, found, {0, 1, 2, 3}, 0, {0.5, 0.5, 0.5, 0.9}, 400, stretches);
     ASSERT_EQ(step.weighed.size(), 1u);
     const auto& [kind, term] = *step.weighed.begin();
     EXPECT_EQ(kind, found[0].terms[0].kind());
-    EXPECT_NEAR(term.probability, 2.0 / 3, 1e-12); // alone and with another one
+    EXPECT_NEAR(term.probability, 1.0 / 2, 1e-12); // two terms have no share that explain no more
     ASSERT_EQ(term.rivals.size(), 1u);             // of 0.9 nothing is left after 400 errors
-    EXPECT_NEAR(term.rivals[0].second, 1.0 / 3, 1e-12);
+    EXPECT_NEAR(term.rivals[0].second, 1.0 / 2, 1e-12);
     ASSERT_EQ(step.contenders.size(), 2u);
     EXPECT_EQ(step.contenders[1].terms[0].name, "cubic");
 }
 
-// Of what does about as well as the best, the one with the fewest parameters; of white noise, the score alone decides.
+// Of what does about as well as the best, the one with the fewest parameters.
 TEST(SystemStep, TheSimplestOfWhatDoesAsWellIsTaken) {
     std::vector<SystemCandidate> found = {candidate_with({"linear", "cubic"}, 0.5), candidate_with({"square"}, 0.505)};
-    EXPECT_EQ(simplest(found, {0, 1}), 1u);
-    found[0].is_noise = true;
-    EXPECT_EQ(simplest(found, {0, 1}), 0u);
-    EXPECT_EQ(simplest(found, {}), std::nullopt);
+    EXPECT_EQ(simplest(found, {0, 1}, stretches), 1u);
+    found[1] = candidate_with({"square"}, 0.7);
+    EXPECT_EQ(simplest(found, {0, 1}, stretches), 0u);
+    EXPECT_EQ(simplest(found, {}, stretches), std::nullopt);
     // Not a part of the best that another one beats which costs no more.
     found = {candidate_with({"linear", "cubic"}, 0.5), candidate_with({"dead_zone"}, 0.51),
              candidate_with({"linear"}, 0.515)};
-    EXPECT_EQ(simplest(found, {0, 1, 2}), 1u);
+    EXPECT_EQ(simplest(found, {0, 1, 2}, stretches), 1u);
+}
+
+// What has more terms, and follows what a random force did, does not win by that.
+TEST(SystemStep, WhatFollowsARandomForceIsNoBetter) {
+    std::vector<SystemCandidate> found = {candidate_with({"linear", "cubic", "product", "memory"}, 0.5),
+                                          candidate_with({"square"}, 0.5)};
+    found[1].fitted = moved(found[0].fitted, 0.4);
+    found[1].predicted = moved(found[0].predicted, 0.4);
+    EXPECT_GT(found[1].score(), 1.1 * found[0].score());
+    EXPECT_EQ(simplest(found, {0, 1}, stretches), 1u);
+    SystemStep step{.candidate = found[1], .certainty = 1};
+    step.weigh(candidate_with({}, 5), found, {0, 1}, 1, {found[0].score(), found[1].score()}, 100, stretches);
+    EXPECT_GT(step.weighed.begin()->second.probability, 0.5);
+    // What it leaves is as large and does not follow from anything.
+    found[1].fitted = errors_of(300, 0.58, 7);
+    found[1].predicted = errors_of(100, 0.58, 8);
+    EXPECT_EQ(simplest(found, {0, 1}, stretches), 0u);
 }
 
 } // namespace
