@@ -77,7 +77,6 @@ class Diagnoser {
         }
         compare_on_validation(search);
         weigh_on_validation(search);
-        drop_what_hardly_shows(search);
         stop_if_asked();
         name_effects(search);
         result_.where = where_the_gap_is(result_.validation.front(), model_);
@@ -652,21 +651,6 @@ class Diagnoser {
         step.weigh(before.candidate, found, passed, changes ? best : 0, scores, in_search + there, search.stretches());
         steps_.back() = std::move(step);
         if (changes) conclude(search, std::move(fits[best]));
-    }
-
-    // Where the first model leaves little more than noise on the fitted records, a term may follow what random forces did there. It
-    // then must explain most of what the validation records show.
-    void drop_what_hardly_shows(const SystemSearch& search) {
-        const Gap& gap = result_.fitted_gap;
-        if (steps_.size() < 2 || gap.before > nothing_left * gap.floor || result_.explained >= half) return;
-        refuse(
-            steps_[1], std::max(0.0, 1 - result_.validation_gap.after / result_.validation_gap.before),
-            fmt::format("explains {:.0f} % of the squared gap on the validation record, and the fitted records hardly "
-                        "differ from the model without it",
-                        100 * result_.explained));
-        steps_.resize(1);
-        baseline_starts_.clear();
-        conclude(search, judged(search, steps_.front().candidate));
     }
 
     Judged judged(const SystemSearch& search, const SystemCandidate& candidate) {

@@ -87,8 +87,8 @@ m.add_force {
 )lua",
     .forms = [](const Clues& c) -> std::vector<EffectForm> {
         if (c.stroke < 1e-6) return {};
-        // A period of more than the stroke looks like the weight of an arm, which is then its rival.
-        const double shortest = c.shortest_period, longest = 2 * c.stroke, typical = c.typical_force();
+        // Longer periods are those of the weight of an arm (gravity).
+        const double shortest = c.shortest_period, longest = c.stroke, typical = c.typical_force();
         std::vector<std::vector<double>> one, two;
         for (const auto& first : sinusoids(c.position, c.force, {}, shortest, longest, 3)) {
             one.push_back({std::max(first.amplitude, 0.05 * typical), first.period, first.phase});
