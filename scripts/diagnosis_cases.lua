@@ -424,8 +424,19 @@ local function draw_effect(name, s)
   return { name = name, parameters = parameters }, { name = name, params = parameters }
 end
 
--- What may do the same as an effect with one number: another name and where its number is sought.
-local function doubles_of(effect, machine)
+-- Where friction that differs by direction is a constant force beside a level that the machine's tolerance allows: the
+-- change of the level as an effect.
+local function level_beside(effect, machine, nominal)
+  local p, deviation = effect.parameters, (nominal.tolerance or {})["friction.coulomb"]
+  local change = (p.dF_pos + p.dF_neg) / 2
+  if not deviation or change == 0 then return {} end
+  local level = nominal.friction.coulomb
+  if math.abs(machine.friction.coulomb + change - level) > 2.5 * deviation * level then return {} end
+  return { { name = "coulomb_friction", parameters = { dF = change } } }
+end
+
+-- What may do the same as an effect with one number: another name, where its number is sought, and what is beside it.
+local function doubles_of(effect, machine, nominal)
   local p = effect.parameters
   if effect.name == "thrust_gain" then
     return "payload_mass", 1 / p.gain - 1, 0.3, function(x) return { ratio = x } end
@@ -434,7 +445,9 @@ local function doubles_of(effect, machine)
   elseif effect.name == "constant_force" then
     return "asymmetric_friction", p.F, 0.3 * p.F, function(x) return { dF_pos = -x, dF_neg = x } end
   elseif effect.name == "asymmetric_friction" and p.dD_pos == 0 then
-    return "constant_force", (p.dF_neg - p.dF_pos) / 2, 0.3 * p.dF_pos + 0.3, function(x) return { F = x } end
+    local function parameters(x) return { F = x } end
+    return "constant_force", (p.dF_neg - p.dF_pos) / 2, 0.3 * p.dF_pos + 0.3, parameters,
+      level_beside(effect, machine, nominal)
   elseif effect.name == "input_delay" then
     local rest = 1 / (turn * machine.current_loop_hz)
     local function parameters(x) return { current_loop_hz = 1 / (turn * x) } end
@@ -452,11 +465,12 @@ local function doubles_of(effect, machine)
 end
 
 -- Whether another effect leaves less than a sixth of the noise, with its number as it suits best (golden section).
-local function is_double(machine, records, name, middle, reach, parameters)
+local function is_double(machine, records, name, middle, reach, parameters, beside)
   local function misfit(x)
     local worst = 0
     for _, record in ipairs(records) do
-      local ok, result = pcall(run, machine, record, nil, { { name = name, parameters = parameters(x) } })
+      local effects = { { name = name, parameters = parameters(x) }, table.unpack(beside or {}) }
+      local ok, result = pcall(run, machine, record, nil, effects)
       worst = math.max(worst, ok and result and rms(result.y, record.after.y) / record.floor or math.huge)
     end
     return worst
@@ -600,8 +614,8 @@ local function attempt(kind, wrong)
   local accept = {}
   for i, effect in ipairs(effects) do
     accept[#accept + 1] = truth[i].name
-    local name, middle, reach, parameters = doubles_of(effect, real)
-    if #effects == 1 and name and is_double(real, records, name, middle, reach, parameters) then
+    local name, middle, reach, parameters, beside = doubles_of(effect, real, machine)
+    if #effects == 1 and name and is_double(real, records, name, middle, reach, parameters, beside) then
       accept[#accept + 1] = name
     end
   end

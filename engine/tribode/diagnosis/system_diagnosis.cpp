@@ -26,7 +26,7 @@ constexpr double search_share = 0.7, fit_share = 0.95;
 constexpr std::size_t max_rich_attempts = 3, max_attempts = 5;
 // Of the fits to whole records: values that nearly make up for each other take many.
 constexpr int final_iterations = 100;
-constexpr double told_from_nothing = 2; // standard errors that an amplitude must have
+constexpr double told_from_nothing = 2; // standard errors that what is there must have
 constexpr std::size_t max_terms = 12;
 // Compared on the validation records: how many, and by how much their scores may be larger than that of what was found.
 constexpr std::size_t max_compared = 6;
@@ -61,7 +61,7 @@ class Diagnoser {
         }
         std::vector<SystemRecord> predicted = validation_;
         if (divided_) predicted.push_back(divided_->part(divided_at_, divided_->size() - divided_at_));
-        stretches_ = {stretches_of(records_), stretches_of(predicted)};
+        stretches_ = {stretches_of(model_, records_), stretches_of(model_, predicted)};
     }
 
     SystemDiagnosis run() {
@@ -179,7 +179,7 @@ class Diagnoser {
                 if (gains[i].passes() && is_allowed(found[i], current)) passed.push_back(i);
             };
             for (std::size_t i = 0; i < found.size(); ++i) judge(i);
-            auto chosen = simplest(found, passed, search.stretches());
+            auto chosen = simplest(found, passed, search.errors());
             SystemCandidate taken;
             if (chosen) {
                 taken = found[*chosen];
@@ -208,7 +208,7 @@ class Diagnoser {
                 .candidate = std::move(taken), .gain = gains[*chosen].share, .certainty = gains[*chosen].certainty};
             std::vector<double> scores;
             for (const auto& one : found) scores.push_back(one.score());
-            step.weigh(current, found, passed, *chosen, scores, independent_errors(found[*chosen]), search.stretches());
+            step.weigh(current, found, passed, *chosen, scores, independent_errors(found[*chosen]), search.errors());
             for (const auto& term : step.candidate.terms) kinds.insert(term.kind());
             step.before = kept_of(step.candidate, current);
             if (step.candidate.score() >= current.score()) break;
@@ -421,7 +421,7 @@ class Diagnoser {
         const Improvement gain = improvement_of(step.candidate, current);
         step.gain = gain.share;
         step.certainty = gain.certainty;
-        step.weigh(current, found, passed, 0, scores, independent_errors(step.candidate), search.stretches());
+        step.weigh(current, found, passed, 0, scores, independent_errors(step.candidate), search.errors());
     }
 
     // Each step fitted to all of the fitted records and simulated on the validation records. The last one stays that predicts
@@ -574,7 +574,7 @@ class Diagnoser {
         std::vector<std::size_t> passed(found.size());
         std::iota(passed.begin(), passed.end(), std::size_t{0});
         step.weigh(steps_[at].candidate, found, passed, 0, errors,
-                   static_cast<double>(least.size()) / correlation_length(least), search.stretches());
+                   static_cast<double>(least.size()) / correlation_length(least), search.errors());
         tell_replaced(step.candidate, errors.back() / errors.front() - 1);
         steps_.resize(at + 1);
         steps_.push_back(std::move(step));
@@ -648,7 +648,7 @@ class Diagnoser {
             tell_replaced(step.candidate, rms_of_errors(errors[0]) / rms_of_errors(errors[best]) - 1);
         }
         step.weighed.clear();
-        step.weigh(before.candidate, found, passed, changes ? best : 0, scores, in_search + there, search.stretches());
+        step.weigh(before.candidate, found, passed, changes ? best : 0, scores, in_search + there, search.errors());
         steps_.back() = std::move(step);
         if (changes) conclude(search, std::move(fits[best]));
     }
@@ -855,17 +855,22 @@ class Diagnoser {
         return steps_.back();
     }
 
+    // A validation record may hardly show what the fitted ones do. Where noise is all that these leave, the values that were fitted
+    // may be off by twice their uncertainty.
+    bool nothing_is_left() const {
+        const Gap &validation = result_.validation_gap, &fitted = result_.fitted_gap;
+        const double uncertainty =
+            fitted.after < nothing_left * fitted.floor ? told_from_nothing * result_.prediction_uncertainty : 0;
+        return fitted.after < little_left * fitted.floor &&
+               validation.after < std::hypot(nothing_left * validation.floor, uncertainty);
+    }
+
     void decide() {
         auto& d = result_;
         const Gap& gap = d.validation_gap;
-        // What noise leaves; where it is all that the fit leaves, also through the values that were fitted.
-        const bool is_noise = steps_.back().candidate.is_noise;
-        const double floor = is_noise ? std::hypot(gap.floor, d.prediction_uncertainty) : gap.floor;
         const bool is_left = is_much_left();
         if (d.effects.empty()) {
-            // A validation record may hardly show what the fitted ones do.
-            const bool fits = d.fitted_gap.after < little_left * d.fitted_gap.floor;
-            d.verdict = fits && gap.before < nothing_left * floor ? "nothing_missing" : "unknown_effect";
+            d.verdict = nothing_is_left() ? "nothing_missing" : "unknown_effect";
         } else if (d.open_rest == OpenRest::most ||
                    (d.open_rest == OpenRest::less_than_half && d.effects.front().is_open)) {
             d.verdict = "undecided";

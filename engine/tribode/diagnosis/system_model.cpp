@@ -43,7 +43,8 @@ std::size_t SystemRecord::measured(std::size_t samples) const {
     return count;
 }
 
-std::vector<Stretch> stretches_of(const std::vector<SystemRecord>& records) {
+std::vector<Stretch> stretches_of(const SystemModel& model, const std::vector<SystemRecord>& records) {
+    const bool is_map = model.equations.states.empty();
     std::vector<Stretch> all;
     for (const auto& record : records) {
         for (std::size_t o = 0; o < record.outputs.size(); ++o) {
@@ -55,7 +56,7 @@ std::vector<Stretch> stretches_of(const std::vector<SystemRecord>& records) {
                     ++all.back().samples;
                 } else {
                     all.push_back({o, 1});
-                    follows = true;
+                    follows = !is_map;
                 }
             }
         }

@@ -23,9 +23,6 @@ struct SystemRecord {
     std::size_t measured(std::size_t samples) const; // values of outputs among the first samples
 };
 
-// What is measured of the records, in the order of errors: record after record, output after output.
-std::vector<Stretch> stretches_of(const std::vector<SystemRecord>& records);
-
 // Equations of which some values may move: parameters, the same for all records, and start values, which each record has
 // of its own.
 struct SystemModel {
@@ -55,6 +52,10 @@ struct SystemModel {
     SystemModel with(const std::vector<double>& values) const;
     std::size_t value_count(std::size_t records) const { return parameters.size() + records * starts.size(); }
 };
+
+// What is measured of the records, in the order of errors: record after record, output after output. Of a system without states no
+// error follows from another one.
+std::vector<Stretch> stretches_of(const SystemModel& model, const std::vector<SystemRecord>& records);
 
 // A copy whose graph of expressions is its own, so that several threads may extend copies.
 Equations deep_copy(const Equations& equations);

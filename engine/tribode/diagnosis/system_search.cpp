@@ -150,7 +150,9 @@ SystemSearch::SystemSearch(const SystemModel& model, const std::vector<SystemRec
     }
 }
 
-Stretches SystemSearch::stretches() const { return {stretches_of(shown_), stretches_of(hidden_)}; }
+SystemErrors SystemSearch::errors() const {
+    return {{stretches_of(first_, shown_), stretches_of(first_, hidden_)}, fit_of_all().noise()};
+}
 
 bool SystemSearch::fit(SystemCandidate& candidate) const { return fit(candidate, iterations); }
 

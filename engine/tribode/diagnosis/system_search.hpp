@@ -37,6 +37,12 @@ struct SystemCandidate {
     double score() const;
 };
 
+// What the errors of candidates have in common.
+struct SystemErrors {
+    Stretches stretches;
+    double noise = 0; // in the outputs over their scale, rms
+};
+
 // Looks for the terms that a model lacks.
 class SystemSearch {
   public:
@@ -72,7 +78,7 @@ class SystemSearch {
     Interpolation interpolation() const { return between_; }
     const std::vector<double>& scale() const { return scale_; }
     SystemFit fit_of_all() const { return {records_, scale_, between_, whole_}; }
-    Stretches stretches() const; // of the errors of candidates
+    SystemErrors errors() const; // of candidates
     bool late() const { return late_(); }
 
   private:

@@ -10,6 +10,7 @@ namespace tribode {
 namespace {
 
 constexpr double as_good = 1.02;   // of the best score: then the simplest is taken
+constexpr double about_noise = 1.7; // of the noise: with a random force as large as that, and what the fit has not reached
 constexpr double min_rival = 0.05; // probability worth showing
 constexpr std::size_t max_rivals = 5;
 constexpr std::size_t max_told_apart = 3; // rivals, by the next experiment
@@ -18,9 +19,14 @@ std::set<std::string> new_kinds(const SystemCandidate& candidate, const SystemCa
     return kinds_from(candidate, kept_of(candidate, current));
 }
 
-// That a model with more parameters has for these; infinite where it has no more.
-double evidence_for_further(const SystemCandidate& less, const SystemCandidate& more, const Stretches& stretches) {
-    if (more.model.parameters.size() <= less.model.parameters.size()) return std::numeric_limits<double>::infinity();
+// That a model with more parameters has for these; infinite where it has no more, or where the other one leaves more than a random
+// force that is no larger than the noise.
+double evidence_for_further(const SystemCandidate& less, const SystemCandidate& more, const SystemErrors& errors) {
+    const bool leaves_little = rms_of_errors(less.fitted) < about_noise * errors.noise;
+    if (more.model.parameters.size() <= less.model.parameters.size() || !leaves_little) {
+        return std::numeric_limits<double>::infinity();
+    }
+    const Stretches& stretches = errors.stretches;
     const auto further = static_cast<double>(more.model.parameters.size() - less.model.parameters.size());
     const double gain = likelihood_gain(less.fitted, more.fitted, stretches.fitted) +
                         likelihood_gain(less.predicted, more.predicted, stretches.predicted);
@@ -64,7 +70,7 @@ double independent_errors(const SystemCandidate& candidate) {
 }
 
 std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, const std::vector<std::size_t>& passed,
-                                    const Stretches& stretches) {
+                                    const SystemErrors& errors) {
     if (passed.empty()) return std::nullopt;
     const SystemCandidate& best = found[passed.front()];
     const auto price = [](const SystemCandidate& one) {
@@ -79,7 +85,7 @@ std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, c
         const bool is_part = own.size() < kinds.size() && std::ranges::includes(kinds, own) &&
                              probability_of_gain(found[i].predicted, best.predicted) < sure_enough;
         const bool is_as_good = !best.is_noise && found[i].score() <= as_good * best.score();
-        const bool is_as_likely = evidence_for_further(found[i], best, stretches) < convincing;
+        const bool is_as_likely = evidence_for_further(found[i], best, errors) < convincing;
         if ((is_as_good || is_part || is_as_likely) && price(found[i]) < price(found[taken])) taken = i;
     }
     // Another one that costs no more than a part of the best may do better than that.
@@ -88,7 +94,7 @@ std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, c
 
 void SystemStep::weigh(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
                        const std::vector<std::size_t>& passed, std::size_t chosen, const std::vector<double>& scores,
-                       double independent, const Stretches& stretches) {
+                       double independent, const SystemErrors& errors) {
     const auto& best = found[chosen];
     independent = std::max(4.0, independent);
     const auto taken = new_kinds(best, current);
@@ -123,7 +129,7 @@ void SystemStep::weigh(const SystemCandidate& current, const std::vector<SystemC
     };
     // What has more parameters may follow random forces.
     const Weights weights = weights_of([&](std::size_t i) {
-        const double odds = evidence_for_further(best, found[i], stretches) / convincing;
+        const double odds = evidence_for_further(best, found[i], errors) / convincing;
         return std::min(likelihood(i), likelihood(chosen) + 2 * std::log(odds));
     });
     for (const auto& kind : taken) {

@@ -54,7 +54,7 @@ struct SystemStep {
     // it become its rivals.
     void weigh(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
                const std::vector<std::size_t>& passed, std::size_t chosen, const std::vector<double>& scores,
-               double independent, const Stretches& stretches);
+               double independent, const SystemErrors& errors);
 };
 
 // How much more of the errors a step explains than further parameters do by chance: above 1 the Bayesian information criterion
@@ -66,10 +66,10 @@ double evidence(double gain, std::size_t errors, double parameters, std::size_t 
 
 // Of those that do about as well as the best, the one with the fewest parameters, and of these one that has a name; where
 // noise decides, the best, whose score has the price of its parameters. What has some of the terms of the best, and predicts no worse
-// for sure, does as well: each further term must be as sure as the first. So does what the best is no likelier than, for the price of
-// its further parameters: the rest is what random forces did. `passed`: the best score first.
+// for sure, does as well: each further term must be as sure as the first. So does what leaves little more than noise where the best
+// is not much likelier for the price of its further parameters: that may be what random forces did. `passed`: the best score first.
 std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, const std::vector<std::size_t>& passed,
-                                    const Stretches& stretches);
+                                    const SystemErrors& errors);
 
 double independent_errors(const SystemCandidate& candidate); // how many of all that it was fitted to or predicts
 

@@ -27,6 +27,7 @@ std::vector<double> moved(std::vector<double> errors, double size, std::uint64_t
 }
 
 const Stretches stretches = {{{0, 300}}, {{0, 100}}};
+const SystemErrors all_errors = {stretches, 0.5};
 
 SystemCandidate candidate_with(const std::vector<std::string>& names, double error) {
     SystemCandidate one{.model = {}};
@@ -79,7 +80,7 @@ TEST(SystemStep, TermsShareTheProbabilityOfWhatHasThem) {
                                                 candidate_with({"linear", "square"}, 0.5),
                                                 candidate_with({"gravity"}, 0.9)};
     SystemStep step{.candidate = found[0], .certainty = 1};
-    step.weigh(current, found, {0, 1, 2, 3}, 0, {0.5, 0.5, 0.5, 0.9}, 400, stretches);
+    step.weigh(current, found, {0, 1, 2, 3}, 0, {0.5, 0.5, 0.5, 0.9}, 400, all_errors);
     ASSERT_EQ(step.weighed.size(), 1u);
     const auto& [kind, term] = *step.weighed.begin();
     EXPECT_EQ(kind, found[0].terms[0].kind());
@@ -93,14 +94,14 @@ TEST(SystemStep, TermsShareTheProbabilityOfWhatHasThem) {
 // Of what does about as well as the best, the one with the fewest parameters.
 TEST(SystemStep, TheSimplestOfWhatDoesAsWellIsTaken) {
     std::vector<SystemCandidate> found = {candidate_with({"linear", "cubic"}, 0.5), candidate_with({"square"}, 0.505)};
-    EXPECT_EQ(simplest(found, {0, 1}, stretches), 1u);
+    EXPECT_EQ(simplest(found, {0, 1}, all_errors), 1u);
     found[1] = candidate_with({"square"}, 0.7);
-    EXPECT_EQ(simplest(found, {0, 1}, stretches), 0u);
-    EXPECT_EQ(simplest(found, {}, stretches), std::nullopt);
+    EXPECT_EQ(simplest(found, {0, 1}, all_errors), 0u);
+    EXPECT_EQ(simplest(found, {}, all_errors), std::nullopt);
     // Not a part of the best that another one beats which costs no more.
     found = {candidate_with({"linear", "cubic"}, 0.5), candidate_with({"dead_zone"}, 0.51),
              candidate_with({"linear"}, 0.515)};
-    EXPECT_EQ(simplest(found, {0, 1, 2}, stretches), 1u);
+    EXPECT_EQ(simplest(found, {0, 1, 2}, all_errors), 1u);
 }
 
 // What has more terms, and follows what a random force did, does not win by that.
@@ -110,14 +111,14 @@ TEST(SystemStep, WhatFollowsARandomForceIsNoBetter) {
     found[1].fitted = moved(found[0].fitted, 0.4);
     found[1].predicted = moved(found[0].predicted, 0.4);
     EXPECT_GT(found[1].score(), 1.1 * found[0].score());
-    EXPECT_EQ(simplest(found, {0, 1}, stretches), 1u);
+    EXPECT_EQ(simplest(found, {0, 1}, all_errors), 1u);
     SystemStep step{.candidate = found[1], .certainty = 1};
-    step.weigh(candidate_with({}, 5), found, {0, 1}, 1, {found[0].score(), found[1].score()}, 100, stretches);
+    step.weigh(candidate_with({}, 5), found, {0, 1}, 1, {found[0].score(), found[1].score()}, 100, all_errors);
     EXPECT_GT(step.weighed.begin()->second.probability, 0.5);
     // What it leaves is as large and does not follow from anything.
     found[1].fitted = errors_of(300, 0.58, 7);
     found[1].predicted = errors_of(100, 0.58, 8);
-    EXPECT_EQ(simplest(found, {0, 1}, stretches), 0u);
+    EXPECT_EQ(simplest(found, {0, 1}, all_errors), 0u);
 }
 
 } // namespace
