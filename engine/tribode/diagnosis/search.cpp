@@ -265,6 +265,23 @@ class Search {
         cut_lead();
     }
 
+    // The samples of a record after which it has shown most of its thrust and of its stroke: a limit shows only there.
+    static std::size_t shown_after(const Measurement& measurement) {
+        constexpr double most = 0.9;
+        const auto reach = [&](const std::vector<double>& signal) {
+            const auto [low, high] = std::ranges::minmax(signal);
+            double least = signal.front(), largest = signal.front();
+            std::size_t k = 0;
+            while (k < signal.size() && largest - least < most * (high - low)) {
+                least = std::min(least, signal[k]);
+                largest = std::max(largest, signal[k]);
+                ++k;
+            }
+            return k;
+        };
+        return std::max(reach(measurement.thrust), reach(measurement.position()));
+    }
+
     // The record on which the gap shows most, to look at first; of a long one its beginning, if that shows as much.
     void choose_lead(const Hypothesis& none) {
         double most = -1;
@@ -279,7 +296,7 @@ class Search {
             most = sum / static_cast<double>(n);
             lead_ = i;
             const auto showing = [&](std::size_t least) {
-                std::size_t length = std::min(n, least);
+                std::size_t length = std::min(n, std::max(least, shown_after(all_[i].measurement)));
                 while (length < n &&
                        up_to[std::min(length, up_to.size() - 1)] < 0.5 * most * static_cast<double>(length)) {
                     length = std::min(n, length + least / 2);

@@ -88,15 +88,15 @@ TEST(Diagnosis, AnArmAFanAValveAndAGearAreFoundAndNotTakenForTheirNeighbors) {
     }
 }
 
-// A ripple of a long period has the same equation as the weight of an arm.
-TEST(Diagnosis, AnArmThatTurnsWithinTwoStrokesMayBeARipple) {
-    const Diagnosis d =
-        diagnosed(Json::parse(R"([{"name": "gravity", "parameters": {"F": 6, "turn_m": 0.03, "phase": 0.5}}])"));
-    ASSERT_EQ(d.verdict, "undecided");
+// A ripple of a period longer than the stroke has the same equation as the weight of an arm, and is called that.
+TEST(Diagnosis, WhatIsPeriodicOverMoreThanTheStrokeIsTheWeightOfAnArm) {
+    const Diagnosis d = diagnosed(Json::parse(
+        R"([{"name": "force_ripple", "parameters": {"harmonics": [{"F": 6, "period_m": 0.03, "phase": 0.5}]}}])"));
+    ASSERT_EQ(d.verdict, "effect_found");
     ASSERT_EQ(d.effects.size(), 1u);
-    ASSERT_EQ(d.effects[0].rivals.size(), 1u);
-    const std::set<std::string> names = {d.effects[0].name, d.effects[0].rivals[0].name};
-    EXPECT_EQ(names, (std::set<std::string>{"force_ripple", "gravity"}));
+    ASSERT_EQ(d.effects[0].name, "gravity");
+    expect_parameter(d.effects[0], "F", 6);
+    expect_parameter(d.effects[0], "turn_m", 0.03);
     EXPECT_LT(d.validation_gap.after, 1.2 * d.validation_gap.floor);
 }
 

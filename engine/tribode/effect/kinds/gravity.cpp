@@ -41,7 +41,7 @@ constexpr double max_strokes = 6;
 // The weight of a lever, in whose turn the axis moves by turn_m. A weight that pulls the same everywhere is constant_force.
 extern const EffectKind gravity = {
     .name = "gravity",
-    .summary = "An arm that turns with the axis has weight.",
+    .summary = "An arm that turns with the axis has weight, or a force is periodic over more than the stroke.",
     .order = 85,
     .equation = "- F sin(2 pi y/turn_m + phase)",
     .parameters =
