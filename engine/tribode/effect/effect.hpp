@@ -64,7 +64,7 @@ struct EffectKind {
     // where it could do nothing there. Without this function the kind is not looked for.
     std::vector<EffectForm> (*forms)(const Clues& clues) = nullptr;
     int fit_order = 0; // its place among the kinds that are tried
-    // Kinds of fewer parameters that it can do the work of, at some values or nearly: where it is found, each is tried in its
+    // Kinds of no more parameters that it can do the work of, at some values or nearly: where it is found, each is tried in its
     // place, and preferred unless this one predicts better.
     std::vector<std::string> simpler = {};
     // It is sought only in the place of a kind that names it as simpler, and the two are told as rivals.

@@ -40,6 +40,7 @@ m.plant.rigid_gain = m.plant.rigid_gain / (1 + p.ratio)
              .starts = {{1 + std::clamp(ratio, -0.6, 2.0)}, {ratio > 0 ? 1.1 : 0.9}}}};
     },
     .fit_order = 160,
+    .simpler = {"thrust_gain"}, // which does the same but for friction and other forces
 };
 
 } // namespace tribode::effects

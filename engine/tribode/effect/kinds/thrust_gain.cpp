@@ -32,6 +32,7 @@ m.amplifier.gain = m.amplifier.gain * p.gain
                  .starts = {{std::clamp(gain, 0.3, 3.0)}, {gain > 1 ? 1.1 : 0.9}}}};
     },
     .fit_order = 150,
+    .simpler = {"payload_mass"}, // which does the same but for friction and other forces
 };
 
 } // namespace tribode::effects
