@@ -4,6 +4,8 @@
 
 #include <cmath>
 #include <gtest/gtest.h>
+#include <limits>
+#include <utility>
 
 namespace tribode {
 namespace {
@@ -28,6 +30,24 @@ std::vector<double> moved(std::vector<double> errors, double size, std::uint64_t
 
 const Stretches stretches = {{{0, 300}}, {{0, 100}}};
 const SystemErrors all_errors = {stretches, 0.5};
+
+// A hole ends a stretch, and so do outputs and records. Rows of a map follow nothing.
+TEST(Stretches, AreOfWhatIsMeasuredInARow) {
+    const double none = std::numeric_limits<double>::quiet_NaN();
+    const SystemRecord first{.t = {0, 1, 2, 3, 4}, .outputs = {{1, 2, none, none, 5}, {1, 2, 3, 4, 5}}},
+        second{.t = {0, 1}, .outputs = {{1, 2}, {none, 2}}};
+    const auto told = [&](const SystemModel& model) {
+        std::vector<std::pair<std::size_t, std::size_t>> all;
+        for (const Stretch& one : stretches_of(model, {first, second})) all.emplace_back(one.output, one.samples);
+        return all;
+    };
+    SystemModel model{.equations = {}};
+    EXPECT_EQ(told(model),
+              (std::vector<std::pair<std::size_t, std::size_t>>{
+                  {0, 1}, {0, 1}, {0, 1}, {1, 1}, {1, 1}, {1, 1}, {1, 1}, {1, 1}, {0, 1}, {0, 1}, {1, 1}}));
+    model.equations.states.emplace_back();
+    EXPECT_EQ(told(model), (std::vector<std::pair<std::size_t, std::size_t>>{{0, 2}, {0, 1}, {1, 5}, {0, 2}, {1, 1}}));
+}
 
 SystemCandidate candidate_with(const std::vector<std::string>& names, double error) {
     SystemCandidate one{.model = {}};
