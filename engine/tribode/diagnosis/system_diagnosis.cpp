@@ -102,16 +102,18 @@ class Diagnoser {
             text = fmt::format("To tell {} from {}: {}", one.names_from(step.before), names, text);
         }
         const Gap& gap = result_.validation_gap;
-        is_unexplained_ = (result_.verdict == "unknown_effect" || result_.verdict == "partial") &&
-                          gap.after > little_left * std::hypot(gap.floor, result_.prediction_uncertainty);
+        is_left_ = result_.verdict == "unknown_effect" || result_.verdict == "partial";
+        values_explain_it_ = gap.after <= little_left * std::hypot(gap.floor, result_.prediction_uncertainty);
         return std::move(result_);
     }
 
-    // After run(): the fitted records leave nothing but noise, and the validation records more than noise and the values that were
-    // fitted explain.
+    // After run(): the fitted records leave nothing but noise, and the validation records more.
     bool is_seen_in_validation_only() const {
-        return is_unexplained_ && steps_.back().candidate.is_noise && !divided_ && !control_.stop_requested();
+        return is_left_ && steps_.back().candidate.is_noise && !divided_ && !control_.stop_requested();
     }
+
+    // After run(): what is left on the validation records may be due to the uncertainty of the values.
+    bool values_explain_it() const { return values_explain_it_; }
 
   private:
     // Whether to end what may take this share of the budget.
@@ -911,7 +913,7 @@ class Diagnoser {
     std::vector<double> baseline_values_, final_values_, final_errors_;
     std::vector<std::vector<double>> baseline_starts_; // of each validation record
     SystemDiagnosis result_;
-    bool is_unexplained_ = false; // what is left of the gap on the validation records
+    bool is_left_ = false, values_explain_it_ = false; // more than noise on the validation records
 };
 
 } // namespace
@@ -929,7 +931,15 @@ SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemReco
     validation.front() = whole.part(whole.size() / 2, whole.size());
     SystemDiagnosisOptions rest = options;
     rest.budget = std::max(options.budget - time.seconds(), 0.1 * options.budget);
-    d = Diagnoser(model, std::move(records), std::move(validation), rest, control).run();
+    SystemDiagnosis more = Diagnoser(model, std::move(records), std::move(validation), rest, control).run();
+    // What was found may be all: then the longer records know its values better, or say nothing new.
+    const auto names_of = [](const SystemDiagnosis& one) {
+        std::set<std::pair<std::string, std::string>> names;
+        for (const auto& effect : one.effects) names.emplace(effect.name, effect.equation);
+        return names;
+    };
+    if (first.values_explain_it() && names_of(more) != names_of(d)) return d;
+    d = std::move(more);
     d.where += fmt::format(" The first records show nothing of it: its first half is fitted, too, and the second half "
                            "is what is compared.");
     return d;
