@@ -353,19 +353,30 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
 
 void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
     const Interpolation present = between_;
+    std::size_t least_parameters = std::numeric_limits<std::size_t>::max() - 1;
+    for (const auto& one : found) {
+        least_parameters = std::min(least_parameters, one.model.parameters.size() - one.terms.back().parameters.size());
+    }
     for (const Interpolation between : ways()) {
         if (between == present || found.empty() || late()) continue;
         const Interpolation kept = between_;
         between_ = between;
         const std::size_t best = std::min(reconsidered, found.size());
         std::vector<SystemCandidate> others(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(best));
+        // Richer ones may have made up for the present way, which one value more cannot.
+        std::vector<std::size_t> plain;
+        for (std::size_t i = best; i < found.size() && plain.size() < reconsidered; ++i) {
+            if (found[i].model.parameters.size() > least_parameters + 1) continue;
+            plain.push_back(i);
+            others.push_back(found[i]);
+        }
         // A delay or a lag may stand for the way of the inputs alone: then what is without it suits another way.
         for (std::size_t i = 0; i < std::min(first_reconsidered, best); ++i) {
             for (std::size_t t = 0; found[i].terms.size() > 1 && t < found[i].terms.size(); ++t) {
                 if (is_timing(found[i].terms[t])) others.insert(others.begin(), without(found[i], t));
             }
         }
-        const std::size_t shorter = others.size() - best;
+        const std::size_t shorter = others.size() - best - plain.size();
         const auto refit = [&](std::size_t begin, std::size_t end) {
             for_each_index(end - begin, control_,
                            fmt::format("fitting {} hypotheses to inputs between samples", end - begin),
@@ -389,7 +400,8 @@ void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
         }
         refit(some, others.size());
         for (std::size_t i = shorter; i < others.size(); ++i) {
-            if (!others[i].predicted.empty()) found[i - shorter] = std::move(others[i]);
+            const std::size_t place = i - shorter;
+            if (!others[i].predicted.empty()) found[place < best ? place : plain[place - best]] = std::move(others[i]);
         }
         for (std::size_t i = 0; i < shorter; ++i) {
             if (!others[i].predicted.empty()) found.push_back(std::move(others[i]));
