@@ -102,7 +102,7 @@ class Diagnoser {
             text = fmt::format("To tell {} from {}: {}", one.names_from(step.before), names, text);
         }
         const Gap& gap = result_.validation_gap;
-        is_left_ = result_.verdict == "unknown_effect" || result_.verdict == "partial";
+        is_left_ = gap.after > little_left * gap.floor && !result_.out_of_time;
         values_explain_it_ = gap.after <= little_left * std::hypot(gap.floor, result_.prediction_uncertainty);
         return std::move(result_);
     }
