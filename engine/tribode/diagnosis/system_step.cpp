@@ -9,10 +9,9 @@ namespace tribode {
 
 namespace {
 
-constexpr double as_good = 1.02; // of the best score: then the simplest is taken
-constexpr double about_noise =
-    1.7; // of the noise: with a random force as large as that, and what the fit has not reached
-constexpr double min_rival = 0.05; // probability worth showing
+constexpr double as_good = 1.02;    // of the best score: then the simplest is taken
+constexpr double about_noise = 1.7; // of the noise: a random force as large as that, and some more
+constexpr double min_rival = 0.05;  // probability worth showing
 constexpr std::size_t max_rivals = 5;
 constexpr std::size_t max_told_apart = 3; // rivals, by the next experiment
 
