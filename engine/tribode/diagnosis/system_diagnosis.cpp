@@ -33,8 +33,8 @@ constexpr std::size_t max_compared = 6;
 constexpr double likely_score = 3;
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
-constexpr double least_evidence = 2; // of the records, for a step to count; half of what is convincing
-constexpr double half = 0.5;         // of the squared gap, for a partial explanation
+constexpr double least_evidence = convincing / 2; // of the records, for a step to count
+constexpr double half = 0.5;                      // of the squared gap, for a partial explanation
 // Of a name: the library may lack the right one. More so where much is left.
 constexpr double most_certain = 0.98, most_certain_of_a_part = 0.75;
 

@@ -65,7 +65,7 @@ struct EffectKind {
     std::vector<EffectForm> (*forms)(const Clues& clues) = nullptr;
     int fit_order = 0; // its place among the kinds that are tried
     // Kinds of no more parameters that it can do the work of, at some values or nearly: where it is found, each is tried in its
-    // place, and preferred unless this one predicts better.
+    // place. One of fewer parameters is preferred unless this one predicts better, one of as many is its rival.
     std::vector<std::string> simpler = {};
     // It is sought only in the place of a kind that names it as simpler, and the two are told as rivals.
     bool only_in_place = false;

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <gtest/gtest.h>
 #include <numbers>
-#include <set>
 #include <string>
 #include <utility>
 

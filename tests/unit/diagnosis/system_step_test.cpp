@@ -77,8 +77,8 @@ TEST(Evidence, IsThatOfTheBayesianInformationCriterion) {
     EXPECT_EQ(evidence(after, before, stretches, 50), 0);
 }
 
-// To explain what a random force did is no evidence, though it makes the errors much smaller.
-TEST(Evidence, IsNotThatARandomForceIsExplained) {
+// To explain what a random force did is little evidence, though it makes the errors much smaller.
+TEST(Evidence, IsSmallWhereARandomForceIsExplained) {
     const Stretches these = {{{0, 400}}, {{0, 400}}};
     SystemStep before{.candidate = candidate_with({}, 1)}, after{.candidate = candidate_with({"linear"}, 0.5)};
     after.on_validation = errors_of(400, 1, 3);
@@ -88,7 +88,7 @@ TEST(Evidence, IsNotThatARandomForceIsExplained) {
     const double larger = rms_of_errors(before.on_validation) / rms_of_errors(after.on_validation);
     EXPECT_GT(larger, 1.3);
     const double of_a_force = evidence(before, after, these, 200);
-    // Where it is as large and does not follow from what was before, it is.
+    // As large, but not following from what was before.
     before.on_validation = errors_of(400, larger, 5);
     before.on_fitted = errors_of(400, larger, 6);
     EXPECT_GT(evidence(before, after, these, 200), 2.5 * of_a_force);
