@@ -86,9 +86,10 @@ node-down)
         grep -qx "SLURMD_NODENAME=n$node" <<<"$text" || continue
         grep -qx "SLURM_CONF=$SLURM_CONF" <<<"$text" || continue
         task=$(basename "$(dirname "$environment")")
-        parent=$(awk '/^PPid:/ { print $2 }' "/proc/$task/status")
+        # A process may end, and its parent too, while it is looked at.
+        parent=$(awk '/^PPid:/ { print $2 }' "/proc/$task/status" 2>/dev/null) || continue
         tasks+=("$task")
-        [ "$(cat "/proc/$parent/comm")" != slurmstepd ] || parents+=("$parent")
+        [ "$(cat "/proc/$parent/comm" 2>/dev/null)" != slurmstepd ] || parents+=("$parent")
     done
     # First those who would report the end of the others.
     [ ${#tasks[@]} -eq 0 ] || kill -KILL "${parents[@]}" "${tasks[@]}" 2>/dev/null || true
