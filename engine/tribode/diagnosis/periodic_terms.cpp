@@ -12,6 +12,10 @@ namespace {
 constexpr std::size_t max_samples = 3000; // of the spectrum of errors
 constexpr std::size_t max_turns = 400;    // of a period over the span
 constexpr int per_turn = 4;               // points of the spectrum
+// Of a wave over a variable: different values at least, and of its quarter turns the share that records visit. Over the few
+// levels of a staircase a short wave is whatever the levels are.
+constexpr std::size_t least_values = 8;
+constexpr double least_visited = 0.5;
 constexpr std::size_t max_peaks = 3;
 
 // Periods, of so many that can be told apart.
@@ -19,6 +23,18 @@ struct Periods {
     std::vector<double> found;
     std::size_t looked_at = 1;
 };
+
+// How many intervals, so many to the whole span, hold values; these in ascending order.
+std::size_t visited(const std::vector<double>& ascending, double intervals, double span) {
+    std::size_t count = 0;
+    double last = -1;
+    for (const double value : ascending) {
+        const double place = std::min(std::floor((value - ascending.front()) / span * intervals), intervals - 1);
+        if (place > last) ++count;
+        last = place;
+    }
+    return count;
+}
 
 // The periods that show most in the errors over the values of a variable: from twice its span to a few samples.
 Periods periods(const TermLibrary& library, const TermTarget& target, const std::vector<double>& values, double span) {
@@ -38,6 +54,9 @@ Periods periods(const TermLibrary& library, const TermTarget& target, const std:
         mean += errors[k];
     }
     mean /= static_cast<double>(e.size());
+    std::vector<double> ascending = w;
+    std::sort(ascending.begin(), ascending.end());
+    if (visited(ascending, per_turn * static_cast<double>(max_turns), span) < least_values) return {};
     struct Line {
         double power, frequency;
     };
@@ -45,6 +64,8 @@ Periods periods(const TermLibrary& library, const TermTarget& target, const std:
     const std::size_t most = std::min(w.size() / 4, max_turns);
     for (std::size_t n = per_turn / 2; n <= most * per_turn; ++n) {
         const double frequency = static_cast<double>(n) / (per_turn * span);
+        const double quarters = std::max(1.0, std::round(4 * frequency * span));
+        if (static_cast<double>(visited(ascending, quarters, span)) < least_visited * quarters) break;
         double s = 0, c = 0;
         for (std::size_t k = 0; k < w.size(); ++k) {
             s += (e[k] - mean) * std::sin(two_pi * frequency * w[k]);

@@ -185,8 +185,16 @@ SystemRecord read_system_record(const std::filesystem::path& file, const SystemM
     for (const auto* names : {&columns.inputs, &columns.outputs}) {
         for (const auto& [name, column] : *names) options.columns[name] = column;
     }
-    for (const auto& input : model.equations.inputs) wanted.push_back(input.name);
-    for (std::size_t o = 0; o < model.measured.size(); ++o) wanted.push_back(measured_name(model, o));
+    // Columns come in the units of the system, in SI where it states none.
+    options.units.emplace();
+    const auto want = [&](const std::string& name, const std::string& unit) {
+        wanted.push_back(name);
+        if (!unit.empty()) options.units->emplace(name, unit);
+    };
+    for (const auto& input : model.equations.inputs) want(input.name, input.unit);
+    for (std::size_t o = 0; o < model.measured.size(); ++o) {
+        want(measured_name(model, o), model.equations.outputs[model.measured[o]].unit);
+    }
     const bool timeless = model.equations.states.empty();
     if (const auto time = time_column(file, columns.record)) {
         options.columns["t"] = *time;

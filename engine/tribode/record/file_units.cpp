@@ -15,6 +15,7 @@ const std::map<std::string, FileUnit, std::less<>>& whole_units() {
     static const double turn = 2 * std::numbers::pi;
     static const std::map<std::string, FileUnit, std::less<>> units = {
         {"1", {""}},
+        {"%", {"", 1, 100}},
         {"kg", {"kg"}},
         {"sec", {"s"}},
         {"min", {"s", 60}},

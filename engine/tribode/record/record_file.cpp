@@ -256,34 +256,35 @@ class Chooser {
     std::vector<const Variable*> taken_; // what the columns of table_ are in the file
 };
 
-// Brings a column to SI by the unit that the file gives it.
-void convert(Column& column, const std::string& source) {
-    if (column.unit.empty()) return;
-    const auto unit = file_unit(column.unit);
-    if (!unit) {
-        throw InputError(fmt::format("{}: column {} has the unit \"{}\", which is not known; give its factor to SI: "
-                                     "--scale {}=FACTOR",
-                                     source, column.name, column.unit, column.name));
-    }
-    unit->convert(column.values);
-    column.unit = unit->si;
+// In which machines count what records hold.
+const std::map<std::string, std::string>& units_of_machines() {
+    static const std::map<std::string, std::string> units = {
+        {"t", "s"}, {"r", "m"}, {"u", "N"}, {"exc", "N"}, {"y", "m"}};
+    return units;
 }
 
-// The columns that machines use.
-constexpr std::pair<const char*, const char*> expected_units[] = {
-    {"t", "s"}, {"r", "m"}, {"u", "N"}, {"exc", "N"}, {"y", "m"}};
-
-// Throws InputError where the file gives a column another unit than it has in Tribode. A column that the user scales is
-// taken as it is then.
-void require_units(const Table& table, const RecordOptions& options, const std::vector<std::string>& wanted) {
-    for (const auto& [name, expected] : expected_units) {
-        const Column* column = contains(wanted, name) ? table.find(name) : nullptr;
-        if (!column || column->unit.empty() || column->unit == expected || options.scale.contains(name)) continue;
-        const auto unit = file_unit(column->unit);
-        throw InputError(fmt::format("{}: column {} is in {}, must be in {}; give its factor: --scale {}={}",
-                                     table.source, name, column->unit, expected, name,
-                                     unit && unit->si == expected ? to_text(unit->to_si(1)) : "FACTOR"));
+// Brings a column from the unit that the file gives it to the wanted one; to SI where none is wanted.
+void convert(Column& column, const std::string& wanted, const std::string& source) {
+    if (column.unit == wanted) return;
+    const auto unit = file_unit(column.unit);
+    if (wanted.empty()) {
+        if (!unit) {
+            throw InputError(
+                fmt::format("{}: column {} has the unit \"{}\", which is not known; give its factor to SI: "
+                            "--scale {}=FACTOR",
+                            source, column.name, column.unit, column.name));
+        }
+        unit->convert(column.values);
+        column.unit = unit->si;
+        return;
     }
+    const auto other = file_unit(wanted);
+    if (!unit || !other || unit->si != other->si) {
+        throw InputError(fmt::format("{}: column {} is in {}, must be in {}; give its factor: --scale {}=FACTOR",
+                                     source, column.name, column.unit, wanted, column.name));
+    }
+    FileUnit{"", unit->factor * other->divisor, unit->divisor * other->factor}.convert(column.values);
+    column.unit = wanted;
 }
 
 void require_finite(const Table& table) {
@@ -347,10 +348,16 @@ Record record_from_bytes(std::string_view bytes, const std::string& source, cons
             if (content.has_file_units) column.unit.clear(); // whoever gives the factor knows it
         }
     }
-    if (content.has_file_units) {
-        for (Column& column : record.table.columns) convert(column, source);
+    const auto& units = options.units ? *options.units : units_of_machines();
+    for (Column& column : record.table.columns) {
+        if (column.unit.empty() || options.scale.contains(column.name)) continue;
+        const auto unit = contains(wanted, column.name) ? units.find(column.name) : units.end();
+        if (unit != units.end()) {
+            convert(column, unit->second, source);
+        } else if (content.has_file_units) {
+            convert(column, "", source);
+        }
     }
-    require_units(record.table, options, wanted);
     require_finite(record.table);
     if (record.table.find("t")) record.time = time_grid(record.table);
     return record;

@@ -15,7 +15,10 @@ namespace tribode {
 // What a user says of a record whose names and units are not ours.
 struct RecordOptions {
     std::map<std::string, std::string> columns; // our name -> name in the file; other columns keep theirs
-    std::map<std::string, double> scale;        // our name -> factor to SI
+    std::map<std::string, double> scale;        // our name -> factor to the unit below
+    // our name -> the unit in which a wanted column is to be, any that the file's unit can be converted to; those without one
+    // are brought to SI. Without the map the units are those of machines: u in N, y in m.
+    std::optional<std::map<std::string, std::string>> units;
 
     // From the command line: `t=t_s,u=u_V` and `u=35.15`. Throws InputError beginning with --columns or --scale.
     static RecordOptions parse(std::string_view columns, std::string_view scale);
@@ -35,7 +38,8 @@ struct Record {
 // or HDF5 file holds is passed over; a CSV file is kept whole unless options.columns names some of it. In HDF5 the name
 // of a vector in a group is `group/name`, or `name` alone where one group holds all.
 // Throws InputError: a column that is missing (with the nearest name), not a vector of doubles (with those there are),
-// of another length, not finite, a time that does not increase, damaged bytes.
+// of another length, not finite, in a unit that is not known or does not fit (with the option that gives its factor), a
+// time that does not increase, damaged bytes.
 Record read_record(const std::filesystem::path& path, const RecordOptions& options = {},
                    const std::vector<std::string>& wanted = {});
 

@@ -99,6 +99,23 @@ TEST(CsvDialect, AFactorOfTheUserTakesThePlaceOfTheUnit) {
               Values{3});
 }
 
+TEST(CsvDialect, AColumnComesInTheUnitInWhichItIsWanted) {
+    const std::vector<std::string> wanted = {"t", "u", "y"};
+    RecordOptions options;
+    options.units = {{"u", "V"}, {"y", "mm"}};
+    EXPECT_EQ(read("t,u,y\nms,mV,mm\n0,500,2\n", options, wanted).table["u"].values, Values{0.5});
+    EXPECT_EQ(read("t,u,y\nms,mV,mm\n0,500,2\n", options, wanted).table["y"].values, Values{2});
+    EXPECT_EQ(read("t,u,y\nms,mV,m\n0,500,2\n", options, wanted).table["y"].values, Values{2000});
+    EXPECT_EQ(read("t,u,y\n0,500,2\n", options, wanted).table["u"].values, Values{500});
+    EXPECT_EQ(refused("t,u,y\ns,N,mm\n0,1,2\n", options, wanted),
+              "input: x.csv: column u is in N, must be in V; give its factor: --scale u=FACTOR");
+    // What has no unit there is brought to SI, whatever machines would want.
+    options.units = {{"t", "s"}, {"y", "%"}};
+    EXPECT_EQ(read("t [s],u [mV],y [%]\n0,500,2\n", options, wanted).table["u"].values, Values{0.5});
+    EXPECT_EQ(read("t [s],u [mV],y [%]\n0,500,2\n", options, wanted).table["y"].values, Values{2});
+    EXPECT_EQ(read("t [s],u [N],y [%]\n0,500,2\n").table["y"].values, Values{0.02});
+}
+
 TEST(CsvDialect, AUnitThatDoesNotFitIsRefusedWithTheLineToWrite) {
     const std::vector<std::string> wanted = {"t", "u", "y"};
     EXPECT_EQ(refused("t,u,y\ns,V,m\n0,1,2\n", {}, wanted),
@@ -125,7 +142,7 @@ TEST(CsvDialect, UnitsOfFiles) {
     EXPECT_EQ(in_si("1/ms", 1), Pair("1/s", 1e3));
     EXPECT_EQ(in_si("N m", 2), Pair("N m", 2));
     EXPECT_EQ(in_si("N/(A s)", 2), Pair("N/(A s)", 2));
-    for (const char* text : {"", "inc", "g", "%", "m/", "/s", "m//s", "a/b/c", "m2x", "x", "[", "[]", "()", "mkg"}) {
+    for (const char* text : {"", "inc", "g", "m/", "/s", "m//s", "a/b/c", "m2x", "x", "[", "[]", "()", "mkg"}) {
         EXPECT_EQ(in_si(text, 1).first, "unknown") << text;
     }
 }

@@ -1,3 +1,4 @@
+#include "tribode/base/error.hpp"
 #include "tribode/diagnosis/inner_signals.hpp"
 #include "tribode/diagnosis/system_record.hpp"
 #include "tribode/diagnosis/system_terms.hpp"
@@ -208,6 +209,62 @@ TEST(InnerSignals, ATermOfWhatIsSharedActsOnBothSides) {
     }
     // What only the search needs is not shown.
     EXPECT_EQ(without_inner_signals(plain.model).outputs.size(), 1u);
+}
+
+TEST(SystemTerms, RecordsComeInTheUnitsOfTheSystem) {
+    const TemporaryFolder folder;
+    const char* const text = R"lua(local tb = require "tribode"
+return tb.system {
+  parameters = { k = { value = 1, unit = "rad/(V s)" } },
+  inputs = { u = { unit = "V" }, p = { unit = "mm" } }, states = { y = { start = 0, unit = "rad" } },
+  der = function(s) return { y = s.k * s.u } end })lua";
+    const auto record_of = [&](const std::string& header) {
+        std::string rows = header + "\n";
+        for (int k = 0; k < 150; ++k) rows += std::to_string(0.02 * k) + ",3,2,180\n";
+        const auto file = folder.write("record.csv", rows);
+        return read_system_record(file, system_model_of(read_system(folder, text), {}, {}, {file}), {});
+    };
+    const SystemRecord record = record_of("t [s],u [mV],p [mm],y [deg]");
+    EXPECT_EQ(record.inputs[0][0], 2); // p
+    EXPECT_EQ(record.inputs[1][0], 3e-3);
+    EXPECT_NEAR(record.outputs[0][0], std::acos(-1.0), 1e-15);
+    try {
+        record_of("t [s],u [N],p [mm],y [deg]");
+        ADD_FAILURE() << "is not refused";
+    } catch (const InputError& error) {
+        EXPECT_NE(std::string(error.what()).find("column u is in N, must be in V"), std::string::npos) << error.what();
+    }
+}
+
+TEST(SystemTerms, OverAFewLevelsThereAreNoWaves) {
+    const TemporaryFolder folder;
+    const char* const text = R"(local tb = require "tribode"
+return tb.system {
+  parameters = { a = 1 }, inputs = { u = 0 }, states = { y = 0 },
+  der = function(s) return { y = s.u - s.a * s.y } end })";
+    // Waves over u where it takes so many values: those of a triangle of so many steps.
+    const auto waves = [&](int levels) {
+        std::string rows = "t,u,y\n";
+        for (int k = 0; k < 600; ++k) {
+            const double phase = std::fmod(k / 100.0, 2.0), place = phase < 1 ? phase : 2 - phase;
+            const double u = std::min(std::floor(place * levels), levels - 1.0) / levels;
+            rows += std::to_string(0.05 * k) + "," + std::to_string(u) + "," + std::to_string(std::sin(9 * u)) + "\n";
+        }
+        const auto file = folder.write("record.csv", rows);
+        const SystemModel model = system_model_of(read_system(folder, text), {}, {}, {file});
+        const std::vector<SystemRecord> records = {read_system_record(file, model, {})};
+        const SystemFit fit(records, {1}, Interpolation::hold, {600});
+        const auto trace = fit.simulate(model, model.values(1), 0, 600);
+        std::vector<double> periods;
+        for (const auto& term :
+             system_terms(model, 1, fit, variables_of(model, 1, fit, {*trace}), fit.errors(model, model.values(1)))) {
+            if (term.name == "periodic" && term.of == "u") periods.push_back(term.parameters[2].start);
+        }
+        return periods;
+    };
+    EXPECT_TRUE(waves(4).empty());
+    EXPECT_FALSE(waves(50).empty());
+    for (const double period : waves(10)) EXPECT_GT(period, 0.9 / 5); // two of ten levels a turn
 }
 
 TEST(SystemTerms, EachOfAnImposedMotionRunsAndCanBeWritten) {
