@@ -11,11 +11,8 @@ namespace {
 
 constexpr std::size_t max_samples = 3000; // of the spectrum of errors
 constexpr std::size_t max_turns = 400;    // of a period over the span
-constexpr int per_turn = 4;               // points of the spectrum
-// Of a wave over a variable: different values at least, and of its quarter turns the share that records visit. Over the few
-// levels of a staircase a short wave is whatever the levels are.
-constexpr std::size_t least_values = 8;
-constexpr double least_visited = 0.5;
+constexpr int per_turn = 4;               // points of the spectrum, and quarters
+constexpr std::size_t least_values = 8;   // of a variable, different ones, over which a wave is sought
 constexpr std::size_t max_peaks = 3;
 
 // Periods, of so many that can be told apart.
@@ -24,16 +21,27 @@ struct Periods {
     std::size_t looked_at = 1;
 };
 
-// How many intervals, so many to the whole span, hold values; these in ascending order.
-std::size_t visited(const std::vector<double>& ascending, double intervals, double span) {
-    std::size_t count = 0;
-    double last = -1;
+// Of so many intervals of the span: those that hold values, and those of them beside one that does.
+struct Visited {
+    std::size_t all = 0, beside_another = 0;
+};
+
+Visited visited(const std::vector<double>& ascending, std::size_t intervals, double span) {
+    Visited made;
+    double before = -2; // the last interval that holds a value
+    bool is_counted = false;
     for (const double value : ascending) {
-        const double place = std::min(std::floor((value - ascending.front()) / span * intervals), intervals - 1);
-        if (place > last) ++count;
-        last = place;
+        const double last = static_cast<double>(intervals - 1);
+        const double here =
+            std::min(std::floor((value - ascending.front()) / span * static_cast<double>(intervals)), last);
+        if (here == before) continue;
+        const bool touches = here == before + 1;
+        ++made.all;
+        if (touches) made.beside_another += is_counted ? 1 : 2;
+        is_counted = touches;
+        before = here;
     }
-    return count;
+    return made;
 }
 
 // The periods that show most in the errors over the values of a variable: from twice its span to a few samples.
@@ -56,7 +64,7 @@ Periods periods(const TermLibrary& library, const TermTarget& target, const std:
     mean /= static_cast<double>(e.size());
     std::vector<double> ascending = w;
     std::sort(ascending.begin(), ascending.end());
-    if (visited(ascending, per_turn * static_cast<double>(max_turns), span) < least_values) return {};
+    if (visited(ascending, per_turn * max_turns, span).all < least_values) return {};
     struct Line {
         double power, frequency;
     };
@@ -64,10 +72,12 @@ Periods periods(const TermLibrary& library, const TermTarget& target, const std:
     const std::size_t most = std::min(w.size() / 4, max_turns);
     for (std::size_t n = per_turn / 2; n <= most * per_turn; ++n) {
         const double frequency = static_cast<double>(n) / (per_turn * span);
-        const double quarters = std::max(1.0, std::round(4 * frequency * span));
-        if (static_cast<double>(visited(ascending, quarters, span)) < least_visited * quarters) break;
+        // Over levels that lie apart, as those of a staircase, a wave is whatever they are: the variable must pass through
+        // it, through neighboring quarters of a turn.
+        const Visited quarters = visited(ascending, n, span);
+        const bool passes_through = 2 * quarters.beside_another >= quarters.all;
         double s = 0, c = 0;
-        for (std::size_t k = 0; k < w.size(); ++k) {
+        for (std::size_t k = 0; passes_through && k < w.size(); ++k) {
             s += (e[k] - mean) * std::sin(two_pi * frequency * w[k]);
             c += (e[k] - mean) * std::cos(two_pi * frequency * w[k]);
         }

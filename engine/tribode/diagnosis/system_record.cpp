@@ -66,9 +66,9 @@ void check_names(const SystemColumns& columns, const Equations& equations) {
 // The name of the column of the time in a file; nothing: there is none.
 std::optional<std::string> time_column(const std::filesystem::path& file, const RecordOptions& options) {
     if (const auto named = options.columns.find("t"); named != options.columns.end()) return named->second;
-    const Record all = read_record(file);
+    const auto all = column_names(file);
     for (const char* name : {"t", "t_s", "time", "time_s"}) {
-        if (all.table.find(name)) return name;
+        if (contains(all, name)) return name;
     }
     return std::nullopt;
 }
@@ -108,7 +108,7 @@ SystemModel system_model_of(Equations equations, const std::vector<std::string>&
     const auto known = measurable(equations);
     const std::size_t outputs = equations.outputs.size();
     // Without --output: what has a column of its name.
-    const auto is_measured = [&, all = columns.outputs.empty() ? read_record(records.front()).table.names()
+    const auto is_measured = [&, all = columns.outputs.empty() ? column_names(records.front())
                                                                : std::vector<std::string>{}](const std::string& name) {
         return columns.outputs.empty() ? contains(all, name) : columns.outputs.contains(name);
     };

@@ -148,6 +148,12 @@ std::string vectors_of(const Content& content) {
     return fmt::format("vectors in the file: {}", fmt::join(names, ", "));
 }
 
+Content unpacked_content(std::string_view bytes, const std::string& source, RecordOptions& options,
+                         const std::vector<std::string>& wanted) {
+    if (!is_gzip(bytes)) return content_of(bytes, bytes.size(), source, options, wanted);
+    return content_of(gunzip(bytes, source), bytes.size(), source, options, wanted);
+}
+
 // Chooses variables and makes columns of them.
 class Chooser {
   public:
@@ -336,9 +342,8 @@ RecordOptions RecordOptions::read(FieldReader& fields) {
 
 Record record_from_bytes(std::string_view bytes, const std::string& source, const RecordOptions& asked,
                          const std::vector<std::string>& wanted) {
-    const std::string unpacked = is_gzip(bytes) ? gunzip(bytes, source) : "";
     RecordOptions options = asked;
-    const Content content = content_of(is_gzip(bytes) ? unpacked : bytes, bytes.size(), source, options, wanted);
+    const Content content = unpacked_content(bytes, source, options, wanted);
     Record record{Chooser(content, source, options, wanted).table(), std::nullopt};
     for (const auto& [name, factor] : options.scale) {
         record.table[name]; // a name that is not there is refused
@@ -366,6 +371,15 @@ Record record_from_bytes(std::string_view bytes, const std::string& source, cons
 Record read_record(const std::filesystem::path& path, const RecordOptions& options,
                    const std::vector<std::string>& wanted) {
     return record_from_bytes(read_file(path), path.string(), options, wanted);
+}
+
+std::vector<std::string> column_names(const std::filesystem::path& path) {
+    RecordOptions options;
+    std::vector<std::string> names;
+    for (const auto& variable : unpacked_content(read_file(path), path.string(), options, {}).variables) {
+        if (variable.refusal.empty()) names.push_back(variable.name);
+    }
+    return names;
 }
 
 void write_record(const std::filesystem::path& path, const Table& table) {

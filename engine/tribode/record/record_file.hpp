@@ -12,7 +12,7 @@
 
 namespace tribode {
 
-// What a user says of a record whose names and units are not ours.
+// What a user says of a record whose names and units are not ours, and in which units it is wanted.
 struct RecordOptions {
     std::map<std::string, std::string> columns; // our name -> name in the file; other columns keep theirs
     std::map<std::string, double> scale;        // our name -> factor to the unit below
@@ -46,6 +46,10 @@ Record read_record(const std::filesystem::path& path, const RecordOptions& optio
 // The same of bytes already read; `source` begins the messages.
 Record record_from_bytes(std::string_view bytes, const std::string& source, const RecordOptions& options = {},
                          const std::vector<std::string>& wanted = {});
+
+// The names of the columns of a record, of a MAT or HDF5 file those of its vectors of numbers, whatever their units. Throws
+// InputError: damaged bytes.
+std::vector<std::string> column_names(const std::filesystem::path& path);
 
 // Writes a table in the format of the extension: .mat, .h5 or .hdf5, .csv.gz; everything else is CSV.
 // No half-written file is ever left.

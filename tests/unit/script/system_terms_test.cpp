@@ -236,19 +236,33 @@ return tb.system {
     }
 }
 
+TEST(SystemTerms, AUnitThatOnlyTheSystemKnowsIsTakenAsItIs) {
+    const TemporaryFolder folder;
+    const char* const text = R"(local tb = require "tribode"
+return tb.system { parameters = { a = { value = 1, unit = "1/s" } }, states = { y = { start = 1, unit = "inc" } },
+  der = function(s) return { y = -s.a * s.y } end })";
+    std::string rows = "t,y\nms,inc\n";
+    for (int k = 0; k < 150; ++k) rows += std::to_string(20 * k) + ",3\n";
+    const auto file = folder.write("record.csv", rows);
+    const SystemRecord record =
+        read_system_record(file, system_model_of(read_system(folder, text), {}, {}, {file}), {});
+    EXPECT_EQ(record.outputs[0][0], 3);
+    EXPECT_EQ(record.t[1], 0.02);
+}
+
 TEST(SystemTerms, OverAFewLevelsThereAreNoWaves) {
     const TemporaryFolder folder;
     const char* const text = R"(local tb = require "tribode"
 return tb.system {
   parameters = { a = 1 }, inputs = { u = 0 }, states = { y = 0 },
   der = function(s) return { y = s.u - s.a * s.y } end })";
-    // Waves over u where it takes so many values: those of a triangle of so many steps.
-    const auto waves = [&](int levels) {
+    // Waves over u where it follows this function of a triangle between 0 and 1.
+    const auto waves = [&](const auto& input) {
         std::string rows = "t,u,y\n";
         for (int k = 0; k < 600; ++k) {
-            const double phase = std::fmod(k / 100.0, 2.0), place = phase < 1 ? phase : 2 - phase;
-            const double u = std::min(std::floor(place * levels), levels - 1.0) / levels;
-            rows += std::to_string(0.05 * k) + "," + std::to_string(u) + "," + std::to_string(std::sin(9 * u)) + "\n";
+            const double phase = std::fmod(k / 100.0, 2.0), u = input(phase < 1 ? phase : 2 - phase);
+            rows += std::to_string(0.05 * k) + "," + std::to_string(u) + "," + std::to_string(10 * std::sin(300 * u)) +
+                    "\n";
         }
         const auto file = folder.write("record.csv", rows);
         const SystemModel model = system_model_of(read_system(folder, text), {}, {}, {file});
@@ -262,9 +276,15 @@ return tb.system {
         }
         return periods;
     };
-    EXPECT_TRUE(waves(4).empty());
-    EXPECT_FALSE(waves(50).empty());
-    for (const double period : waves(10)) EXPECT_GT(period, 0.9 / 5); // two of ten levels a turn
+    const auto steps = [](int levels) {
+        return [levels](double place) { return std::min(std::floor(place * levels), levels - 1.0) / levels; };
+    };
+    EXPECT_TRUE(waves(steps(4)).empty());
+    EXPECT_FALSE(waves(steps(10)).empty());
+    for (const double period : waves(steps(10))) EXPECT_GT(period, 0.9 / 5); // two of ten levels a turn
+    // Two regions that lie far apart, each with two turns of the wave of y over u.
+    const auto regions = waves([](double place) { return place < 0.5 ? 0.08 * place : 0.96 + 0.08 * (place - 0.5); });
+    EXPECT_TRUE(std::ranges::any_of(regions, [](double period) { return std::abs(period - 0.0209) < 0.001; }));
 }
 
 TEST(SystemTerms, EachOfAnImposedMotionRunsAndCanBeWritten) {
