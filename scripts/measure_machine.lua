@@ -30,7 +30,7 @@ local option = tb.options {
     help = "models: Maxwell-slip elements and dry friction alone, or every friction law",
   },
   structures = { default = 2, help = "friction models that are estimated with all parameters, the likeliest ones" },
-  iterations = { default = 30, help = "at most, of the joint estimation" },
+  iterations = { default = tb.quick and 4 or 30, help = "at most, of the joint estimation" },
   simulations = { default = 400, help = "of a log, after which no iteration of it begins" },
   hidden = { default = 1, help = "the machine that is measured" },
   plots = { default = true, help = "and the report of the response" },

@@ -26,7 +26,7 @@ local option = tb.options {
   only = { default = "all", help = "all, unknown (forces of no name), named or none" },
   disturbed = { default = 0.5, help = "share of the systems with a random force" },
   kind = { default = "", help = "only systems of this kind, e.g. coupling" },
-  budget = { default = 120, help = "seconds of processor time for each diagnosis" },
+  budget = { default = tb.quick and 10 or 120, help = "seconds of processor time for each diagnosis" },
   first = { default = 1, help = "the first case, to go on after an interruption; cases do not depend on each other" },
   join = { default = "", help = "results of earlier runs, folder,folder: nothing is diagnosed, all are counted" },
 }
