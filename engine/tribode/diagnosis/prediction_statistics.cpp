@@ -45,6 +45,23 @@ double white_noise(const std::vector<double>& values) {
     return 1.4826 * *middle / std::sqrt(70.0);
 }
 
+double rounding_noise(const std::vector<double>& values) {
+    constexpr std::size_t jumps_to_tell = 8; // a signal that rests now and then has a few
+    std::vector<double> jumps;               // from a value that has repeated to one that will
+    std::size_t held = 0;
+    for (std::size_t k = 1; k < values.size(); ++k) {
+        if (values[k] == values[k - 1]) {
+            ++held;
+        } else if (k > 1 && k + 1 < values.size() && values[k - 1] == values[k - 2] && values[k + 1] == values[k]) {
+            jumps.push_back(std::abs(values[k] - values[k - 1]));
+        }
+    }
+    if (jumps.size() < jumps_to_tell || 2 * held < values.size()) return 0;
+    const auto quarter = jumps.begin() + static_cast<std::ptrdiff_t>(jumps.size() / 4);
+    std::nth_element(jumps.begin(), quarter, jumps.end());
+    return *quarter / std::sqrt(12.0);
+}
+
 double correlation_length(const std::vector<double>& errors) {
     const std::size_t n = errors.size();
     if (n < 4) return 1;

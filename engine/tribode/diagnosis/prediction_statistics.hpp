@@ -13,6 +13,10 @@ double rms_of_errors(const std::vector<double>& errors);
 // slowly does not show. Of a signal that moves from sample to sample it is too large, never too small.
 double white_noise(const std::vector<double>& values);
 
+// Standard deviation of what rounding or holding does to a signal of steps, whose fourth differences are mostly nothing;
+// zero for a signal that is not one. From the smaller jumps between values that repeat, so rather too small.
+double rounding_noise(const std::vector<double>& values);
+
 // Samples after which errors have forgotten what they were: the sum of their correlations, both ways.
 double correlation_length(const std::vector<double>& errors);
 

@@ -59,6 +59,7 @@ SystemComparison compared(const ModelWithValues& before, const ModelWithValues& 
             const double remaining = white_noise(left);
             if (std::isfinite(remaining)) noise = std::min(noise, remaining);
         }
+        noise = std::max(noise, rounding_noise(part));
         floor += noise * noise / (unit[o] * unit[o]);
     }
     c.gap.floor = std::sqrt(floor / static_cast<double>(outputs));

@@ -720,7 +720,8 @@ class Diagnoser {
         auto e = final_errors_.begin();
         for (const auto& record : records_) {
             for (std::size_t o = 0; o < record.outputs.size(); ++o, e += static_cast<std::ptrdiff_t>(record.size())) {
-                const double own = white_noise({e, e + static_cast<std::ptrdiff_t>(record.size())});
+                const double own = std::max(white_noise({e, e + static_cast<std::ptrdiff_t>(record.size())}),
+                                            rounding_noise(record.outputs[o]) / whole.scale()[o]);
                 noise += own * own * static_cast<double>(record.size());
                 samples += static_cast<double>(record.size());
             }

@@ -245,7 +245,7 @@ double SystemFit::noise() const {
         for (std::size_t o = 0; o < record.outputs.size(); ++o, ++count) {
             std::vector<double> measured = record.outputs[o];
             std::erase_if(measured, [](double y) { return std::isnan(y); });
-            const double noise = white_noise(measured) / scale_[o];
+            const double noise = std::max(white_noise(measured), rounding_noise(measured)) / scale_[o];
             sum += noise * noise;
         }
     }

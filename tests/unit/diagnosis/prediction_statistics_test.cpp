@@ -31,6 +31,21 @@ TEST(PredictionStatistics, NoiseIsSeenBesideWhatMovesSlowly) {
     EXPECT_EQ(white_noise({1, 2, 3}), 0);
 }
 
+TEST(PredictionStatistics, NoiseOfASignalOfStepsIsThatOfItsRounding) {
+    // Slow, rounded to 0.1: fourth differences are nothing in the median.
+    std::vector<double> rounded, rests;
+    for (int k = 0; k < 5000; ++k) {
+        const double slow = 5 * std::sin(0.001 * k);
+        rounded.push_back(0.1 * std::round(slow / 0.1));
+        rests.push_back(k / 1000 % 2 == 0 ? 1 : slow); // at rest half of the time
+    }
+    EXPECT_LT(white_noise(rounded), 1e-12);
+    EXPECT_NEAR(rounding_noise(rounded), 0.1 / std::sqrt(12.0), 1e-12);
+    EXPECT_EQ(rounding_noise(rests), 0);
+    EXPECT_EQ(rounding_noise(noise(1, 5000, 0.01)), 0);
+    EXPECT_EQ(rounding_noise({1, 1, 2, 2}), 0);
+}
+
 TEST(PredictionStatistics, CorrelationHasTheLengthOfItsMemory) {
     EXPECT_NEAR(correlation_length(noise(2, 20000, 1)), 1, 0.1);
     // Both ways: (1 + a)/(1 - a) of correlations a^k, less those below a twentieth.
