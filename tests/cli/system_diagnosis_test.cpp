@@ -132,6 +132,17 @@ TEST_F(SystemDiagnosis, AHiddenDragIsFoundAndAddedToAFileThatRuns) {
                 1e-5);
 }
 
+TEST_F(SystemDiagnosis, WhatTheRecordsDoNotDetermineIsSaid) {
+    measure("s.v * math.abs(s.v)");
+    std::string twice = model("0"); // only the product of g and p counts
+    twice.replace(twice.find("s.g * s.u"), 9, "s.g * s.p / 3 * s.u");
+    folder.write("twice.lua", twice);
+    usual.insert(usual.end(), {"--free", "p"});
+    EXPECT_EQ(diagnosis("twice.lua", "out")["effects"][0]["name"], "quadratic_drag");
+    EXPECT_NE(text_of(folder / "out/system.lua").find(" These records do not determine g, p.\n"), std::string::npos);
+    EXPECT_NE(text_of(folder / "out/report.html").find("These records do not determine g, p."), std::string::npos);
+}
+
 TEST_F(SystemDiagnosis, AModelThatLacksNothingIsLeftAlone) {
     measure("0");
     const Json found = diagnosis("model.lua", "out");

@@ -78,6 +78,8 @@ class Shapes {
             if (name == "linear") return "spring_force";
             if (name == "cubic") return "cubic_stiffness";
             if (name == "hysteresis") return "presliding_hysteresis";
+            // Friction has no sign of a position.
+            if (name == "dry_friction") return "preloaded_spring";
         }
         return name;
     }

@@ -212,6 +212,27 @@ ReportSection what_was_tried(const SystemDiagnosis& d) {
     return section;
 }
 
+// Parameters that may have any value: a term that takes over what one of them did leaves it free. Nothing where there are none.
+std::string undetermined_sentence(const SystemDiagnosis& d) {
+    std::vector<std::string> names;
+    const auto note = [&](const std::string& name, double size, double standard_error) {
+        if (!(standard_error <= size)) names.push_back(name);
+    };
+    for (const auto& one : d.free) {
+        const auto& given = d.before.equations.parameters;
+        const auto own = std::ranges::find(given, one.name, &Equations::Parameter::name);
+        const double before = own != given.end() ? std::abs(own->value) : 0;
+        note(one.name, std::max(std::abs(one.value), before), one.standard_error);
+    }
+    for (const auto& effect : d.effects) {
+        for (std::size_t i = 0; i < effect.values.size(); ++i) {
+            note(effect.parameters[i], std::abs(effect.values[i]), effect.standard_errors[i]);
+        }
+    }
+    if (names.empty()) return "";
+    return fmt::format(" These records do not determine {}.", fmt::join(names, ", "));
+}
+
 } // namespace
 
 std::string gap_unit(const SystemDiagnosis& d) {
@@ -266,7 +287,7 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
                                           : fmt::format(" {}, not decided by these records, may be {}.",
                                                         d.open_rest == OpenRest::little ? "A small rest" : "The rest",
                                                         fmt::join(rest, "; "));
-    return fmt::format("{} {}.{} {}", begin, fmt::join(names, "; "), open, sizes);
+    return fmt::format("{} {}.{} {}{}", begin, fmt::join(names, "; "), open, sizes, undetermined_sentence(d));
 }
 
 Report system_report(const SystemDiagnosis& d) {

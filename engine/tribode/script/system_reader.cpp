@@ -506,7 +506,7 @@ class Reader {
         if (has_field(lua_, index_, "outputs")) {
             lua_getfield(lua_, index_, "outputs");
             for (const auto& entry : recorder_.record("tb.system: outputs", false)) {
-                always[entry.name] = {entry.name, entry.unit, entry.term};
+                always[entry.name] = {entry.name, unit_of(entry), entry.term};
             }
         }
         auto outputs = always;
@@ -520,7 +520,7 @@ class Reader {
                 continue;
             }
             for (const auto& entry : recorder_.record(fmt::format("tb.system: modes.{}.outputs", mode), false)) {
-                own[entry.name] = {entry.name, entry.unit, entry.term};
+                own[entry.name] = {entry.name, unit_of(entry), entry.term};
                 outputs.try_emplace(entry.name, own[entry.name]);
             }
             lua_pop(lua_, 2);
@@ -793,6 +793,14 @@ class Reader {
         }
         throw InputError(fmt::format("tb.system: connect: {} is not an input of a part{}", entry.name,
                                      suggestion(entry.name, inputs)));
+    }
+
+    // Of an output, for which none needs to be written: that of the variable that it is, or what its terms are in where that
+    // is no SI unit, such as mm.
+    std::string unit_of(const Recorded& output) const {
+        if (!output.unit.empty()) return output.unit;
+        if (const auto unit = unit_of(output.term); !unit.empty()) return unit;
+        return is_si(output.dimension) ? "" : to_text(output.dimension);
     }
 
     // Of a term that is a variable by itself; empty where it is not, or has none.

@@ -2,6 +2,8 @@
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 
+#include <algorithm>
+#include <array>
 #include <cctype>
 #include <cmath>
 #include <fmt/format.h>
@@ -122,6 +124,12 @@ class UnitReader {
 } // namespace
 
 Dimension dimension_of(std::string_view unit) { return UnitReader(unit).read(); }
+
+bool is_si(const Dimension& dimension) {
+    return !dimension || std::ranges::all_of(*dimension, [](const auto& factor) {
+        return std::ranges::count(std::array{"kg", "m", "s", "A", "K"}, factor.first) > 0;
+    });
+}
 
 std::string to_text(const Dimension& dimension) {
     if (!dimension) return "any unit";

@@ -19,6 +19,7 @@ using Dimension = std::optional<std::map<std::string, double>>;
 Dimension dimension_of(std::string_view unit);
 
 std::string to_text(const Dimension& dimension); // "kg m/s2", "1"
+bool is_si(const Dimension& dimension);          // no other unit is a factor in it; or it is not known
 
 // Whether the two may stand for the same quantity.
 bool fit(const Dimension& a, const Dimension& b);

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cmath>
 #include <gtest/gtest.h>
+#include <map>
 #include <set>
 
 namespace tribode {
@@ -121,6 +122,7 @@ TEST(SystemTerms, EachOfADrivenVehicleRunsAndCanBeWritten) {
                  "viscous_friction",
                  "quadratic_drag",
                  "coulomb_friction",
+                 "preloaded_spring",
                  "spring_force",
                  "cubic_stiffness",
                  "presliding_hysteresis",
@@ -234,6 +236,24 @@ return tb.system {
     } catch (const InputError& error) {
         EXPECT_NE(std::string(error.what()).find("column u is in N, must be in V"), std::string::npos) << error.what();
     }
+}
+
+TEST(SystemTerms, AnOutputHasTheUnitOfWhatItIs) {
+    const TemporaryFolder folder;
+    const Equations equations = read_system(folder, R"lua(local tb = require "tribode"
+return tb.system {
+  parameters = { b = { value = 1, unit = "deg" }, m = { value = 2, unit = "kg" }, rate = 3 },
+  inputs = { u = { unit = "N" } },
+  states = { a = { start = 0, unit = "deg" }, v = { start = 0, unit = "m/s" } },
+  der = function(s) return { a = s.b * s.rate, v = s.u / s.m } end,
+  outputs = function(s)
+    return { angle = s.a, shifted = s.a + s.b, speed = s.v, p = s.m * s.v, own = { s.v, unit = "m/s" } }
+  end })lua");
+    std::map<std::string, std::string> units;
+    for (const auto& output : equations.outputs) units[output.name] = output.unit;
+    const std::map<std::string, std::string> wanted = {
+        {"angle", "deg"}, {"shifted", "deg"}, {"speed", "m/s"}, {"p", ""}, {"own", "m/s"}};
+    EXPECT_EQ(units, wanted);
 }
 
 TEST(SystemTerms, AUnitThatOnlyTheSystemKnowsIsTakenAsItIs) {
