@@ -134,13 +134,13 @@ TEST_F(SystemDiagnosis, AHiddenDragIsFoundAndAddedToAFileThatRuns) {
 
 TEST_F(SystemDiagnosis, WhatTheRecordsDoNotDetermineIsSaid) {
     measure("s.v * math.abs(s.v)");
-    std::string twice = model("0"); // only the product of g and p counts
-    twice.replace(twice.find("s.g * s.u"), 9, "s.g * s.p / 3 * s.u");
+    std::string twice = model("0"); // only the product of g and h counts
+    twice.replace(twice.find("s.g * s.u"), 9, "s.g * s.h / 0.5 * s.u");
     folder.write("twice.lua", twice);
-    usual.insert(usual.end(), {"--free", "p"});
+    usual.insert(usual.end(), {"--free", "h"});
     EXPECT_EQ(diagnosis("twice.lua", "out")["effects"][0]["name"], "quadratic_drag");
-    EXPECT_NE(text_of(folder / "out/system.lua").find(" These records do not determine g, p.\n"), std::string::npos);
-    EXPECT_NE(text_of(folder / "out/report.html").find("These records do not determine g, p."), std::string::npos);
+    EXPECT_NE(text_of(folder / "out/system.lua").find(" These records do not determine g, h.\n"), std::string::npos);
+    EXPECT_NE(text_of(folder / "out/report.html").find("These records do not determine g, h."), std::string::npos);
 }
 
 TEST_F(SystemDiagnosis, AModelThatLacksNothingIsLeftAlone) {
