@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <numeric>
 
 namespace tribode {
 
@@ -212,6 +213,24 @@ ReportSection what_was_tried(const SystemDiagnosis& d) {
     return section;
 }
 
+// A plant that its controller holds drifts away from a record where it is simulated by itself.
+std::string drift_sentence(const SystemDiagnosis& d) {
+    constexpr double away = 3; // times what the record varies by
+    double variation = 1;      // where the gap is in standard deviations
+    if (d.before.measured.size() == 1) {
+        auto values = d.validation.front().record.outputs.front();
+        std::erase_if(values, [](double y) { return !std::isfinite(y); });
+        const double mean = std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+        for (double& y : values) y -= mean;
+        variation = rms_of_errors(values);
+    }
+    if (!(d.validation_gap.before > away * variation)) return "";
+    return fmt::format(
+        " The model drifts away from the record, whose values vary by {} rms: if it is of a closed loop, put the "
+        "controller into the system, with the reference as an input.",
+        format_quantity(variation, gap_unit(d), 3));
+}
+
 // Parameters that may have any value: a term that takes over what one of them did leaves it free. Nothing where there are none.
 std::string undetermined_sentence(const SystemDiagnosis& d) {
     std::vector<std::string> names;
@@ -268,6 +287,7 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
             text += fmt::format(" Nearest is {}, which explains {:.0f} % of the gap.", d.nearest->first,
                                 100 * d.nearest->second);
         }
+        text += drift_sentence(d);
         return text;
     }
     // An answer that is found may have a rest that is not decided.
