@@ -35,8 +35,9 @@ double rms_of_errors(const std::vector<double>& errors) {
 double white_noise(const std::vector<double>& values) {
     std::vector<double> differences;
     for (std::size_t k = 4; k < values.size(); ++k) {
-        differences.push_back(
-            std::abs(values[k] - 4 * values[k - 1] + 6 * values[k - 2] - 4 * values[k - 3] + values[k - 4]));
+        const double difference =
+            std::abs(values[k] - 4 * values[k - 1] + 6 * values[k - 2] - 4 * values[k - 3] + values[k - 4]);
+        if (std::isfinite(difference)) differences.push_back(difference);
     }
     if (differences.empty()) return 0;
     const auto middle = differences.begin() + static_cast<std::ptrdiff_t>(differences.size() / 2);
@@ -45,18 +46,27 @@ double white_noise(const std::vector<double>& values) {
     return 1.4826 * *middle / std::sqrt(70.0);
 }
 
-double rounding_noise(const std::vector<double>& values) {
+namespace {
+
+// Whether at least half of the values are those before them.
+bool holds(const std::vector<double>& values) {
+    std::size_t held = 0;
+    for (std::size_t k = 1; k < values.size(); ++k) held += values[k] == values[k - 1];
+    return values.size() > 1 && 2 * held >= values.size();
+}
+
+} // namespace
+
+double rounding_noise(const std::vector<double>& values, const std::vector<double>& errors) {
+    if (!holds(values) || holds(errors)) return 0;
     constexpr std::size_t jumps_to_tell = 8; // a signal that rests now and then has a few
     std::vector<double> jumps;               // from a value that has repeated to one that will
-    std::size_t held = 0;
-    for (std::size_t k = 1; k < values.size(); ++k) {
-        if (values[k] == values[k - 1]) {
-            ++held;
-        } else if (k > 1 && k + 1 < values.size() && values[k - 1] == values[k - 2] && values[k + 1] == values[k]) {
+    for (std::size_t k = 2; k + 1 < values.size(); ++k) {
+        if (values[k] != values[k - 1] && values[k - 1] == values[k - 2] && values[k + 1] == values[k]) {
             jumps.push_back(std::abs(values[k] - values[k - 1]));
         }
     }
-    if (jumps.size() < jumps_to_tell || 2 * held < values.size()) return 0;
+    if (jumps.size() < jumps_to_tell) return 0;
     const auto quarter = jumps.begin() + static_cast<std::ptrdiff_t>(jumps.size() / 4);
     std::nth_element(jumps.begin(), quarter, jumps.end());
     return *quarter / std::sqrt(12.0);

@@ -10,12 +10,13 @@ namespace tribode {
 double rms_of_errors(const std::vector<double>& errors);
 
 // Standard deviation of the white noise in a signal: robustly from differences of the fourth order, in which what moves
-// slowly does not show. Of a signal that moves from sample to sample it is too large, never too small.
+// slowly does not show. Of a signal that moves from sample to sample it is too large. Values that are not finite are passed over.
 double white_noise(const std::vector<double>& values);
 
-// Standard deviation of what rounding or holding does to a signal of steps, whose fourth differences are mostly nothing;
-// zero for a signal that is not one. From the smaller jumps between values that repeat, so rather too small.
-double rounding_noise(const std::vector<double>& values);
+// Standard deviation of what rounding or holding does to a signal of steps, whose fourth differences are mostly nothing, in the
+// unit of the values; zero for a signal that is not one. From the smaller jumps between values that repeat, so rather too
+// small. `errors`: what a model leaves of it; where they hold as well the model has the steps itself, and it is zero.
+double rounding_noise(const std::vector<double>& values, const std::vector<double>& errors = {});
 
 // Samples after which errors have forgotten what they were: the sum of their correlations, both ways.
 double correlation_length(const std::vector<double>& errors);

@@ -52,14 +52,15 @@ SystemComparison compared(const ModelWithValues& before, const ModelWithValues& 
     for (std::size_t o = 0; o < outputs; ++o) {
         const std::vector<double> part(record.outputs[o].begin() + static_cast<std::ptrdiff_t>(first),
                                        record.outputs[o].end());
-        double noise = white_noise(part);
+        double noise = white_noise(part), rounding = rounding_noise(part);
         for (const auto* simulated : {&c.before, &c.after}) {
+            if (std::isnan((*simulated)[o][first])) continue; // the model cannot be simulated
             std::vector<double> left = part;
             for (std::size_t k = 0; k < left.size(); ++k) left[k] -= (*simulated)[o][first + k];
-            const double remaining = white_noise(left);
-            if (std::isfinite(remaining)) noise = std::min(noise, remaining);
+            noise = std::min(noise, white_noise(left));
+            rounding = std::min(rounding, rounding_noise(part, left));
         }
-        noise = std::max(noise, rounding_noise(part));
+        noise = std::max(noise, rounding);
         floor += noise * noise / (unit[o] * unit[o]);
     }
     c.gap.floor = std::sqrt(floor / static_cast<double>(outputs));

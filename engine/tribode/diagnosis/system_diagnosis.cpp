@@ -719,11 +719,14 @@ class Diagnoser {
         // Of the fitted records, output after output, the white noise in the errors.
         auto e = final_errors_.begin();
         for (const auto& record : records_) {
-            for (std::size_t o = 0; o < record.outputs.size(); ++o, e += static_cast<std::ptrdiff_t>(record.size())) {
-                const double own = std::max(white_noise({e, e + static_cast<std::ptrdiff_t>(record.size())}),
-                                            rounding_noise(record.outputs[o]) / whole.scale()[o]);
-                noise += own * own * static_cast<double>(record.size());
-                samples += static_cast<double>(record.size());
+            for (std::size_t o = 0; o < record.outputs.size(); ++o) {
+                auto measured = record.outputs[o];
+                std::erase_if(measured, [](double y) { return std::isnan(y); }); // has no error
+                const std::vector<double> left(e, e + static_cast<std::ptrdiff_t>(measured.size()));
+                e += static_cast<std::ptrdiff_t>(measured.size());
+                const double own = std::max(white_noise(left), rounding_noise(measured, left) / whole.scale()[o]);
+                noise += own * own * static_cast<double>(measured.size());
+                samples += static_cast<double>(measured.size());
             }
         }
         noise = std::sqrt(noise / samples);

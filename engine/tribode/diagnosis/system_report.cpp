@@ -231,22 +231,16 @@ std::string drift_sentence(const SystemDiagnosis& d) {
         format_quantity(variation, gap_unit(d), 3));
 }
 
-// Parameters that may have any value: a term that takes over what one of them did leaves it free. Nothing where there are none.
+// Parameters that may have any value: a term that takes over what one of them did leaves it free. Nothing where there are
+// none. One that is nothing in the model as given has no size to compare its standard error with.
 std::string undetermined_sentence(const SystemDiagnosis& d) {
     std::vector<std::string> names;
-    const auto note = [&](const std::string& name, double size, double standard_error) {
-        if (!(standard_error <= size)) names.push_back(name);
-    };
     for (const auto& one : d.free) {
         const auto& given = d.before.equations.parameters;
         const auto own = std::ranges::find(given, one.name, &Equations::Parameter::name);
         const double before = own != given.end() ? std::abs(own->value) : 0;
-        note(one.name, std::max(std::abs(one.value), before), one.standard_error);
-    }
-    for (const auto& effect : d.effects) {
-        for (std::size_t i = 0; i < effect.values.size(); ++i) {
-            note(effect.parameters[i], std::abs(effect.values[i]), effect.standard_errors[i]);
-        }
+        const bool is_larger = before > 0 && one.standard_error > std::max(std::abs(one.value), before);
+        if (is_larger || !std::isfinite(one.standard_error)) names.push_back(one.name);
     }
     if (names.empty()) return "";
     return fmt::format(" These records do not determine {}.", fmt::join(names, ", "));

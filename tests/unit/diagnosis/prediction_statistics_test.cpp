@@ -29,6 +29,8 @@ TEST(PredictionStatistics, NoiseIsSeenBesideWhatMovesSlowly) {
     for (std::size_t k = 0; k < values.size(); ++k) values[k] += 5 * std::sin(0.01 * static_cast<double>(k));
     EXPECT_NEAR(white_noise(values), 0.01, 3e-4);
     EXPECT_EQ(white_noise({1, 2, 3}), 0);
+    for (std::size_t k = 0; k < values.size(); k += 20) values[k] = NAN;
+    EXPECT_NEAR(white_noise(values), 0.01, 3e-4);
 }
 
 TEST(PredictionStatistics, NoiseOfASignalOfStepsIsThatOfItsRounding) {
@@ -44,6 +46,11 @@ TEST(PredictionStatistics, NoiseOfASignalOfStepsIsThatOfItsRounding) {
     EXPECT_EQ(rounding_noise(rests), 0);
     EXPECT_EQ(rounding_noise(noise(1, 5000, 0.01)), 0);
     EXPECT_EQ(rounding_noise({1, 1, 2, 2}), 0);
+    // Of what a smooth model leaves, and of what one leaves that rounds as well.
+    std::vector<double> smooth = rounded, steps(rounded.size(), 0.03);
+    for (std::size_t k = 0; k < smooth.size(); ++k) smooth[k] -= 5 * std::sin(0.001 * static_cast<double>(k));
+    EXPECT_NEAR(rounding_noise(rounded, smooth), 0.1 / std::sqrt(12.0), 1e-12);
+    EXPECT_EQ(rounding_noise(rounded, steps), 0);
 }
 
 TEST(PredictionStatistics, CorrelationHasTheLengthOfItsMemory) {
