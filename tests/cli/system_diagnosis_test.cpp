@@ -348,6 +348,29 @@ TEST_F(SystemDiagnosis, AValidationRecordThatHardlyShowsWhatIsMissingDoesNotHide
     EXPECT_EQ(found["verdict"], "undecided");
 }
 
+TEST_F(SystemDiagnosis, AnOutputMayRepeatAStateOfItsName) {
+    measure("s.v * math.abs(s.v)");
+    folder.write("repeats.lua", model("0", "outputs = function(s) return { x = s.x } end"));
+    const Json d = diagnosis("repeats.lua", "out");
+    EXPECT_EQ(d["effects"][0]["name"], "quadratic_drag");
+    EXPECT_EQ(program({"diagnose", "--system", "out/system.lua", "--data", "records/ident.csv", "--budget", "1", "-o",
+                       "again", "--quiet"})
+                  .exit_code,
+              0);
+    folder.write("other.lua", model("0", "outputs = function(s) return { x = 2 * s.x } end"));
+    const auto ending = diagnose({"--system", "other.lua", "--data", "records/ident.csv", "-o", "none"});
+    EXPECT_NE(ending.err.find("the output x has the name of a state but is another value"), std::string::npos)
+        << ending.err;
+}
+
+TEST_F(SystemDiagnosis, WhatOnlyTheValidationRecordShowsIsSoughtThere) {
+    measure("0.002 * s.v * math.abs(s.v)", "valid_size=20");
+    const Json d = diagnosis("model.lua", "out");
+    EXPECT_EQ(d["verdict"], "effect_found");
+    EXPECT_EQ(d["effects"][0]["name"], "quadratic_drag");
+    EXPECT_NE(d["where"].get<std::string>().find("records/valid.csv up to t = "), std::string::npos);
+}
+
 TEST_F(SystemDiagnosis, WhatCannotBeIsOneSentence) {
     measure("0");
     const std::string record = "records/ident.csv";

@@ -11,9 +11,11 @@ namespace tribode {
 struct RunControl {
     const std::atomic<bool>* stop = nullptr;                                                 // set by Ctrl-C
     std::function<void(const std::string& what, std::size_t done, std::size_t of)> progress; // may be empty
-    unsigned workers = 1; // threads for independent runs
+    unsigned workers = 1;       // threads for independent runs
+    std::function<bool()> late; // may be empty: a run asks it now and then, and ends early where it says so
 
     bool stop_requested() const { return stop && stop->load(std::memory_order_relaxed); }
+    bool is_late() const { return late && late(); }
 };
 
 // Calls run(i) for i = 0 .. count-1 on control.workers threads, each index once; which thread runs which index is

@@ -138,6 +138,9 @@ std::string where_the_gap_is(const SystemComparison& comparison, const SystemMod
     const auto& record = comparison.record;
     const std::size_t n = record.size();
     const auto& output = model.equations.outputs[model.measured[0]];
+    if (!std::isfinite(comparison.gap.before)) {
+        return fmt::format("Without anything added the model cannot be simulated on {}.", record.source);
+    }
     std::string text = fmt::format("Without anything added the simulated {} differs from {} by {:.3g}{}{} rms.",
                                    measured_name(model, 0), record.source, comparison.gap.before,
                                    output.unit.empty() || model.measured.size() > 1 ? "" : " ",

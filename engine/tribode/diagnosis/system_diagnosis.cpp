@@ -1,5 +1,6 @@
 #include "tribode/diagnosis/system_diagnosis.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/base/quantity.hpp"
 #include "tribode/diagnosis/inner_signals.hpp"
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/diagnosis/processor_time.hpp"
@@ -35,6 +36,8 @@ constexpr double likely_score = 3;
 constexpr double nothing_left = 1.5;
 constexpr double least_evidence = convincing / 2; // of the records, for a step to count
 constexpr double half = 0.5;                      // of the squared gap, for a partial explanation
+constexpr double far_more = 4;                    // times the gap of the fitted records
+constexpr double least_part = 0.2;                // of a validation record, to be fitted or to be compared
 // Of a name: the library may lack the right one. More so where much is left.
 constexpr double most_certain = 0.98, most_certain_of_a_part = 0.75;
 
@@ -102,15 +105,20 @@ class Diagnoser {
             text = fmt::format("To tell {} from {}: {}", one.names_from(step.before), names, text);
         }
         const Gap& gap = result_.validation_gap;
-        is_left_ = gap.after > little_left * gap.floor && !result_.out_of_time;
+        const bool is_left = gap.after > little_left * gap.floor && !result_.out_of_time;
+        const bool is_here_only = steps_.back().candidate.is_noise || gap.after > far_more * result_.fitted_gap.after;
+        is_in_validation_only_ = is_left && is_here_only && !divided_ && !control_.stop_requested();
+        middle_of_what_is_left_ = middle_of_errors(result_.validation.front());
         values_explain_it_ = gap.after <= little_left * std::hypot(gap.floor, result_.prediction_uncertainty);
         return std::move(result_);
     }
 
-    // After run(): the fitted records leave nothing but noise, and the validation records more.
-    bool is_seen_in_validation_only() const {
-        return is_left_ && steps_.back().candidate.is_noise && !divided_ && !control_.stop_requested();
-    }
+    // After run(): the fitted records leave nothing but noise, or little beside what the validation records leave.
+    bool is_seen_in_validation_only() const { return is_in_validation_only_; }
+
+    // After run(): behind which sample of the first validation record half of the squared errors lie. Not near its ends, so that both
+    // parts tell something.
+    std::size_t middle_of_what_is_left() const { return middle_of_what_is_left_; }
 
     // After run(): what is left on the validation records may be due to the uncertainty of the values.
     bool values_explain_it() const { return values_explain_it_; }
@@ -126,6 +134,21 @@ class Diagnoser {
         std::string found = steps_.back().candidate.names_from(0);
         throw EndedEarly(fmt::format("interrupted, nothing is written; so far {}",
                                      found.empty() ? "nothing has been found" : "found: " + found));
+    }
+
+    std::size_t middle_of_errors(const SystemComparison& comparison) const {
+        const std::size_t samples = comparison.record.size();
+        const auto errors = comparison.errors(comparison.after, scale_);
+        std::vector<double> squares(samples, 0);
+        for (std::size_t i = 0; i < errors.size(); ++i) {
+            if (std::isfinite(errors[i])) squares[i % samples] += errors[i] * errors[i]; // else it was not measured
+        }
+        const double all = std::accumulate(squares.begin(), squares.end(), 0.0);
+        double sum = 0;
+        std::size_t middle = 0;
+        while (middle < samples && sum <= 0.5 * all) sum += squares[middle++];
+        const auto least = static_cast<std::size_t>(least_part * static_cast<double>(samples));
+        return std::clamp(middle, least, samples - least);
     }
 
     // The standard deviation of each output over the records.
@@ -351,25 +374,30 @@ class Diagnoser {
     std::optional<PoorTerm> poor_term(const SystemSearch& search, std::size_t before, std::size_t last,
                                       const Judged& fitted) {
         const SystemCandidate& candidate = steps_[last].candidate;
-        const auto ended = ended_after(fit_share);
-        const auto now = errors_after(fitted.validation);
-        const auto errors_without = [&](std::size_t term) {
-            const auto less = judged(search, search.without(candidate, term));
-            return less.errors.empty() ? std::vector<double>{} : errors_after(less.validation);
-        };
         const std::size_t first_new = steps_[before + 1].before;
-        const bool is_alone = first_new + 1 >= candidate.terms.size(); // then the validation records have told it
+        if (first_new + 1 >= candidate.terms.size())
+            return std::nullopt; // the validation records have told the only one
+        std::vector<SystemCandidate> without;
+        std::vector<const SystemCandidate*> list;
+        for (std::size_t t = first_new; t < candidate.terms.size(); ++t)
+            without.push_back(search.without(candidate, t));
+        for (const auto& one : without) list.push_back(&one);
+        const auto all = judged(search, list, ended_after(fit_share));
+        const auto errors_without = [&](std::size_t term) {
+            const auto& less = all[term - first_new];
+            return !less || less->errors.empty() ? std::vector<double>{} : errors_after(less->validation);
+        };
+        const auto now = errors_after(fitted.validation);
         const auto deviation = search.fit_of_all().standard_errors(candidate.model, fitted.values, fitted.errors);
-        for (std::size_t s = before + 1; s <= last && !is_alone; ++s) {
+        for (std::size_t s = before + 1; s <= last; ++s) {
             for (const std::size_t t : unsure_terms(candidate, steps_[s].before, fitted.values, deviation)) {
-                if (ended()) break;
+                if (t < first_new) continue;
                 const auto less = errors_without(t);
                 if (less.empty() || probability_of_gain(less, now) >= sure_enough) continue;
                 return PoorTerm{t, s, "has a term whose size is not told from nothing"};
             }
         }
-        for (std::size_t t = first_new; !is_alone && t < candidate.terms.size(); ++t) {
-            if (ended()) break;
+        for (std::size_t t = first_new; t < candidate.terms.size(); ++t) {
             const auto less = errors_without(t);
             if (less.empty() || probability_of_gain(now, less) < sure_enough) continue;
             return PoorTerm{
@@ -431,18 +459,19 @@ class Diagnoser {
     // something is. `is_last`: nothing is sought in the place of what is dropped.
     bool confirm(const SystemSearch& search, double sure_here, bool is_last) {
         scale_ = search.scale();
-        baseline_starts_.clear();
         between_ = result_.interpolation = search.interpolation();
         // What a step does not show for sure it may show together with the next ones.
         std::vector<Judged> of_step;
-        of_step.push_back(judged(search, steps_.front().candidate));
+        of_step.push_back(judged_first(search));
+        std::vector<const SystemCandidate*> later;
+        for (std::size_t s = 1; s < steps_.size(); ++s) later.push_back(&steps_[s].candidate);
+        for (auto& one : judged(search, later, [] { return false; })) of_step.push_back(*std::move(one));
         steps_.front().on_validation = errors_after(of_step.front().validation);
         steps_.front().on_fitted = of_step.front().errors;
         std::size_t kept = 0, before_kept = 0;
         const std::size_t all = steps_.size();
         std::vector<Improvement> gains(all);
         for (std::size_t s = 1; s < all; ++s) {
-            of_step.push_back(judged(search, steps_[s].candidate));
             const auto before = errors_after(of_step[kept].validation), now = errors_after(of_step[s].validation);
             gains[s] = {1 - rms_of_errors(now) / rms_of_errors(before), probability_of_gain(before, now)};
             steps_[s].on_validation = now;
@@ -531,43 +560,48 @@ class Diagnoser {
         }
         std::vector<Contender> list = std::move(simple);
         std::ranges::copy(rich, std::back_inserter(list));
-        const auto ended = ended_after(fit_share);
+        std::vector<const SystemCandidate*> candidates;
+        for (const Contender& one : list) candidates.push_back(one.candidate);
+        const auto all = judged(search, candidates, ended_after(fit_share));
         const double sure_here = 1 - (1 - sure_enough) / static_cast<double>(std::max<std::size_t>(list.size(), 1));
         std::optional<std::size_t> best;
-        std::vector<Judged> all;
         auto least = errors_after(result_.validation);
         std::size_t least_parameters = last.model.parameters.size();
-        for (const auto& [candidate, at] : list) {
-            if (ended()) break;
-            all.push_back(judged(search, *candidate));
-            const Judged& one = all.back();
-            auto errors = errors_after(one.validation);
-            if (one.errors.empty() || probability_of_gain(least, errors) < sure_here) continue;
+        std::vector<std::vector<double>> on_validation(all.size()); // the errors; empty: not known
+        for (std::size_t i = 0; i < all.size(); ++i) {
+            if (!all[i] || all[i]->errors.empty()) continue;
+            const auto& [candidate, at] = list[i];
+            const Judged& one = *all[i];
+            const auto& errors = on_validation[i] = errors_after(one.validation);
+            if (probability_of_gain(least, errors) < sure_here) continue;
             if (!is_worth_its_price(*candidate, least_parameters, least, errors, list.size())) continue;
             const auto deviation = search.fit_of_all().standard_errors(candidate->model, one.values, one.errors);
             const std::size_t first_new = kept_of(*candidate, steps_[at].candidate);
             if (!unsure_terms(*candidate, first_new, one.values, deviation).empty()) continue;
-            best = all.size() - 1;
-            least = std::move(errors);
+            best = i;
+            least = errors;
             least_parameters = candidate->model.parameters.size();
         }
         if (!best) return;
         const auto& [candidate, at] = list[*best];
         // What the search made of it does not count any more: what predicts the validation records about as well does.
-        SystemStep step{
-            .candidate = *candidate, .before = kept_of(*candidate, steps_[at].candidate), .compared_with = all.size()};
-        step.candidate.values = all[*best].values;
+        SystemStep step{.candidate = *candidate,
+                        .before = kept_of(*candidate, steps_[at].candidate),
+                        .compared_with = 1}; // the last model
+        step.candidate.values = all[*best]->values;
         const auto& before = steps_[at].on_validation;
         step.gain = 1 - rms_of_errors(least) / rms_of_errors(before);
         step.certainty = probability_of_gain(before, least);
         step.on_validation = least;
-        step.on_fitted = all[*best].errors;
+        step.on_fitted = all[*best]->errors;
         step.evidence = evidence(steps_[at], step, stretches_, result_.hypotheses.size());
         std::vector<SystemCandidate> found = {step.candidate};
         std::vector<double> errors = {rms_of_errors(least)};
         for (std::size_t i = 0; i < all.size(); ++i) {
-            const double error = rms_of_errors(errors_after(all[i].validation));
-            if (i == *best || !std::isfinite(error)) continue; // that cannot be simulated there
+            if (i == *best || !all[i]) continue;
+            ++step.compared_with;
+            const double error = rms_of_errors(on_validation[i]);
+            if (on_validation[i].empty() || !std::isfinite(error)) continue; // that cannot be simulated there
             found.push_back(*list[i].candidate);
             errors.push_back(error);
         }
@@ -580,7 +614,7 @@ class Diagnoser {
         tell_replaced(step.candidate, errors.back() / errors.front() - 1);
         steps_.resize(at + 1);
         steps_.push_back(std::move(step));
-        conclude(search, std::move(all[*best]));
+        conclude(search, *all[*best]);
     }
 
     // `worse`: by which share the last model, whose place is taken, raises the error on the validation records.
@@ -605,10 +639,12 @@ class Diagnoser {
         std::vector<SystemCandidate> found = {step.candidate};
         std::vector<Judged> fits(1);
         std::vector<std::vector<double>> errors = {errors_after(result_.validation)};
-        const auto ended = ended_after(fit_share);
+        std::vector<const SystemCandidate*> rivals;
+        for (std::size_t i = 1; i < step.contenders.size(); ++i) rivals.push_back(&step.contenders[i]);
+        auto all = judged(search, rivals, ended_after(fit_share));
+        if (!std::ranges::all_of(all, [](const auto& one) { return one.has_value(); })) return;
         for (std::size_t i = 1; i < step.contenders.size(); ++i) {
-            if (ended()) return;
-            Judged one = judged(search, step.contenders[i]);
+            Judged& one = *all[i - 1];
             auto own = errors_after(one.validation);
             if (one.errors.empty() || !std::isfinite(rms_of_errors(own))) continue;
             found.push_back(step.contenders[i]);
@@ -655,25 +691,52 @@ class Diagnoser {
         if (changes) conclude(search, std::move(fits[best]));
     }
 
-    Judged judged(const SystemSearch& search, const SystemCandidate& candidate) {
+    Judged fitted_to_all(const SystemSearch& search, const SystemCandidate& candidate) const {
         const auto ended = ended_after(fit_share);
         const auto result = search.fit_of_all().fit(candidate.model, candidate.values, final_iterations, ended);
         Judged one{result.errors.empty() ? candidate.values : result.values, result.errors, {}, {}};
-        const bool is_first = &candidate == &steps_.front().candidate;
-        if (is_first) baseline_values_ = one.values;
-        if (divided_) {
-            one.validation.push_back(against_first(*divided_, divided_at_, one.values, 0, candidate));
-            one.validation_values.push_back(candidate.model.values_of(one.values, 0));
+        if (divided_) one.validation_values.push_back(candidate.model.values_of(one.values, 0));
+        for (const auto& record : validation_) {
+            one.validation_values.push_back(with_starts(candidate.model, one.values, record, scale_, between_, ended));
         }
-        for (std::size_t v = 0; v < validation_.size(); ++v) {
-            auto values = with_starts(candidate.model, one.values, validation_[v], scale_, between_, ended);
-            if (is_first) baseline_starts_.push_back(values);
-            one.validation_values.push_back(values);
-            one.validation.push_back(compared({steps_.front().candidate.model, baseline_starts_[v]},
-                                              {candidate.model, std::move(values)}, validation_[v], 0, scale_,
+        return one;
+    }
+
+    // Beside the first model, which has been judged.
+    Judged compared_to_first(Judged one, const SystemCandidate& candidate) const {
+        if (divided_) one.validation.push_back(against_first(*divided_, divided_at_, one.values, 0, candidate));
+        for (const auto& record : validation_) {
+            const std::size_t place = one.validation.size();
+            one.validation.push_back(compared({steps_.front().candidate.model, baseline_validation_values_[place]},
+                                              {candidate.model, one.validation_values[place]}, record, 0, scale_,
                                               between_));
         }
         return one;
+    }
+
+    Judged judged_first(const SystemSearch& search) {
+        const SystemCandidate& first = steps_.front().candidate;
+        Judged one = fitted_to_all(search, first);
+        baseline_values_ = one.values;
+        baseline_validation_values_ = one.validation_values;
+        return compared_to_first(std::move(one), first);
+    }
+
+    Judged judged(const SystemSearch& search, const SystemCandidate& candidate) const {
+        return compared_to_first(fitted_to_all(search, candidate), candidate);
+    }
+
+    // Side by side. Nothing for those that were not begun when the time was over.
+    std::vector<std::optional<Judged>> judged(const SystemSearch& search,
+                                              const std::vector<const SystemCandidate*>& list,
+                                              const std::function<bool()>& ended) const {
+        std::vector<std::optional<Judged>> all(list.size());
+        for_each_index(list.size(), control_, fmt::format("fitting {} hypotheses to whole records", list.size()),
+                       [&](std::size_t i) {
+                           if (!ended()) all[i] = judged(search, *list[i]);
+                       });
+        stop_if_asked();
+        return all;
     }
 
     std::vector<double> errors_after(const std::vector<SystemComparison>& validation) const {
@@ -915,9 +978,10 @@ class Diagnoser {
     std::vector<double> scale_;
     Interpolation between_ = Interpolation::hold;
     std::vector<double> baseline_values_, final_values_, final_errors_;
-    std::vector<std::vector<double>> baseline_starts_; // of each validation record
+    std::vector<std::vector<double>> baseline_validation_values_; // of each comparison
     SystemDiagnosis result_;
-    bool is_left_ = false, values_explain_it_ = false; // more than noise on the validation records
+    bool is_in_validation_only_ = false, values_explain_it_ = false; // of what is left on the validation records
+    std::size_t middle_of_what_is_left_ = 0;
 };
 
 } // namespace
@@ -929,10 +993,11 @@ SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemReco
     Diagnoser first(model, records, validation, options, control);
     SystemDiagnosis d = first.run();
     if (!first.is_seen_in_validation_only() || validation.empty()) return d;
-    // What is missing hides in the values that were fitted. So half of a validation record is fitted, too.
+    // What is missing hides in the values that were fitted. So a part of a validation record is fitted, too.
     const SystemRecord whole = validation.front();
-    records.push_back(whole.head(whole.size() / 2));
-    validation.front() = whole.part(whole.size() / 2, whole.size());
+    const std::size_t fitted = first.middle_of_what_is_left();
+    records.push_back(whole.head(fitted));
+    validation.front() = whole.part(fitted, whole.size());
     SystemDiagnosisOptions rest = options;
     rest.budget = std::max(options.budget - time.seconds(), 0.1 * options.budget);
     SystemDiagnosis more = Diagnoser(model, std::move(records), std::move(validation), rest, control).run();
@@ -943,9 +1008,12 @@ SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemReco
         return names;
     };
     if (first.values_explain_it() && names_of(more) != names_of(d)) return d;
+    if (more.effects.empty() && !d.effects.empty()) return d;
     d = std::move(more);
-    d.where += fmt::format(" The first records show nothing of it: its first half is fitted, too, and the second half "
-                           "is what is compared.");
+    d.where += fmt::format(
+        " The other records show nothing of it, or little: {} up to t = {} is fitted, too, and the rest of it is what "
+        "is compared.",
+        whole.source, format_quantity(whole.t[fitted], "s", 3));
     return d;
 }
 

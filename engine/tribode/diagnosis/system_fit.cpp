@@ -14,6 +14,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 #include <numeric>
 #include <set>
 
@@ -35,6 +36,29 @@ constexpr double least_gain = 1e-6, least_gain_in_search = 1e-4; // of the squar
 constexpr double quick_gain = 0.5;  // what an iteration of a quick fit leaves of the squared errors
 constexpr double most_bent = 0.375; // of a step, for what corrects it
 constexpr double agreed = 4;        // times what is negligible: fixed steps and those of another solver
+constexpr double usual_change = 10; // of a parameter that was given, without a price
+
+// By how many powers of ten a parameter is farther from the value that was given than a factor of ten, and the slope of that.
+struct FarOff {
+    double tens = 0, slope = 0;
+};
+
+FarOff far_off(const SystemModel::Parameter& parameter, double value) {
+    const double times = parameter.given > 0 ? std::abs(value) / (usual_change * parameter.given) : 0;
+    if (!(times > 1)) return {};
+    return {std::log10(times), 1 / (std::numbers::ln10 * value)};
+}
+
+// What has no influence on the errors must not run away for the sake of their last percent: equations become stiff, and the
+// search slow. So where a value goes, errors have to pay, as if a power of ten were a standard deviation.
+double price(const SystemModel& model, const std::vector<double>& values, double independent_errors) {
+    double squares = 0;
+    for (std::size_t i = 0; i < model.parameters.size(); ++i) {
+        const double tens = far_off(model.parameters[i], values[i]).tens;
+        squares += tens * tens;
+    }
+    return std::exp(squares / independent_errors); // times the squared errors
+}
 
 } // namespace
 
@@ -128,11 +152,12 @@ SystemFit::SystemFit(const std::vector<SystemRecord>& records, std::vector<doubl
 
 std::optional<SystemTrace> SystemFit::simulate(const SystemModel& model, const std::vector<double>& values,
                                                std::size_t r, std::size_t samples, std::string* problem) const {
-    return run(model, values, r, samples, problem, nullptr);
+    return run(model, values, r, samples, problem, nullptr, {});
 }
 
 std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::vector<double>& values, std::size_t r,
-                                          std::size_t samples, std::string* problem, Derivatives* derivatives) const {
+                                          std::size_t samples, std::string* problem, Derivatives* derivatives,
+                                          const Ended& ended) const {
     const auto failed = [&](const std::string& why) {
         if (problem) *problem = why;
         return std::nullopt;
@@ -210,7 +235,7 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
         options.solver.absolute_tolerance = 1e-11;
         // Values far off make equations that take millions of steps; none that is near a measurement does.
         options.solver.max_steps = 2'000 + 25 * static_cast<long>(samples);
-        const SystemRun run = run_system(system, options);
+        const SystemRun run = run_system(system, options, {.late = ended});
         if (!run.outcome.ok()) return failed(run.outcome.message);
         for (std::size_t v = 0; derivatives && v < by.size(); ++v) {
             auto& columns = derivatives->emplace_back();
@@ -255,21 +280,22 @@ double SystemFit::noise() const {
 std::vector<double> SystemFit::errors(const SystemModel& model, const std::vector<double>& values) const {
     const auto lanes = LaneFit::of(*this, model, values, substeps_);
     if (lanes) return lanes->errors({values})[0];
-    return fixed_steps_only_ ? std::vector<double>() : errors_by_runs(model, values);
+    return fixed_steps_only_ ? std::vector<double>() : errors_by_runs(model, values, {});
 }
 
-std::vector<double> SystemFit::errors_by_runs(const SystemModel& model, const std::vector<double>& values) const {
+std::vector<double> SystemFit::errors_by_runs(const SystemModel& model, const std::vector<double>& values,
+                                              const Ended& ended) const {
     std::vector<double> all;
     for (std::size_t r = 0; r < records_.size(); ++r) {
-        if (!append_errors(model, values, r, all)) return {};
+        if (!append_errors(model, values, r, all, ended)) return {};
     }
     return all;
 }
 
 bool SystemFit::append_errors(const SystemModel& model, const std::vector<double>& values, std::size_t r,
-                              std::vector<double>& all) const {
+                              std::vector<double>& all, const Ended& ended) const {
     if (used_[r] == 0) return true;
-    const auto trace = simulate(model, values, r, used_[r]);
+    const auto trace = run(model, values, r, used_[r], nullptr, nullptr, ended);
     if (!trace) return false;
     for (std::size_t o = 0; o < trace->outputs.size(); ++o) {
         for (std::size_t k = 0; k < used_[r]; ++k) {
@@ -294,14 +320,14 @@ std::vector<std::size_t> SystemFit::rows_before() const {
 }
 
 std::optional<Eigen::MatrixXd> SystemFit::exact_jacobian(const SystemModel& model, const std::vector<double>& values,
-                                                         const std::vector<double>& errors) const {
+                                                         const std::vector<double>& errors, const Ended& ended) const {
     const auto first_row = rows_before();
     Eigen::MatrixXd matrix =
         Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(errors.size()), static_cast<Eigen::Index>(values.size()));
     for (std::size_t r = 0; r < records_.size(); ++r) {
         if (used_[r] == 0) continue;
         Derivatives derivatives;
-        if (!run(model, values, r, used_[r], nullptr, &derivatives)) return std::nullopt;
+        if (!run(model, values, r, used_[r], nullptr, &derivatives, ended)) return std::nullopt;
         for (std::size_t v = 0; v < derivatives.size(); ++v) {
             const std::size_t place = v < model.parameters.size() ? v : v + r * model.starts.size(); // of all values
             std::size_t row = first_row[r];
@@ -323,13 +349,14 @@ Eigen::MatrixXd SystemFit::jacobian(const SystemModel& model, const std::vector<
     // move changes.
     const auto lanes = LaneFit::of(*this, model, values, substeps_);
     return lanes ? lanes->jacobian(values, lanes->errors({values})[0])
-                 : jacobian_by_runs(model, values, errors, nullptr);
+                 : jacobian_by_runs(model, values, errors, nullptr, {});
 }
 
 // `steps`: by how much each value moves for a difference; the next call begins with them.
 Eigen::MatrixXd SystemFit::jacobian_by_runs(const SystemModel& model, const std::vector<double>& values,
-                                            const std::vector<double>& errors, std::vector<double>* steps) const {
-    if (auto exact = exact_jacobian(model, values, errors)) return *std::move(exact);
+                                            const std::vector<double>& errors, std::vector<double>* steps,
+                                            const Ended& ended) const {
+    if (auto exact = exact_jacobian(model, values, errors, ended)) return *std::move(exact);
     const auto rows = static_cast<Eigen::Index>(errors.size());
     Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(rows, static_cast<Eigen::Index>(values.size()));
     std::vector<double> moved = values, own_steps;
@@ -366,7 +393,7 @@ Eigen::MatrixXd SystemFit::jacobian_by_runs(const SystemModel& model, const std:
             moved[i] = values[i] + move;
             std::vector<double> other;
             bool runs = true;
-            for (std::size_t r = first; r < end && runs; ++r) runs = append_errors(model, moved, r, other);
+            for (std::size_t r = first; r < end && runs; ++r) runs = append_errors(model, moved, r, other, ended);
             moved[i] = values[i];
             if (!runs) {
                 if (back) step *= 0.01;
@@ -392,7 +419,7 @@ Eigen::MatrixXd SystemFit::jacobian_by_runs(const SystemModel& model, const std:
 }
 
 SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> start, int iterations,
-                                 const std::function<bool()>& ended) const {
+                                 const Ended& ended) const {
     for (std::size_t i = 0; i < model.parameters.size(); ++i) {
         start[i] = std::clamp(start[i], model.parameters[i].low, model.parameters[i].high);
     }
@@ -424,7 +451,7 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
             continue;
         }
         // What steps of one length make of the values that were found is compared with steps of the length that they need.
-        auto errors = errors_by_runs(model, result.values);
+        auto errors = errors_by_runs(model, result.values, {});
         double sum = 0;
         for (std::size_t k = 0; k < errors.size(); ++k) {
             sum += (errors[k] - result.errors[k]) * (errors[k] - result.errors[k]);
@@ -444,16 +471,20 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
 }
 
 SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<double> start, int iterations,
-                                     const std::function<bool()>& ended, const LaneFit* lanes) const {
+                                     const Ended& ended, const LaneFit* lanes) const {
     Result result{.values = std::move(start)};
-    result.errors = lanes ? lanes->errors({result.values})[0] : errors_by_runs(model, result.values);
+    // What is not of a search needs them, however late.
+    result.errors =
+        lanes ? lanes->errors({result.values})[0] : errors_by_runs(model, result.values, is_search_ ? ended : Ended());
     result.sum = sum_of_squares(result.errors);
     if (result.errors.empty() || result.values.empty()) return result;
+    const double independent = static_cast<double>(result.errors.size()) / correlation_length(result.errors);
+    double merit = result.sum * price(model, result.values, independent);
     double damping = 1e-3;
     std::vector<double> steps;
     for (; result.iterations < iterations && !ended(); ++result.iterations) {
         Eigen::MatrixXd j = lanes ? lanes->jacobian(result.values, result.errors)
-                                  : jacobian_by_runs(model, result.values, result.errors, &steps);
+                                  : jacobian_by_runs(model, result.values, result.errors, &steps, ended);
         // Values may be of any unit: each column has norm one, and what keeps the matrix regular is a share of each.
         Eigen::VectorXd norm = j.colwise().norm();
         for (Eigen::Index i = 0; i < norm.size(); ++i) {
@@ -461,8 +492,15 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
             j.col(i) /= norm[i];
         }
         const Eigen::Map<const Eigen::VectorXd> e(result.errors.data(), j.rows());
-        const Eigen::MatrixXd normal = j.transpose() * j;
-        const Eigen::VectorXd gradient = j.transpose() * e;
+        Eigen::MatrixXd normal = j.transpose() * j;
+        Eigen::VectorXd gradient = j.transpose() * e;
+        for (std::size_t i = 0; i < model.parameters.size(); ++i) {
+            const auto place = static_cast<Eigen::Index>(i);
+            const FarOff off = far_off(model.parameters[i], result.values[i]);
+            const double slope = off.slope / norm[place], weight = result.sum / independent;
+            normal(place, place) += weight * slope * slope;
+            gradient[place] -= weight * slope * off.tens;
+        }
         const auto damped_solution = [&](double with_damping, const Eigen::VectorXd& right) -> Eigen::VectorXd {
             Eigen::MatrixXd damped = normal;
             damped.diagonal().array() += with_damping + 1e-12;
@@ -480,13 +518,14 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
             return next;
         };
         const auto moved = [&](double with_damping) { return moved_by(damped_solution(with_damping, gradient)); };
-        const double before = result.sum;
+        const double before = merit;
         const auto improves = [&](const std::vector<double>& values, std::vector<double> errors) {
-            const double sum = sum_of_squares(errors);
-            if (!(sum < result.sum)) return false;
+            const double sum = sum_of_squares(errors), priced = sum * price(model, values, independent);
+            if (!(priced < merit)) return false;
             result.values = values;
             result.errors = std::move(errors);
             result.sum = sum;
+            merit = priced;
             return true;
         };
         bool improved = false;
@@ -539,17 +578,17 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
         } else {
             for (int attempt = 0; attempt < 10 && !improved && !ended(); ++attempt) {
                 const auto next = moved(damping);
-                improved = improves(next, errors_by_runs(model, next));
+                improved = improves(next, errors_by_runs(model, next, ended));
                 damping = improved ? std::max(damping / 5, 1e-9) : std::max(damping * 6, 1e-6);
             }
         }
-        if (!improved || before - result.sum < (is_search_ ? least_gain_in_search : least_gain) * before) break;
+        if (!improved || before - merit < (is_search_ ? least_gain_in_search : least_gain) * before) break;
     }
     return result;
 }
 
 SystemFit::Result SystemFit::fit_growing(const SystemModel& model, std::vector<double> start, int iterations,
-                                         const std::function<bool()>& ended) const {
+                                         const Ended& ended) const {
     std::vector<std::size_t> shares; // of the records, each twice as long as the one before
     for (std::size_t share = 2; share <= max_growth; share *= 2) {
         std::size_t samples = 0;

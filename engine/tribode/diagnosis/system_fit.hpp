@@ -69,6 +69,8 @@ class SystemFit {
     }
     bool is_search() const { return is_search_; }
 
+    using Ended = std::function<bool()>; // whether the time is over; may be empty
+
     struct Result {
         std::vector<double> values;
         std::vector<double> errors; // at the values; empty: no simulation succeeded
@@ -77,12 +79,10 @@ class SystemFit {
         std::size_t substeps = 0; // of a sample, that were enough; 0: not known
     };
     // Where `ended` says so the values are those reached by then.
-    Result fit(const SystemModel& model, std::vector<double> start, int iterations,
-               const std::function<bool()>& ended) const;
+    Result fit(const SystemModel& model, std::vector<double> start, int iterations, const Ended& ended) const;
     // The same from a start far off: beginnings of the records are fitted first, each twice as long as the one before. Over a
     // long record the phase of an oscillation that is off by a turn or more makes local minima.
-    Result fit_growing(const SystemModel& model, std::vector<double> start, int iterations,
-                       const std::function<bool()>& ended) const;
+    Result fit_growing(const SystemModel& model, std::vector<double> start, int iterations, const Ended& ended) const;
 
     // Of the values, relative to one another, where the errors are white noise of this deviation. Directions that the errors do not
     // tell have large ones.
@@ -94,26 +94,30 @@ class SystemFit {
                                         const std::vector<double>& errors) const;
 
   private:
-    std::vector<double> errors_by_runs(const SystemModel& model, const std::vector<double>& values) const;
+    // Runs that `ended` ends have failed.
+    std::vector<double> errors_by_runs(const SystemModel& model, const std::vector<double>& values,
+                                       const Ended& ended) const;
     Eigen::MatrixXd jacobian_by_runs(const SystemModel& model, const std::vector<double>& values,
-                                     const std::vector<double>& errors, std::vector<double>* steps) const;
+                                     const std::vector<double>& errors, std::vector<double>* steps,
+                                     const Ended& ended) const;
     // Levenberg and Marquardt's method. `lanes`: by which it runs the model; else one run after the other.
-    Result descend(const SystemModel& model, std::vector<double> start, int iterations,
-                   const std::function<bool()>& ended, const LaneFit* lanes) const;
+    Result descend(const SystemModel& model, std::vector<double> start, int iterations, const Ended& ended,
+                   const LaneFit* lanes) const;
 
     // By the variational equations; nothing where a record has no derivative.
     std::optional<Eigen::MatrixXd> exact_jacobian(const SystemModel& model, const std::vector<double>& values,
-                                                  const std::vector<double>& errors) const;
+                                                  const std::vector<double>& errors, const Ended& ended) const;
     std::vector<std::size_t> rows_before() const; // each record
 
     // The derivatives by the values of record r, in their order, of the measured outputs.
     using Derivatives = std::vector<std::vector<std::vector<double>>>;
     std::optional<SystemTrace> run(const SystemModel& model, const std::vector<double>& values, std::size_t r,
-                                   std::size_t samples, std::string* problem, Derivatives* derivatives) const;
+                                   std::size_t samples, std::string* problem, Derivatives* derivatives,
+                                   const Ended& ended) const;
 
     // Those of one record go behind `all`. False where the run fails.
     bool append_errors(const SystemModel& model, const std::vector<double>& values, std::size_t r,
-                       std::vector<double>& all) const;
+                       std::vector<double>& all, const Ended& ended) const;
 
     const std::vector<SystemRecord>& records_;
     std::vector<double> scale_;

@@ -100,8 +100,30 @@ Equations without_measured_states(const SystemModel& model) {
     return equations;
 }
 
+namespace {
+
+// States are measured without being outputs: an output that only repeats a state of its name is left out.
+void name_outputs_apart(Equations& equations) {
+    const auto state_of = [&](const Equations::Output& output) {
+        return std::ranges::find(equations.states, output.name, [](const auto& state) { return state.name; });
+    };
+    std::erase_if(equations.outputs, [&](const Equations::Output& output) {
+        const auto state = state_of(output);
+        return state != equations.states.end() && output.value == state->symbol;
+    });
+    for (const auto& output : equations.outputs) {
+        if (state_of(output) == equations.states.end()) continue;
+        throw InputError(
+            fmt::format("{}: the output {} has the name of a state but is another value, must have another name",
+                        equations.name, output.name));
+    }
+}
+
+} // namespace
+
 SystemModel system_model_of(Equations equations, const std::vector<std::string>& free, const SystemColumns& given,
                             const std::vector<std::filesystem::path>& records) {
+    name_outputs_apart(equations);
     const SystemColumns columns = sorted(given, equations);
     check_names(columns, equations);
     SystemModel model;
@@ -113,11 +135,7 @@ SystemModel system_model_of(Equations equations, const std::vector<std::string>&
         return columns.outputs.empty() ? contains(all, name) : columns.outputs.contains(name);
     };
     for (std::size_t place = 0; place < known.size(); ++place) {
-        // An output comes before a state of the same name.
-        if (!is_measured(known[place]) ||
-            std::find(known.begin(), known.end(), known[place]) - known.begin() != static_cast<std::ptrdiff_t>(place)) {
-            continue;
-        }
+        if (!is_measured(known[place])) continue;
         if (place < outputs) {
             model.measured.push_back(place);
         } else {
@@ -151,7 +169,7 @@ SystemModel system_model_of(Equations equations, const std::vector<std::string>&
     for (std::size_t p = 0; p < equations.parameters.size(); ++p) {
         const double value = std::abs(equations.parameters[p].value);
         if (is_free(equations.parameters[p].name)) {
-            SystemModel::Parameter parameter{.place = p, .scale = value > 0 ? value : 1};
+            SystemModel::Parameter parameter{.place = p, .scale = value > 0 ? value : 1, .given = value};
             // Values are about right. One that runs away, as the slope of an overflow that is as good as a wall, makes equations
             // that no solver gets through.
             if (value > 0) parameter.low = -max_change * value, parameter.high = max_change * value;

@@ -271,12 +271,12 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
                            format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3));
     }
     if (d.effects.empty()) {
-        std::string text =
-            fmt::format("Something is missing {}: the model differs from the validation record by {} rms, noise would "
-                        "leave {}.",
-                        d.out_of_time ? "that was not found before the budget of time ended the search"
-                                      : "that is none of the terms in the library",
-                        format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3));
+        std::string text = fmt::format("Something is missing {}: the model ",
+                                       d.out_of_time ? "that was not found before the budget of time ended the search"
+                                                     : "that is none of the terms in the library");
+        if (!std::isfinite(gap.before)) return text + "cannot be simulated on the validation record.";
+        text += fmt::format("differs from the validation record by {} rms, noise would leave {}.",
+                            format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3));
         if (d.nearest) {
             text += fmt::format(" Nearest is {}, which explains {:.0f} % of the gap.", d.nearest->first,
                                 100 * d.nearest->second);

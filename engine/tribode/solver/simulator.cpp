@@ -112,6 +112,10 @@ RunOutcome Simulator::advance(double t_end, bool with_clocks) {
         }
         if (steps_to_look-- == 0) {
             if (!check_divergence()) break;
+            if (control_.is_late()) {
+                fail(RunEnd::interrupted, fmt::format("out of time at t = {:.6g} s", state_.t));
+                break;
+            }
             steps_to_look = 100;
         }
         if (++steps_in_a_row_ > max_steps_) {

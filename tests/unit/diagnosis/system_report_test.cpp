@@ -1,6 +1,7 @@
 #include "tribode/diagnosis/system_report.hpp"
 
 #include <gtest/gtest.h>
+#include <limits>
 
 namespace tribode {
 namespace {
@@ -25,6 +26,11 @@ TEST(VerdictSentence, SaysWhereAModelDriftsAway) {
     EXPECT_NE(sentence.find(" drifts away from the record, whose values vary by 2.89 deg rms"), std::string::npos)
         << sentence;
     EXPECT_EQ(verdict_sentence(without_effect(2)).find("drifts"), std::string::npos);
+}
+
+TEST(VerdictSentence, SaysThatAModelCannotBeSimulated) {
+    const std::string sentence = verdict_sentence(without_effect(std::numeric_limits<double>::infinity()));
+    EXPECT_NE(sentence.find("the model cannot be simulated on the validation record."), std::string::npos) << sentence;
 }
 
 } // namespace

@@ -178,6 +178,22 @@ TEST_P(RunContinuity, everything_due_up_to_the_end_is_handled_when_a_run_stops) 
     EXPECT_EQ(run.events().size(), 1u);
 }
 
+TEST_P(RunContinuity, a_run_that_is_late_ends_early) {
+    std::atomic<bool> late{false};
+    FunctionSystem system = decay();
+    system.sample_clocks = {{"tick", 0.01, 0.0}};
+    system.sample = [&](ClockId, long k, double, auto&, auto&) {
+        if (k == 500) late = true;
+        return EventEffect::restart;
+    };
+    Simulator run(system, tight(GetParam()), RunControl{.late = [&] { return late.load(); }});
+    const RunOutcome outcome = run.advance_to(1000.0);
+    EXPECT_EQ(outcome.end, RunEnd::interrupted);
+    EXPECT_NE(outcome.message.find("out of time"), std::string::npos) << outcome.message;
+    EXPECT_GE(outcome.t, 5.0);
+    EXPECT_LT(outcome.t, 8.0);
+}
+
 TEST_P(RunContinuity, a_stop_request_interrupts_and_keeps_what_was_done) {
     std::atomic<bool> stop{false};
     FunctionSystem system = decay();
