@@ -348,6 +348,15 @@ TEST_F(SystemDiagnosis, AValidationRecordThatHardlyShowsWhatIsMissingDoesNotHide
     EXPECT_EQ(found["verdict"], "undecided");
 }
 
+TEST_F(SystemDiagnosis, AnInertiaThatDependsOnThePosition) {
+    measure("-0.6 * s.x^2 * (s.g * s.u - s.d * s.v)"); // h = 0.5 of it
+    const Json d = diagnosis("model.lua", "out");
+    const Json effect = d["effects"][0];
+    EXPECT_EQ(effect["name"], "variable_capacity");
+    EXPECT_NEAR(effect["parameters"]["variable_capacity_curvature"].get<double>(), 0.3, 0.03);
+    EXPECT_NE(text_of(folder / "out/system.lua").find("unit = \"1/m2\" }"), std::string::npos);
+}
+
 TEST_F(SystemDiagnosis, AnOutputMayRepeatAStateOfItsName) {
     measure("s.v * math.abs(s.v)");
     folder.write("repeats.lua", model("0", "outputs = function(s) return { x = s.x } end"));

@@ -57,6 +57,7 @@ class Shapes {
                 }
             }
             if (!target_->is_inner) load_dependent_friction();
+            variable_capacity();
             for (const auto& difference : library_.differences) {
                 powers(difference);
                 if (changes_sign(difference)) dry_friction(difference);
@@ -324,6 +325,58 @@ class Shapes {
                         const auto& p) { return m.multiply(m.g.make(Op::tanh, m.divide(x[0], p[0])), x[1]); },
              .parameters = {{"width", start, width.low, 10 * width.high, width.scale, width.unit}},
              .text = fmt::format("tanh({}) {}", one.name, other.name)});
+    }
+
+    // What a state is stored in, as an inductance that saturates, a tank that widens, or an inertia that depends on the angle, varies
+    // with the state, or with the position of a velocity: the whole derivative becomes 1 + c times as large, or 1/(1 - c) times
+    // where c is negative, so that it keeps its sign.
+    void variable_capacity() {
+        if (target_->is_output || target_->is_inner) return;
+        const auto& state = library_.model.equations.states[target_->place];
+        const std::string& of = target_->position.empty() ? state.name : target_->position;
+        const auto found = std::ranges::find(library_.variables, of, &SystemVariable::name);
+        if (found == library_.variables.end()) return;
+        const SystemVariable& variable = *found;
+        const auto rate = library_.values_of(state.rate);
+        const auto add_form = [&](const std::string& amplitude, const std::string& unit, const auto& value,
+                                  const std::function<Term(const TermArithmetic&, const std::vector<Term>&)>& factor,
+                                  std::vector<Parameter> parameters) {
+            std::vector<double> changes(samples());
+            for (std::size_t k = 0; k < changes.size(); ++k) changes[k] = value(variable.values[k]) * rate[k];
+            const double rms = rms_of_values(changes);
+            if (!(rms > 0) || !std::isfinite(rms)) return;
+            SystemTerm made{.name = "variable_capacity",
+                            .equation = target_->name,
+                            .of = variable.name,
+                            .variables = {variable.name}};
+            made.parameters = {library_.amplitude(*target_, amplitude, rms, "")};
+            made.parameters[0].unit = unit;
+            made.parameters.insert(made.parameters.end(), parameters.begin(), parameters.end());
+            made.apply = [target = *target_, factor](Equations& equations, const std::vector<Term>& p) {
+                const TermArithmetic m{*equations.graph};
+                const Term c = m.multiply(p[0], factor(m, p));
+                const Term share = m.where(m.less(c, m.number(0)), m.divide(c, m.subtract(m.number(1), c)), c);
+                const Term added = m.multiply(share, equations.states[target.place].rate);
+                target.add(equations, added);
+                return added;
+            };
+            library_.terms.push_back(std::move(made));
+        };
+        const Term w = variable.symbol;
+        const auto per = [&](const char* power) { return unit_of_quotient("1", power_of(variable.unit, power)); };
+        add_form(
+            "curvature", per("^2"), [](double x) { return x * x; },
+            [w](const TermArithmetic& m, const auto&) { return m.multiply(w, w); }, {});
+        add_form(
+            "slope", per(""), [](double x) { return std::abs(x); },
+            [w](const TermArithmetic& m, const auto&) { return m.abs(w); }, {});
+        std::vector<double> sizes = variable.values;
+        for (double& x : sizes) x = std::abs(x);
+        const double level = lower_quantile(sizes, 0.5), largest = size_of(variable);
+        add_form(
+            "excess", per(""), [level](double x) { return std::max(std::abs(x) - level, 0.0); },
+            [w](const TermArithmetic& m, const auto& p) { return m.positive(m.subtract(m.abs(w), p[1])); },
+            {{"level", level, 0, largest, largest, variable.unit}});
     }
 
     // A force that follows the direction of motion over a distance [Dahl 1968]: der(z) = (rate - |rate| z)/distance. With a

@@ -9,16 +9,11 @@
 
 namespace tribode {
 
-namespace {
-
-// Of a divided by b, where both are known; a plain number has none.
 std::string unit_of_quotient(const std::string& a, const std::string& b) {
     if (a.empty() || b.empty()) return "";
     const Dimension dimension = dimension_of(fmt::format("({})/({})", a, b));
     return !dimension || dimension->empty() ? "" : to_text(dimension);
 }
-
-} // namespace
 
 void replace_inner(Equations& equations, std::size_t output, Term changed) {
     const Term now = equations.outputs[output].value;

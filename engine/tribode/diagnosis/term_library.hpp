@@ -75,6 +75,9 @@ struct TermLibrary {
 
 double rms_of_values(const std::vector<double>& values);
 
+// Of a divided by b, where both are known; a plain number has none.
+std::string unit_of_quotient(const std::string& a, const std::string& b);
+
 // Each adds its terms to the list.
 void add_shapes(TermLibrary& library,
                 bool with_nameless);      // functions of one variable or two in a derivative or an output
