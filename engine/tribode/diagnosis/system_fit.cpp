@@ -14,7 +14,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <set>
 
@@ -36,29 +35,6 @@ constexpr double least_gain = 1e-6, least_gain_in_search = 1e-4; // of the squar
 constexpr double quick_gain = 0.5;  // what an iteration of a quick fit leaves of the squared errors
 constexpr double most_bent = 0.375; // of a step, for what corrects it
 constexpr double agreed = 4;        // times what is negligible: fixed steps and those of another solver
-constexpr double usual_change = 10; // of a parameter that was given, without a price
-
-// By how many powers of ten a parameter is farther from the value that was given than a factor of ten, and the slope of that.
-struct FarOff {
-    double tens = 0, slope = 0;
-};
-
-FarOff far_off(const SystemModel::Parameter& parameter, double value) {
-    const double times = parameter.given > 0 ? std::abs(value) / (usual_change * parameter.given) : 0;
-    if (!(times > 1)) return {};
-    return {std::log10(times), 1 / (std::numbers::ln10 * value)};
-}
-
-// What has no influence on the errors must not run away for the sake of their last percent: equations become stiff, and the
-// search slow. So where a value goes, errors have to pay, as if a power of ten were a standard deviation.
-double price(const SystemModel& model, const std::vector<double>& values, double independent_errors) {
-    double squares = 0;
-    for (std::size_t i = 0; i < model.parameters.size(); ++i) {
-        const double tens = far_off(model.parameters[i], values[i]).tens;
-        squares += tens * tens;
-    }
-    return std::exp(squares / independent_errors); // times the squared errors
-}
 
 } // namespace
 
@@ -478,8 +454,6 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
         lanes ? lanes->errors({result.values})[0] : errors_by_runs(model, result.values, is_search_ ? ended : Ended());
     result.sum = sum_of_squares(result.errors);
     if (result.errors.empty() || result.values.empty()) return result;
-    const double independent = static_cast<double>(result.errors.size()) / correlation_length(result.errors);
-    double merit = result.sum * price(model, result.values, independent);
     double damping = 1e-3;
     std::vector<double> steps;
     for (; result.iterations < iterations && !ended(); ++result.iterations) {
@@ -492,15 +466,8 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
             j.col(i) /= norm[i];
         }
         const Eigen::Map<const Eigen::VectorXd> e(result.errors.data(), j.rows());
-        Eigen::MatrixXd normal = j.transpose() * j;
-        Eigen::VectorXd gradient = j.transpose() * e;
-        for (std::size_t i = 0; i < model.parameters.size(); ++i) {
-            const auto place = static_cast<Eigen::Index>(i);
-            const FarOff off = far_off(model.parameters[i], result.values[i]);
-            const double slope = off.slope / norm[place], weight = result.sum / independent;
-            normal(place, place) += weight * slope * slope;
-            gradient[place] -= weight * slope * off.tens;
-        }
+        const Eigen::MatrixXd normal = j.transpose() * j;
+        const Eigen::VectorXd gradient = j.transpose() * e;
         const auto damped_solution = [&](double with_damping, const Eigen::VectorXd& right) -> Eigen::VectorXd {
             Eigen::MatrixXd damped = normal;
             damped.diagonal().array() += with_damping + 1e-12;
@@ -518,14 +485,13 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
             return next;
         };
         const auto moved = [&](double with_damping) { return moved_by(damped_solution(with_damping, gradient)); };
-        const double before = merit;
+        const double before = result.sum;
         const auto improves = [&](const std::vector<double>& values, std::vector<double> errors) {
-            const double sum = sum_of_squares(errors), priced = sum * price(model, values, independent);
-            if (!(priced < merit)) return false;
+            const double sum = sum_of_squares(errors);
+            if (!(sum < result.sum)) return false;
             result.values = values;
             result.errors = std::move(errors);
             result.sum = sum;
-            merit = priced;
             return true;
         };
         bool improved = false;
@@ -582,7 +548,7 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
                 damping = improved ? std::max(damping / 5, 1e-9) : std::max(damping * 6, 1e-6);
             }
         }
-        if (!improved || before - merit < (is_search_ ? least_gain_in_search : least_gain) * before) break;
+        if (!improved || before - result.sum < (is_search_ ? least_gain_in_search : least_gain) * before) break;
     }
     return result;
 }

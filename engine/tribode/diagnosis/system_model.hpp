@@ -31,7 +31,6 @@ struct SystemModel {
         double low = -std::numeric_limits<double>::infinity(); // bounds, in the unit of the parameter
         double high = std::numeric_limits<double>::infinity();
         double scale = 1; // a typical size, where the value is zero or near it
-        double given = 0; // size of the value that the user gave, which is about right; 0: nobody did
     };
     Equations equations;
     std::vector<std::size_t> measured; // outputs of the equations, in the order of SystemRecord::outputs

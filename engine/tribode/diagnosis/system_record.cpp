@@ -169,7 +169,7 @@ SystemModel system_model_of(Equations equations, const std::vector<std::string>&
     for (std::size_t p = 0; p < equations.parameters.size(); ++p) {
         const double value = std::abs(equations.parameters[p].value);
         if (is_free(equations.parameters[p].name)) {
-            SystemModel::Parameter parameter{.place = p, .scale = value > 0 ? value : 1, .given = value};
+            SystemModel::Parameter parameter{.place = p, .scale = value > 0 ? value : 1};
             // Values are about right. One that runs away, as the slope of an overflow that is as good as a wall, makes equations
             // that no solver gets through.
             if (value > 0) parameter.low = -max_change * value, parameter.high = max_change * value;
