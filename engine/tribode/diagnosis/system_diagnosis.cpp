@@ -364,6 +364,25 @@ class Diagnoser {
         std::vector<std::vector<double>> validation_values; // of each comparison
     };
 
+    // Whether the fitted records are worse without these parameters by more than chance. What they are good for may be told where
+    // their size is not: above its edge a tank may lose little or all.
+    static bool needs(const Judged& with, const Judged& without, std::size_t parameters) {
+        if (without.errors.empty()) return false;
+        const double independent = static_cast<double>(with.errors.size()) / correlation_length(with.errors);
+        const double gain =
+            independent * std::log(SystemFit::sum_of_squares(without.errors) / SystemFit::sum_of_squares(with.errors));
+        return gain > told_from_nothing * told_from_nothing * static_cast<double>(parameters);
+    }
+
+    // Whether the terms from this one on are all told from nothing, by their sizes or by what the fitted records are without them.
+    bool are_sure(const SystemSearch& search, const SystemCandidate& candidate, std::size_t first,
+                  const Judged& fitted) const {
+        const auto deviation = search.fit_of_all().standard_errors(candidate.model, fitted.values, fitted.errors);
+        return std::ranges::all_of(unsure_terms(candidate, first, fitted.values, deviation), [&](std::size_t t) {
+            return needs(fitted, judged(search, search.without(candidate, t)), candidate.terms[t].parameters.size());
+        });
+    }
+
     struct PoorTerm {
         std::size_t term, step;
         std::string why;
@@ -392,6 +411,8 @@ class Diagnoser {
         for (std::size_t s = before + 1; s <= last; ++s) {
             for (const std::size_t t : unsure_terms(candidate, steps_[s].before, fitted.values, deviation)) {
                 if (t < first_new) continue;
+                const auto& without_it = all[t - first_new];
+                if (without_it && needs(fitted, *without_it, candidate.terms[t].parameters.size())) continue;
                 const auto less = errors_without(t);
                 if (less.empty() || probability_of_gain(less, now) >= sure_enough) continue;
                 return PoorTerm{t, s, "has a term whose size is not told from nothing"};
@@ -575,9 +596,7 @@ class Diagnoser {
             const auto& errors = on_validation[i] = errors_after(one.validation);
             if (probability_of_gain(least, errors) < sure_here) continue;
             if (!is_worth_its_price(*candidate, least_parameters, least, errors, list.size())) continue;
-            const auto deviation = search.fit_of_all().standard_errors(candidate->model, one.values, one.errors);
-            const std::size_t first_new = kept_of(*candidate, steps_[at].candidate);
-            if (!unsure_terms(*candidate, first_new, one.values, deviation).empty()) continue;
+            if (!are_sure(search, *candidate, kept_of(*candidate, steps_[at].candidate), one)) continue;
             best = i;
             least = errors;
             least_parameters = candidate->model.parameters.size();
@@ -666,14 +685,9 @@ class Diagnoser {
         std::ranges::stable_sort(passed, {}, [&](std::size_t i) { return scores[i]; });
         const std::size_t best = passed.front();
         const double certainty = probability_of_gain(before.on_validation, errors[best]);
-        const auto is_sure = [&] {
-            const auto deviation =
-                search.fit_of_all().standard_errors(found[best].model, found[best].values, fits[best].errors);
-            const std::size_t kept = kept_of(found[best], before.candidate);
-            return unsure_terms(found[best], kept, found[best].values, deviation).empty();
-        };
         const bool changes = best > 0 && best == static_cast<std::size_t>(least - errors.begin()) &&
-                             certainty >= sure_enough && !refused(found[best]) && is_sure();
+                             certainty >= sure_enough && !refused(found[best]) &&
+                             are_sure(search, found[best], kept_of(found[best], before.candidate), fits[best]);
         if (changes) {
             step = SystemStep{.candidate = found[best],
                               .before = kept_of(found[best], before.candidate),
