@@ -357,6 +357,35 @@ TEST_F(SystemDiagnosis, AnInertiaThatDependsOnThePosition) {
     EXPECT_NE(text_of(folder / "out/system.lua").find("unit = \"1/m2\" }"), std::string::npos);
 }
 
+// Above its edge it loses all within a tenth of a sample, so that what the term is called hangs on its rate.
+TEST_F(SystemDiagnosis, ATankThatOverflowsLikeAWall) {
+    const auto tank = [](const std::string& loss) {
+        return fmt::format(R"(
+            return require "tribode".system {{ parameters = {{ a = {{ value = 0.5, unit = "1/s" }}, b = 1 }}, inputs = {{ u = 0 }},
+                states = {{ x = 0.3 }}, der = function(s) return {{ x = s.b * s.u - s.a * s.x{} }} end }})",
+                           loss);
+    };
+    folder.write("tank.lua", tank(""));
+    folder.write("truth.lua", tank(" - 100 * math.max(s.x - 0.9, 0)"));
+    folder.write("script.lua", R"(
+        local tb = require "tribode"
+        for k, name in ipairs { "ident", "valid" } do
+            local n, step, u, x = 300, 0.1, {}, {}
+            for i = 1, n do u[i] = 0.4 + 0.35 * math.sin(0.05 * i * k + k) + 0.05 * math.sin(0.17 * i) end
+            local run = tb.run_system { system = require "truth", duration_s = (n - 1) * step, output_step_s = step,
+                inputs = { u = { sample_time_s = step, values = u } } }
+            for i = 1, n do x[i] = run.values.x[i] + 3e-3 * tb.standard_normal(7, k, i) end
+            tb.write_csv { file = name .. ".csv", columns = { { name = "t", unit = "s", values = run.t },
+                { name = "u", values = u }, { name = "x", values = x } } }
+        end)");
+    ASSERT_EQ(program({"run", "script.lua", "-o", "records", "--quiet"}).exit_code, 0);
+    usual = {"--budget", "1e6", "--max-effects", "1", "--quiet"};
+    const Json d = diagnosis("tank.lua", "out");
+    EXPECT_EQ(d["verdict"], "effect_found");
+    EXPECT_EQ(d["effects"][0]["name"], "overflow");
+    EXPECT_NEAR(d["effects"][0]["parameters"]["overflow_level"].get<double>(), 0.9, 3e-3);
+}
+
 TEST_F(SystemDiagnosis, AnOutputMayRepeatAStateOfItsName) {
     measure("s.v * math.abs(s.v)");
     folder.write("repeats.lua", model("0", "outputs = function(s) return { x = s.x } end"));

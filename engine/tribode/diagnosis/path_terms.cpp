@@ -11,7 +11,8 @@ namespace {
 
 using Parameter = SystemTerm::Parameter;
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr double no_lag = 0.2; // of a sample: shorter ones show nowhere, and make the equations stiff
+constexpr double fastest_overflow = 20; // in a sample: a wall, above which nothing stands that shows
+constexpr double no_lag = 0.2;          // of a sample: shorter ones show nowhere, and make the equations stiff
 
 } // namespace
 
@@ -33,7 +34,7 @@ void add_overflows(TermLibrary& library) {
             if (!(rms > 0)) continue;
             Parameter rate = library.amplitude(own, "rate", rms, from->unit);
             rate.low = 0;
-            rate.high = 2 / step;
+            rate.high = fastest_overflow / step;
             const Parameter height{"level", level, from->low, from->high + 0.5 * span, span, from->unit};
             for (const TermTarget& other : library.targets) {
                 if (other.is_output || other.is_inner || !other.position.empty() || other.place == own.place) continue;
