@@ -682,7 +682,8 @@ class Diagnoser {
         }
         std::vector<std::size_t> passed(found.size());
         std::iota(passed.begin(), passed.end(), std::size_t{0});
-        std::ranges::stable_sort(passed, {}, [&](std::size_t i) { return scores[i]; });
+        std::ranges::stable_sort(
+            passed, {}, [&](std::size_t i) { return scores[i] * price_of_names(found[i], in_search + there); });
         const std::size_t best = passed.front();
         const double certainty = probability_of_gain(before.on_validation, errors[best]);
         const bool changes = best > 0 && best == static_cast<std::size_t>(least - errors.begin()) &&

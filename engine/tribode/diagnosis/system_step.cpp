@@ -12,6 +12,7 @@ namespace {
 constexpr double as_good = 1.02;    // of the best score: then the simplest is taken
 constexpr double about_noise = 1.7; // of the noise: a random force as large as that, and some more
 constexpr double min_rival = 0.05;  // probability worth showing
+constexpr double named_odds = 10; // how much likelier beforehand a term with a name is than one of a form that has none
 constexpr std::size_t max_rivals = 5;
 constexpr std::size_t max_told_apart = 3; // rivals, by the next experiment
 
@@ -31,6 +32,20 @@ double evidence_for_further(const SystemCandidate& less, const SystemCandidate& 
     const double gain = likelihood_gain(less.fitted, more.fitted, stretches.fitted) +
                         likelihood_gain(less.predicted, more.predicted, stretches.predicted);
     return evidence(gain, more.fitted.size() + more.predicted.size(), further, more.library);
+}
+
+std::size_t nameless_of(const SystemCandidate& one) {
+    return static_cast<std::size_t>(
+        std::ranges::count(one.terms, std::string_view(nameless_term), [](const auto& term) { return term.name; }));
+}
+
+// Where both have as many parameters: whether what the second one explains more does not outweigh that the first one has names.
+bool has_likelier_names(const SystemCandidate& one, const SystemCandidate& other, const SystemErrors& errors) {
+    const auto more = nameless_of(other), less = nameless_of(one);
+    if (one.model.parameters.size() != other.model.parameters.size() || less >= more) return false;
+    const double gain = likelihood_gain(one.fitted, other.fitted, errors.stretches.fitted) +
+                        likelihood_gain(one.predicted, other.predicted, errors.stretches.predicted);
+    return gain < 2 * static_cast<double>(more - less) * std::log(named_odds);
 }
 
 } // namespace
@@ -74,9 +89,7 @@ std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, c
     if (passed.empty()) return std::nullopt;
     const SystemCandidate& best = found[passed.front()];
     const auto price = [](const SystemCandidate& one) {
-        const auto nameless = std::count_if(one.terms.begin(), one.terms.end(),
-                                            [](const auto& term) { return term.name == nameless_term; });
-        return std::pair(one.model.parameters.size(), nameless);
+        return std::pair(one.model.parameters.size(), nameless_of(one));
     };
     const auto kinds = kinds_from(best, 0);
     std::size_t taken = passed.front();
@@ -86,10 +99,15 @@ std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, c
                              probability_of_gain(found[i].predicted, best.predicted) < sure_enough;
         const bool is_as_good = !best.is_noise && found[i].score() <= as_good * best.score();
         const bool is_as_likely = evidence_for_further(found[i], best, errors) < convincing;
-        if ((is_as_good || is_part || is_as_likely) && price(found[i]) < price(found[taken])) taken = i;
+        const bool is_named = has_likelier_names(found[i], best, errors);
+        if ((is_as_good || is_part || is_as_likely || is_named) && price(found[i]) < price(found[taken])) taken = i;
     }
     // Another one that costs no more than a part of the best may do better than that.
     return *std::ranges::find_if(passed, [&](std::size_t i) { return price(found[i]) <= price(found[taken]); });
+}
+
+double price_of_names(const SystemCandidate& candidate, double independent_errors) {
+    return std::pow(named_odds, static_cast<double>(nameless_of(candidate)) / independent_errors);
 }
 
 void SystemStep::weigh(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
@@ -125,7 +143,7 @@ void SystemStep::weigh(const SystemCandidate& current, const std::vector<SystemC
     const auto likelihood = [&](std::size_t i) {
         // What does about as well as the best is no less likely: such differences are due to what the model lacks, not to noise.
         const double excess = std::log(scores[i] / scores[passed.front()]) - (best.is_noise ? 0 : std::log(as_good));
-        return -independent * std::max(excess, 0.0);
+        return -independent * std::max(excess, 0.0) - static_cast<double>(nameless_of(found[i])) * std::log(named_odds);
     };
     // What has more parameters may follow random forces.
     const Weights weights = weights_of([&](std::size_t i) {

@@ -71,6 +71,9 @@ double evidence(double gain, std::size_t errors, double parameters, std::size_t 
 std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, const std::vector<std::size_t>& passed,
                                     const SystemErrors& errors);
 
+// By which the score of a model is worse than that of one whose terms all have names, for the same probability.
+double price_of_names(const SystemCandidate& candidate, double independent_errors);
+
 double independent_errors(const SystemCandidate& candidate); // how many of all that it was fitted to or predicts
 
 // How many of its first terms those of the current model are: others may have been exchanged, and what was new came behind.

@@ -124,6 +124,19 @@ TEST(SystemStep, TheSimplestOfWhatDoesAsWellIsTaken) {
     EXPECT_EQ(simplest(found, {0, 1, 2}, all_errors), 1u);
 }
 
+// Ten times as likely beforehand, also where noise is all that is left.
+TEST(SystemStep, OfTwoThatDoAsWellTheOneWithANameIsTaken) {
+    std::vector<SystemCandidate> found = {candidate_with({nameless_term}, 0.5), candidate_with({"overflow"}, 0.5005)};
+    for (auto& one : found) one.is_noise = true;
+    EXPECT_EQ(simplest(found, {0, 1}, all_errors), 1u);
+    SystemStep step{.candidate = found[1], .certainty = 1};
+    step.weigh(candidate_with({}, 5), found, {0, 1}, 1, {0.5, 0.5005}, 400, all_errors);
+    EXPECT_GT(step.weighed.begin()->second.probability, 0.8);
+    found[1] = candidate_with({"overflow"}, 0.52);
+    found[1].is_noise = true;
+    EXPECT_EQ(simplest(found, {0, 1}, all_errors), 0u);
+}
+
 // What has more terms, and follows what a random force did, does not win by that.
 TEST(SystemStep, WhatFollowsARandomForceIsNoBetter) {
     std::vector<SystemCandidate> found = {candidate_with({"linear", "cubic", "product", "memory"}, 0.5),
