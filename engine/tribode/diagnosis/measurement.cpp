@@ -268,13 +268,17 @@ double lattice_step(const std::vector<double>& values, double least) {
     std::vector<double> sorted = values;
     std::sort(sorted.begin(), sorted.end());
     double step = 0;
+    std::size_t distinct = 1;
     for (std::size_t k = 1; k < sorted.size(); ++k) {
         const double difference = sorted[k] - sorted[k - 1];
-        if (difference > least / 4 && (step == 0 || difference < step)) step = difference;
+        if (!(difference > least / 4)) continue;
+        ++distinct;
+        if (step == 0 || difference < step) step = difference;
     }
-    if (step == 0) return 0;
+    // By chance, a value is as near to a multiple as is asked below once in ten times.
+    constexpr std::size_t enough = 6;
+    if (distinct < enough) return 0;
     const double levels = (sorted.back() - sorted.front()) / step;
-    if (levels < 50) return 0;
     // Refined over the whole range, where the rounding of the text matters least.
     double refined = (sorted.back() - sorted.front()) / std::round(levels);
     for (const double value : sorted) {

@@ -38,7 +38,7 @@ Measurement read_measurement(const std::filesystem::path& file, const MachineMod
 std::vector<double> controller_output(const MachineModel& machine, const std::vector<double>& reference,
                                       const std::vector<double>& position);
 
-// The greatest common step of the values, where they lie on a lattice 50 and more steps high: the resolution the encoder
+// The greatest common step of the values, where six different ones and more lie on a lattice: the resolution the encoder
 // really had [m]; 0 where there is none above `least`.
 double lattice_step(const std::vector<double>& values, double least);
 

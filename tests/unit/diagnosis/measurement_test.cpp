@@ -239,6 +239,7 @@ TEST(Measurement, ACoarseEncoderDropsNothing) {
     const Json coarse = Json::parse(R"([{"name": "encoder_quantization", "parameters": {"resolution_m": 1e-5}}])");
     EXPECT_EQ(refusal(measured(small_axis(), coarse, sine_record(0.01, 1, 1), 1)), "");
     EXPECT_EQ(refusal(measured(open_axis(), coarse, open_record(), 1), open_axis()), "");
+    EXPECT_EQ(refusal(measured(small_axis(), coarse, sine_record(7e-5, 1, 2), 1)), ""); // over 7 steps
 }
 
 TEST(Measurement, ALatticeOfValuesShowsTheResolution) {
@@ -247,6 +248,9 @@ TEST(Measurement, ALatticeOfValuesShowsTheResolution) {
     EXPECT_NEAR(lattice_step(values, 1e-7), 5e-6, 1e-12);
     values[7] += 2e-6; // one value beside the lattice: there is none
     EXPECT_LT(lattice_step(values, 1e-7), 4e-6);
+    const std::vector<double> few = {0, 5e-6, 5e-6, 1.5e-5, 2e-5, 1e-5, 3e-5};
+    EXPECT_NEAR(lattice_step(few, 1e-7), 5e-6, 1e-12);
+    EXPECT_EQ(lattice_step({few.begin(), few.end() - 1}, 1e-7), 0); // too few to tell
 }
 
 } // namespace
