@@ -82,7 +82,8 @@ class Verdict {
     void decide() {
         const SearchResult& s = d_.search;
         d_.false_alarm_limit = SearchResult::limit(s.fitted);
-        d_.before = fit_.machine(s.baseline.hypothesis);
+        without_ = s.baseline;
+        d_.before = fit_.machine(without_.hypothesis);
         d_.after = d_.before;
         const bool has_steps = !s.steps.empty();
         if (has_steps) {
@@ -134,12 +135,13 @@ class Verdict {
     // How far a name may be trusted although more than noise remains, as on real machines: the effect must remove most
     // of the gap, on the validation records too, have the same parameters on both, and none but rivals of one effect may do
     // nearly as well.
-    double trust_in_part() const {
+    double trust_in_part() {
         const SearchResult& s = d_.search;
         const Scored& best = s.ranking.front();
         if (s.validation.empty()) return 0;
+        hold_fields(best);
         // Records that show the gap must show it removed; a poor one may show none.
-        const double fitted = s.baseline.together_fitted, validation = s.baseline.together_validation;
+        const double fitted = without_.together_fitted, validation = without_.together_validation;
         const bool poor_fit = fitted < 2 * SearchResult::limit(s.fitted);
         const bool poor_validation = validation < 2 * SearchResult::limit(s.validation);
         const auto removed = [](double before, double after) { return 1 - std::sqrt(after / before) >= 0.5; };
@@ -165,9 +167,33 @@ class Verdict {
             index += effect->parameters.size();
         }
         for (const auto& rival : s.ranking) {
-            if (rival.names() != best.names() && is_near(rival, best) && !other_name(rival, best)) return 0;
+            if (rival.names() != best.names() && is_near(rival, best) && is_allowed_beside(rival, best) &&
+                !other_name(rival, best)) {
+                return 0;
+            }
         }
         return of_a_part;
+    }
+
+    // Fields farther off than their tolerances let them be may do all that an effect would. Where with the effect they are not, what
+    // the machine leaves without it is that of fields as far off as they may be.
+    void hold_fields(const Scored& best) {
+        const SearchResult& s = d_.search;
+        if (s.baseline.together.within_tolerance() || !best.together.within_tolerance()) return;
+        without_.hypothesis = s.baseline.together;
+        without_.hypothesis.hold_within_tolerance();
+        const auto per_sample = [&](const std::vector<Evidence>& records) {
+            double samples = 0;
+            for (const auto& record : records) samples += static_cast<double>(record.samples());
+            const Hypothesis& h = without_.hypothesis;
+            return (ModelFit(machine_, records).chi_square(h) - h.sum_of_squares()) / samples;
+        };
+        without_.fitted = without_.together_fitted = per_sample(s.fitted);
+        without_.validation = without_.together_validation = per_sample(s.validation);
+    }
+
+    static bool is_allowed_beside(const Scored& other, const Scored& best) {
+        return other.together.within_tolerance() || !best.together.within_tolerance();
     }
 
     // Where more than noise remains.
@@ -189,6 +215,7 @@ class Verdict {
     void name_all(double trust) {
         const SearchResult& s = d_.search;
         const Scored& best = s.ranking.front();
+        d_.before = fit_.machine(without_.hypothesis);
         d_.after = fit_.machine(*best_);
         const auto errors = errors_of(*best_);
         if (trust < 1) list_fields_off(best);
@@ -204,6 +231,7 @@ class Verdict {
             for (const auto& other : s.ranking) {
                 const auto exchanged = other_name(other, best);
                 if (!exchanged || exchanged->first != one.name) continue;
+                if (trust < 1 && !is_allowed_beside(other, best)) continue;
                 const std::string& name = exchanged->second;
                 // A richer one that does no better says the same, and more than these records need. But of two laws of one
                 // behavior either may be the one, unless several records to fit and the validation record tell.
@@ -260,9 +288,9 @@ class Verdict {
         const SearchResult& s = d_.search;
         std::string text = fmt::format(
             "With {} the errors on the fitted records decrease from {:.3g} to {:.3g} times those of noise alone",
-            one.name, std::sqrt(s.baseline.fitted), std::sqrt(best.fitted));
+            one.name, std::sqrt(without_.fitted), std::sqrt(best.fitted));
         if (!s.validation.empty()) {
-            text += fmt::format(", on the validation record from {:.3g} to {:.3g}", std::sqrt(s.baseline.validation),
+            text += fmt::format(", on the validation record from {:.3g} to {:.3g}", std::sqrt(without_.validation),
                                 std::sqrt(best.validation));
         }
         text += ".";
@@ -366,6 +394,7 @@ class Verdict {
     const RunControl& control_;
     ModelFit fit_;
     std::optional<Hypothesis> best_;
+    Scored without_; // an effect
 };
 
 // A resolution read from the values. It is no gap of positions, which are simulated without rounding; it raises the

@@ -100,11 +100,26 @@ struct Slopes {
 
 double Hypothesis::sum_of_squares() const { return square_of(nominal); }
 
+namespace {
+
+// Sum of the squares of so many fields beyond which they lie once in a thousand machines: the quantile of chi square by Wilson and
+// Hilferty's approximation.
+double tolerated(double fields) {
+    return fields * std::pow(1 - 2 / (9 * fields) + normal_quantile(0.999) * std::sqrt(2 / (9 * fields)), 3);
+}
+
+} // namespace
+
 bool Hypothesis::within_tolerance() const {
-    const double n = static_cast<double>(nominal.size());
-    if (n == 0) return true;
-    // The quantile of chi square by Wilson and Hilferty's approximation.
-    return sum_of_squares() < n * std::pow(1 - 2 / (9 * n) + normal_quantile(0.999) * std::sqrt(2 / (9 * n)), 3);
+    return nominal.empty() || sum_of_squares() < tolerated(static_cast<double>(nominal.size()));
+}
+
+void Hypothesis::hold_within_tolerance() {
+    if (within_tolerance()) return;
+    const double share = std::sqrt(tolerated(static_cast<double>(nominal.size())) / sum_of_squares());
+    for (double& off : nominal) off *= share;
+    simulated.reset();
+    slopes.clear();
 }
 
 std::span<const double> Hypothesis::values_of(std::size_t effect) const {

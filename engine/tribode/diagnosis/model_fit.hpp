@@ -51,6 +51,7 @@ struct Hypothesis {
     double sum_of_squares() const; // sum of squares of the fields' standard deviations
     // Whether the fields lie as such tolerances let them, but once in a thousand machines: beyond, an effect is missing.
     bool within_tolerance() const;
+    void hold_within_tolerance(); // moves the fields towards what was described, until they do
     std::span<const double> values_of(std::size_t effect) const;
     void remove(std::size_t effect); // with its numbers
 };
