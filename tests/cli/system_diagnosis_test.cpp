@@ -399,10 +399,14 @@ TEST_F(SystemDiagnosis, AnOutputMayRepeatAStateOfItsName) {
     const auto ending = diagnose({"--system", "other.lua", "--data", "records/ident.csv", "-o", "none"});
     EXPECT_NE(ending.err.find("the output x has the name of a state but is another value"), std::string::npos)
         << ending.err;
+    folder.write("other.lua", model("0", "outputs = function(s) return { y = s.x, u = s.u } end"));
+    EXPECT_NE(diagnose({"--system", "other.lua", "--data", "records/ident.csv", "-o", "none"})
+                  .err.find("the output u has the name of an input, must have another name"),
+              std::string::npos);
 }
 
 TEST_F(SystemDiagnosis, WhatOnlyTheValidationRecordShowsIsSoughtThere) {
-    measure("0.002 * s.v * math.abs(s.v)", "valid_size=20");
+    measure("0.002 * s.v * math.abs(s.v) - s.f", "valid_size=20"); // a random force is in both records
     const Json d = diagnosis("model.lua", "out");
     EXPECT_EQ(d["verdict"], "effect_found");
     EXPECT_EQ(d["effects"][0]["name"], "quadratic_drag");

@@ -182,14 +182,9 @@ class Verdict {
         if (s.baseline.together.within_tolerance() || !best.together.within_tolerance()) return;
         without_.hypothesis = s.baseline.together;
         without_.hypothesis.hold_within_tolerance();
-        const auto per_sample = [&](const std::vector<Evidence>& records) {
-            double samples = 0;
-            for (const auto& record : records) samples += static_cast<double>(record.samples());
-            const Hypothesis& h = without_.hypothesis;
-            return (ModelFit(machine_, records).chi_square(h) - h.sum_of_squares()) / samples;
-        };
-        without_.fitted = without_.together_fitted = per_sample(s.fitted);
-        without_.validation = without_.together_validation = per_sample(s.validation);
+        without_.fitted = without_.together_fitted = fit_.chi_square_per_sample(without_.hypothesis);
+        without_.validation = without_.together_validation =
+            ModelFit(machine_, s.validation).chi_square_per_sample(without_.hypothesis);
     }
 
     static bool is_allowed_beside(const Scored& other, const Scored& best) {

@@ -75,6 +75,10 @@ class ModelFit {
 
     // Chi square at the hypothesis' numbers: infinite where the machine cannot follow the record.
     double chi_square(const Hypothesis& h) const;
+    // The same without the part of the fields, for each sample: 1 where only noise is left.
+    double chi_square_per_sample(const Hypothesis& h) const {
+        return (chi_square(h) - h.sum_of_squares()) / static_cast<double>(sample_count());
+    }
     void evaluate(Hypothesis& h) const; // finds its chi square, and keeps what was simulated
     // Whitened errors, record after record, then the fields; empty where the machine cannot follow.
     std::vector<double> errors(const Hypothesis& h) const;

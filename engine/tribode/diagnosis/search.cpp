@@ -377,9 +377,8 @@ class Search {
         refine(h, all_, 30, workers);
     }
 
-    // Chi square per sample, without that of the fields.
     double per_sample(const Hypothesis& h, const std::vector<Evidence>& records) const {
-        return (ModelFit(machine_, records).chi_square(h) - h.sum_of_squares()) / static_cast<double>(count(records));
+        return ModelFit(machine_, records).chi_square_per_sample(h);
     }
 
     Scored scored(Hypothesis h) const {

@@ -398,20 +398,21 @@ class Diagnoser {
             return std::nullopt; // the validation records have told the only one
         std::vector<SystemCandidate> without;
         std::vector<const SystemCandidate*> list;
-        for (std::size_t t = first_new; t < candidate.terms.size(); ++t)
-            without.push_back(search.without(candidate, t));
+        // A later step may have taken the place of earlier terms.
+        std::size_t first = first_new;
+        for (std::size_t s = before + 1; s <= last; ++s) first = std::min(first, steps_[s].before);
+        for (std::size_t t = first; t < candidate.terms.size(); ++t) without.push_back(search.without(candidate, t));
         for (const auto& one : without) list.push_back(&one);
         const auto all = judged(search, list, ended_after(fit_share));
         const auto errors_without = [&](std::size_t term) {
-            const auto& less = all[term - first_new];
+            const auto& less = all[term - first];
             return !less || less->errors.empty() ? std::vector<double>{} : errors_after(less->validation);
         };
         const auto now = errors_after(fitted.validation);
         const auto deviation = search.fit_of_all().standard_errors(candidate.model, fitted.values, fitted.errors);
         for (std::size_t s = before + 1; s <= last; ++s) {
             for (const std::size_t t : unsure_terms(candidate, steps_[s].before, fitted.values, deviation)) {
-                if (t < first_new) continue;
-                const auto& without_it = all[t - first_new];
+                const auto& without_it = all[t - first];
                 if (without_it && needs(fitted, *without_it, candidate.terms[t].parameters.size())) continue;
                 const auto less = errors_without(t);
                 if (less.empty() || probability_of_gain(less, now) >= sure_enough) continue;

@@ -69,7 +69,7 @@ class SystemFit {
     }
     bool is_search() const { return is_search_; }
 
-    using Ended = std::function<bool()>; // whether the time is over; may be empty
+    using Ended = std::function<bool()>; // whether the time is over
 
     struct Result {
         std::vector<double> values;
@@ -94,7 +94,7 @@ class SystemFit {
                                         const std::vector<double>& errors) const;
 
   private:
-    // Runs that `ended` ends have failed.
+    // Runs that `ended` ends have failed; here and below it may be empty.
     std::vector<double> errors_by_runs(const SystemModel& model, const std::vector<double>& values,
                                        const Ended& ended) const;
     Eigen::MatrixXd jacobian_by_runs(const SystemModel& model, const std::vector<double>& values,

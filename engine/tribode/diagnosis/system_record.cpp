@@ -111,12 +111,17 @@ void name_outputs_apart(Equations& equations) {
         const auto state = state_of(output);
         return state != equations.states.end() && output.value == state->symbol;
     });
-    for (const auto& output : equations.outputs) {
-        if (state_of(output) == equations.states.end()) continue;
-        throw InputError(
-            fmt::format("{}: the output {} has the name of a state but is another value, must have another name",
-                        equations.name, output.name));
-    }
+    const auto refuse = [&](const auto& list, const char* what) {
+        for (const auto& output : equations.outputs) {
+            if (std::ranges::none_of(list, [&](const auto& one) { return one.name == output.name; })) continue;
+            throw InputError(fmt::format("{}: the output {} has the name of {}, must have another name", equations.name,
+                                         output.name, what));
+        }
+    };
+    refuse(equations.states, "a state but is another value");
+    refuse(equations.discrete, "a discrete variable");
+    refuse(equations.parameters, "a parameter");
+    refuse(equations.inputs, "an input");
 }
 
 } // namespace

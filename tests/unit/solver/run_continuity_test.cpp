@@ -178,14 +178,19 @@ TEST_P(RunContinuity, everything_due_up_to_the_end_is_handled_when_a_run_stops) 
     EXPECT_EQ(run.events().size(), 1u);
 }
 
-TEST_P(RunContinuity, a_run_that_is_late_ends_early) {
-    std::atomic<bool> late{false};
+FunctionSystem decay_that_sets_after_5_s(std::atomic<bool>& flag) {
     FunctionSystem system = decay();
     system.sample_clocks = {{"tick", 0.01, 0.0}};
-    system.sample = [&](ClockId, long k, double, auto&, auto&) {
-        if (k == 500) late = true;
+    system.sample = [&flag](ClockId, long k, double, auto&, auto&) {
+        if (k == 500) flag = true;
         return EventEffect::restart;
     };
+    return system;
+}
+
+TEST_P(RunContinuity, a_run_that_is_late_ends_early) {
+    std::atomic<bool> late{false};
+    const FunctionSystem system = decay_that_sets_after_5_s(late);
     Simulator run(system, tight(GetParam()), RunControl{.late = [&] { return late.load(); }});
     const RunOutcome outcome = run.advance_to(1000.0);
     EXPECT_EQ(outcome.end, RunEnd::interrupted);
@@ -196,12 +201,7 @@ TEST_P(RunContinuity, a_run_that_is_late_ends_early) {
 
 TEST_P(RunContinuity, a_stop_request_interrupts_and_keeps_what_was_done) {
     std::atomic<bool> stop{false};
-    FunctionSystem system = decay();
-    system.sample_clocks = {{"tick", 0.01, 0.0}};
-    system.sample = [&](ClockId, long k, double, auto&, auto&) {
-        if (k == 500) stop = true;
-        return EventEffect::restart;
-    };
+    const FunctionSystem system = decay_that_sets_after_5_s(stop);
     RunControl control;
     control.stop = &stop;
     Simulator run(system, tight(GetParam()), control);
