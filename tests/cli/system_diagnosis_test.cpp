@@ -357,33 +357,70 @@ TEST_F(SystemDiagnosis, AnInertiaThatDependsOnThePosition) {
     EXPECT_NE(text_of(folder / "out/system.lua").find("unit = \"1/m2\" }"), std::string::npos);
 }
 
-// Above its edge it loses all within a tenth of a sample, so that what the term is called hangs on its rate.
-TEST_F(SystemDiagnosis, ATankThatOverflowsLikeAWall) {
-    const auto tank = [](const std::string& loss) {
+// What is missing in the derivative of a lag, or in what is measured of it: of records that truth.lua made.
+class SystemDiagnosisOfALag : public SystemDiagnosis {
+  protected:
+    static std::string lag(const std::string& rate) {
         return fmt::format(R"(
             return require "tribode".system {{ parameters = {{ a = {{ value = 0.5, unit = "1/s" }}, b = 1 }}, inputs = {{ u = 0 }},
-                states = {{ x = 0.3 }}, der = function(s) return {{ x = s.b * s.u - s.a * s.x{} }} end }})",
-                           loss);
-    };
-    folder.write("tank.lua", tank(""));
-    folder.write("truth.lua", tank(" - 100 * math.max(s.x - 0.9, 0)"));
-    folder.write("script.lua", R"(
-        local tb = require "tribode"
-        for k, name in ipairs { "ident", "valid" } do
-            local n, step, u, x = 300, 0.1, {}, {}
-            for i = 1, n do u[i] = 0.4 + 0.35 * math.sin(0.05 * i * k + k) + 0.05 * math.sin(0.17 * i) end
-            local run = tb.run_system { system = require "truth", duration_s = (n - 1) * step, output_step_s = step,
-                inputs = { u = { sample_time_s = step, values = u } } }
-            for i = 1, n do x[i] = run.values.x[i] + 3e-3 * tb.standard_normal(7, k, i) end
-            tb.write_csv { file = name .. ".csv", columns = { { name = "t", unit = "s", values = run.t },
-                { name = "u", values = u }, { name = "x", values = x } } }
-        end)");
-    ASSERT_EQ(program({"run", "script.lua", "-o", "records", "--quiet"}).exit_code, 0);
-    usual = {"--budget", "1e6", "--max-effects", "1", "--quiet"};
-    const Json d = diagnosis("tank.lua", "out");
-    EXPECT_EQ(d["verdict"], "effect_found");
-    EXPECT_EQ(d["effects"][0]["name"], "overflow");
-    EXPECT_NEAR(d["effects"][0]["parameters"]["overflow_level"].get<double>(), 0.9, 3e-3);
+                states = {{ x = 0.3 }}, der = function(s)
+                    local f = s.b * s.u - s.a * s.x
+                    return {{ x = {} }} end,
+                outputs = function(s) return {{ y = s.x }} end }})",
+                           rate);
+    }
+
+    // `besides`: what is measured besides the output.
+    Json found_in(const std::string& truth, const std::string& input, const std::string& besides = "0") {
+        folder.write("lag.lua", lag("f"));
+        folder.write("truth.lua", truth);
+        folder.write("script.lua", fmt::format(R"(
+            local tb = require "tribode"
+            for k, name in ipairs {{ "ident", "valid" }} do
+                local n, step, u, y = 300, 0.1, {{}}, {{}}
+                for i = 1, n do u[i] = {} end
+                local run = tb.run_system {{ system = require "truth", duration_s = (n - 1) * step, output_step_s = step,
+                    inputs = {{ u = {{ sample_time_s = step, values = u }} }} }}
+                for i = 1, n do y[i] = run.values.y[i] + {} + 3e-3 * tb.standard_normal(7, k, i) end
+                tb.write_csv {{ file = name .. ".csv", columns = {{ {{ name = "t", unit = "s", values = run.t }},
+                    {{ name = "u", values = u }}, {{ name = "y", values = y }} }} }}
+            end)",
+                                               input, besides));
+        EXPECT_EQ(program({"run", "script.lua", "-o", "records", "--quiet"}).exit_code, 0);
+        usual = {"--budget", "1e6", "--max-effects", "1", "--quiet"};
+        Json d = diagnosis("lag.lua", "out");
+        EXPECT_EQ(d["verdict"], "effect_found");
+        return d["effects"][0];
+    }
+
+    const std::string positive = "0.4 + 0.35 * math.sin(0.05 * i * k + k) + 0.05 * math.sin(0.17 * i)",
+                      both_signs = "math.sin(0.05 * i * k + k) + 0.5 * math.sin(0.17 * i)",
+                      levels = "({ 1, -0.8, 0.3, -0.2, 0.6 })[1 + (i + 20 * k) // 25 % 5]";
+};
+
+// Above its edge it loses all within a tenth of a sample, so that what the term is called hangs on its rate.
+TEST_F(SystemDiagnosisOfALag, ATankThatOverflowsLikeAWall) {
+    const Json effect = found_in(lag("f - 100 * math.max(s.x - 0.9, 0)"), positive);
+    EXPECT_EQ(effect["name"], "overflow");
+    EXPECT_NEAR(effect["parameters"]["overflow_level"].get<double>(), 0.9, 3e-3);
+}
+
+TEST_F(SystemDiagnosisOfALag, AnAmplifierThatFollowsOnlySoFast) {
+    const Json effect = found_in(lag("math.max(math.min(f, 0.4), -0.4)"), levels);
+    EXPECT_EQ(effect["name"], "rate_limit");
+    EXPECT_NEAR(effect["parameters"]["rate_limit_limit"].get<double>(), 0.4, 4e-3);
+}
+
+TEST_F(SystemDiagnosisOfALag, AValveThatOpensFartherInOneDirection) {
+    const Json effect = found_in(lag("f - 0.3 * s.b * math.min(s.u, 0)"), both_signs);
+    EXPECT_EQ(effect["name"], "asymmetric_gain");
+    EXPECT_NEAR(effect["parameters"]["asymmetric_gain_difference"].get<double>(), -0.3, 0.02);
+}
+
+TEST_F(SystemDiagnosisOfALag, AShareOfTheInputThatIsThereAtOnce) {
+    const Json effect = found_in(lag("f"), levels, "0.1 * u[i]");
+    EXPECT_EQ(effect["name"], "feedthrough");
+    EXPECT_NEAR(effect["parameters"]["feedthrough_gain"].get<double>(), 0.1, 0.01);
 }
 
 TEST_F(SystemDiagnosis, AnOutputMayRepeatAStateOfItsName) {

@@ -1,10 +1,13 @@
 #include "tribode/diagnosis/fixed_steps.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/system/contacts.hpp"
 #include "tribode/system/input_delays.hpp"
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <utility>
 
 namespace tribode {
 
@@ -25,8 +28,8 @@ double value_of(const std::array<double, 4>& piece, double s) {
 std::optional<FixedSteps> FixedSteps::of(const SystemModel& model) {
     const auto& given = model.equations;
     const bool has_more =
-        !given.discrete.empty() || !given.whens.empty() || !given.clocks.empty() || !given.contacts.empty() ||
-        !given.sensitivities.empty() ||
+        given.discrete.size() > given.contacts.size() || given.contacts.size() > 1 || !given.whens.empty() ||
+        !given.clocks.empty() || !given.sensitivities.empty() ||
         std::any_of(given.states.begin(), given.states.end(), [](const auto& state) { return state.is_algebraic(); });
     if (has_more) return std::nullopt;
     Equations equations = deep_copy(given);
@@ -39,7 +42,22 @@ std::optional<FixedSteps> FixedSteps::of(const SystemModel& model) {
     if (equations.states.empty() && !delays.empty()) return std::nullopt; // rows need not be instants
     if (delays.size() > most_delays) return std::nullopt;
     FixedSteps made;
-    std::vector<Term> variables, constants, rates, outputs, seconds;
+    std::vector<Term> variables, constants, rates, outputs, seconds, holding;
+    std::size_t velocity = 0;
+    if (!equations.contacts.empty()) {
+        const auto contact = equations.contacts.front();
+        const auto state = std::ranges::find(equations.states, contact.quantity, &Equations::State::symbol);
+        if (contact.law != Equations::Contact::Law::friction || state == equations.states.end()) return std::nullopt;
+        velocity = static_cast<std::size_t>(state - equations.states.begin());
+        // As outputs they become terms of the states.
+        for (const Term term : {contact.force, contact.release}) equations.outputs.push_back({{}, {}, term});
+        try {
+            close_contacts(equations);
+        } catch (const InputError&) {
+            return std::nullopt;
+        }
+        holding = {equations.outputs[equations.outputs.size() - 2].value, equations.outputs.back().value};
+    }
     for (const auto& state : equations.states) {
         variables.push_back(state.symbol);
         rates.push_back(state.rate);
@@ -54,6 +72,7 @@ std::optional<FixedSteps> FixedSteps::of(const SystemModel& model) {
         variables.push_back(delayed.symbol);
         seconds.push_back(delayed.seconds);
     }
+    if (!given.contacts.empty()) variables.push_back(given.contacts.front().mode);
     for (const auto& parameter : equations.parameters) {
         constants.push_back(parameter.symbol);
         made.parameters_.push_back(parameter.value);
@@ -71,6 +90,7 @@ std::optional<FixedSteps> FixedSteps::of(const SystemModel& model) {
     made.rates_ = Tape(graph, variables, rates, parts);
     made.outputs_ = Tape(graph, variables, outputs, parts);
     made.delays_ = Tape(graph, variables, seconds, parts);
+    if (!holding.empty()) made.friction_ = Friction{velocity, Tape(graph, variables, holding, parts)};
     return made;
 }
 
@@ -115,150 +135,308 @@ FixedSteps::Course FixedSteps::course(const SystemRecord& record, std::size_t sa
     return c;
 }
 
+// The runs of up to so many sets of values side by side. A number of each is beside that of the others: place i * lanes + lane.
 template <std::size_t lanes>
-void FixedSteps::run(const Course& course, std::span<const std::vector<double>> sets, std::size_t substeps,
-                     std::vector<double>& all) const {
-    const std::size_t n = starts_.size(), given = 1 + input_count_ + delayed_.size();
-    std::vector<double> x(n * lanes), stage(n * lanes), slopes(4 * n * lanes), u(given * lanes),
-        p(std::max<std::size_t>(parameters_.size(), 1) * lanes), y(output_count_ * lanes),
-        delay(delayed_.size() * lanes);
-    // A lane that has no set of its own does what the first one does.
-    const auto own = [&](std::size_t l) -> const std::vector<double>& { return sets[l < sets.size() ? l : 0]; };
-    for (std::size_t l = 0; l < lanes; ++l) {
-        for (std::size_t i = 0; i < parameters_.size(); ++i) p[i * lanes + l] = parameters_[i];
-        for (std::size_t i = 0; i < n; ++i) x[i * lanes + l] = starts_[i];
-        for (std::size_t i = 0; i < moved_parameters_.size(); ++i) p[moved_parameters_[i] * lanes + l] = own(l)[i];
-        for (std::size_t i = 0; i < moved_starts_.size(); ++i) {
-            x[moved_starts_[i] * lanes + l] = own(l)[moved_parameters_.size() + i];
-        }
-    }
-    if (!delayed_.empty()) delays_.evaluate_lanes<lanes>({x.data(), u.data(), p.data()}, delay.data());
-
-    // The inputs at the time of each lane. `behind`: of each delayed one the piece that it is in.
-    const auto piece_of = [&](std::size_t input, double place) -> const std::array<double, 4>& {
-        const auto& pieces = course.inputs[input];
-        return pieces[std::min(static_cast<std::size_t>(std::max(place, 0.0)), pieces.size() - 1)];
-    };
-    double t[lanes];
-    const auto set_time = [&](std::size_t piece, const std::vector<double>& behind) {
-        for (std::size_t l = 0; l < lanes; ++l) u[l] = t[l];
-        const double start = course.begin + static_cast<double>(piece) * course.period;
-        for (std::size_t i = 0; i < input_count_; ++i) {
-            const auto& pieces = course.inputs[i];
-            const auto& now = pieces[std::min(piece, pieces.size() - 1)];
-            for (std::size_t l = 0; l < lanes; ++l) {
-                u[(1 + i) * lanes + l] = value_of(now, (t[l] - start) / course.period);
-            }
-        }
-        for (std::size_t d = 0; d < delayed_.size(); ++d) {
-            for (std::size_t l = 0; l < lanes; ++l) {
-                const double place = behind[d * lanes + l];
-                const double s = (t[l] - delay[d * lanes + l] - course.begin) / course.period - place;
-                u[(1 + input_count_ + d) * lanes + l] =
-                    place < 0 ? course.inputs[delayed_[d]].front()[0] : value_of(piece_of(delayed_[d], place), s);
-            }
-        }
-    };
-    std::vector<double> behind(delayed_.size() * lanes), cut((delayed_.size() + 2) * lanes);
-    const auto find_pieces = [&](const double* at) {
-        for (std::size_t d = 0; d < delayed_.size(); ++d) {
-            for (std::size_t l = 0; l < lanes; ++l) {
-                behind[d * lanes + l] =
-                    std::floor((at[l] - delay[d * lanes + l] - course.begin) / course.period + same_instant);
-            }
-        }
-    };
-    std::size_t sample = 0;
-    for (const auto& interval : course.intervals) {
-        std::fill_n(t, lanes, interval.start);
-        if (interval.is_sample) {
-            find_pieces(t);
-            set_time(interval.piece, behind);
-            outputs_.evaluate_lanes<lanes>({x.data(), u.data(), p.data()}, y.data());
-            for (std::size_t l = 0; l < sets.size(); ++l) {
-                for (std::size_t o = 0; o < output_count_; ++o) {
-                    all[(l * output_count_ + o) * course.samples + sample] = y[o * lanes + l];
-                }
-            }
-            ++sample;
-        }
-        if (!(interval.length > 0)) continue;
-        // Where a delayed input changes within the interval, steps end too: in each lane somewhere else.
-        const std::size_t parts = delayed_.size() + 1;
+class FixedSteps::Run {
+  public:
+    Run(const FixedSteps& model, const Course& course, std::span<const std::vector<double>> sets)
+        : m_(model),
+          course_(course),
+          n_(m_.starts_.size()),
+          mode_(1 + m_.input_count_ + m_.delayed_.size()),
+          x_(n_ * lanes),
+          stage_(n_ * lanes),
+          slopes_(4 * n_ * lanes),
+          u_((mode_ + 1) * lanes),
+          p_(std::max<std::size_t>(m_.parameters_.size(), 1) * lanes),
+          y_(m_.output_count_ * lanes),
+          delay_(m_.delayed_.size() * lanes),
+          behind_(m_.delayed_.size() * lanes),
+          sets_(sets.size()) {
+        // A lane that has no set of its own does what the first one does.
+        const auto own = [&](std::size_t l) -> const std::vector<double>& { return sets[l < sets.size() ? l : 0]; };
         for (std::size_t l = 0; l < lanes; ++l) {
-            double stops[most_delays + 2];
-            stops[0] = interval.start;
-            for (std::size_t d = 0; d < delayed_.size(); ++d) {
-                const double since = course.begin + delay[d * lanes + l];
-                const double change = since + std::ceil((interval.start - since) / course.period) * course.period;
-                const double stop = std::clamp(change, interval.start, interval.start + interval.length);
-                std::size_t place = d + 1;
-                for (; stops[place - 1] > stop; --place) stops[place] = stops[place - 1];
-                stops[place] = stop;
+            for (std::size_t i = 0; i < m_.parameters_.size(); ++i) p_[i * lanes + l] = m_.parameters_[i];
+            for (std::size_t i = 0; i < n_; ++i) x_[i * lanes + l] = m_.starts_[i];
+            for (std::size_t i = 0; i < m_.moved_parameters_.size(); ++i) {
+                p_[m_.moved_parameters_[i] * lanes + l] = own(l)[i];
             }
-            stops[parts] = interval.start + interval.length;
-            for (std::size_t i = 0; i <= parts; ++i) cut[i * lanes + l] = stops[i];
+            for (std::size_t i = 0; i < m_.moved_starts_.size(); ++i) {
+                x_[m_.moved_starts_[i] * lanes + l] = own(l)[m_.moved_parameters_.size() + i];
+            }
         }
-        const auto steps = static_cast<std::size_t>(
-            std::max(1.0, std::ceil(static_cast<double>(substeps) * interval.length / course.period - 1e-9)));
-        for (std::size_t part = 0; part < parts; ++part) {
-            const double *from = &cut[part * lanes], *to = &cut[(part + 1) * lanes];
-            double h[lanes], middle[lanes], start[lanes], first[lanes], last[lanes];
+        if (!m_.delayed_.empty()) m_.delays_.template evaluate_lanes<lanes>(arguments(x_.data()), delay_.data());
+    }
+
+    void over(std::size_t substeps, std::vector<double>& all) {
+        std::size_t sample = 0;
+        std::vector<double> cut((m_.delayed_.size() + 2) * lanes);
+        for (const auto& interval : course_.intervals) {
+            if (interval.is_sample) take_outputs(interval, sample++, all);
+            if (!(interval.length > 0)) continue;
+            // Where a delayed input changes within the interval, steps end too: in each lane somewhere else.
+            const std::size_t parts = m_.delayed_.size() + 1;
             for (std::size_t l = 0; l < lanes; ++l) {
-                h[l] = (to[l] - from[l]) / static_cast<double>(steps);
-                middle[l] = 0.5 * (from[l] + to[l]);
-                start[l] = from[l];
-                // What jumps where a delayed input begins has the value of this part at both of its ends.
-                first[l] = std::min(from[l] + same_instant * course.period, middle[l]);
-                last[l] = std::max(to[l] - same_instant * course.period, middle[l]);
-            }
-            find_pieces(middle);
-            for (std::size_t step = 0; step < steps; ++step) {
-                const auto slope = [&](double share, std::size_t of, const double* where) {
-                    for (std::size_t l = 0; l < lanes; ++l) {
-                        t[l] = std::clamp(start[l] + (static_cast<double>(step) + share) * h[l], first[l], last[l]);
-                    }
-                    if (course.holds && (step > 0 || of > 0)) { // the inputs are those of the step's start
-                        std::copy_n(t, lanes, u.begin());
-                    } else if (of != 2) { // which is at the same time as the one before it
-                        set_time(interval.piece, behind);
-                    }
-                    rates_.evaluate_lanes<lanes>({where, u.data(), p.data()}, &slopes[of * n * lanes]);
-                };
-                const auto move = [&](double share, std::size_t of) {
-                    for (std::size_t i = 0; i < n; ++i) {
-                        for (std::size_t l = 0; l < lanes; ++l) {
-                            stage[i * lanes + l] = x[i * lanes + l] + share * h[l] * slopes[(of * n + i) * lanes + l];
-                        }
-                    }
-                };
-                slope(0, 0, x.data());
-                move(0.5, 0);
-                slope(0.5, 1, stage.data());
-                move(0.5, 1);
-                slope(0.5, 2, stage.data());
-                move(1, 2);
-                slope(1, 3, stage.data());
-                for (std::size_t i = 0; i < n; ++i) {
-                    for (std::size_t l = 0; l < lanes; ++l) {
-                        const auto of = [&](std::size_t s) { return slopes[(s * n + i) * lanes + l]; };
-                        x[i * lanes + l] += h[l] / 6 * (of(0) + 2 * (of(1) + of(2)) + of(3));
-                    }
+                double stops[most_delays + 2];
+                stops[0] = interval.start;
+                for (std::size_t d = 0; d < m_.delayed_.size(); ++d) {
+                    const double since = course_.begin + delay_[d * lanes + l];
+                    const double change = since + std::ceil((interval.start - since) / course_.period) * course_.period;
+                    const double stop = std::clamp(change, interval.start, interval.start + interval.length);
+                    std::size_t place = d + 1;
+                    for (; stops[place - 1] > stop; --place) stops[place] = stops[place - 1];
+                    stops[place] = stop;
                 }
+                stops[parts] = interval.start + interval.length;
+                for (std::size_t i = 0; i <= parts; ++i) cut[i * lanes + l] = stops[i];
+            }
+            const auto steps = static_cast<std::size_t>(
+                std::max(1.0, std::ceil(static_cast<double>(substeps) * interval.length / course_.period - 1e-9)));
+            for (std::size_t part = 0; part < parts; ++part) {
+                pass(interval.piece, &cut[part * lanes], &cut[(part + 1) * lanes], steps);
             }
         }
     }
-}
+
+  private:
+    using Each = std::array<double, lanes>;
+
+    std::array<const double*, 3> arguments(const double* x) const { return {x, u_.data(), p_.data()}; }
+
+    void take_outputs(const Course::Interval& interval, std::size_t sample, std::vector<double>& all) {
+        Each t;
+        t.fill(interval.start);
+        find_pieces(t);
+        set_inputs(interval.piece, t);
+        if (m_.friction_) find_modes();
+        m_.outputs_.template evaluate_lanes<lanes>(arguments(x_.data()), y_.data());
+        for (std::size_t l = 0; l < sets_; ++l) {
+            for (std::size_t o = 0; o < m_.output_count_; ++o) {
+                all[(l * m_.output_count_ + o) * course_.samples + sample] = y_[o * lanes + l];
+            }
+        }
+    }
+
+    // Of each delayed input the piece that it is in at these instants.
+    void find_pieces(const Each& t) {
+        for (std::size_t d = 0; d < m_.delayed_.size(); ++d) {
+            for (std::size_t l = 0; l < lanes; ++l) {
+                behind_[d * lanes + l] =
+                    std::floor((t[l] - delay_[d * lanes + l] - course_.begin) / course_.period + same_instant);
+            }
+        }
+    }
+
+    void set_inputs(std::size_t piece, const Each& t) {
+        const auto piece_of = [&](std::size_t input, double place) -> const std::array<double, 4>& {
+            const auto& pieces = course_.inputs[input];
+            return pieces[std::min(static_cast<std::size_t>(std::max(place, 0.0)), pieces.size() - 1)];
+        };
+        std::copy_n(t.begin(), lanes, u_.begin());
+        const double start = course_.begin + static_cast<double>(piece) * course_.period;
+        for (std::size_t i = 0; i < m_.input_count_; ++i) {
+            const auto& now = piece_of(i, static_cast<double>(piece));
+            for (std::size_t l = 0; l < lanes; ++l) {
+                u_[(1 + i) * lanes + l] = value_of(now, (t[l] - start) / course_.period);
+            }
+        }
+        for (std::size_t d = 0; d < m_.delayed_.size(); ++d) {
+            const std::size_t input = m_.delayed_[d];
+            for (std::size_t l = 0; l < lanes; ++l) {
+                const double place = behind_[d * lanes + l];
+                const double s = (t[l] - delay_[d * lanes + l] - course_.begin) / course_.period - place;
+                u_[(1 + m_.input_count_ + d) * lanes + l] =
+                    place < 0 ? course_.inputs[input].front()[0] : value_of(piece_of(input, place), s);
+            }
+        }
+    }
+
+    // From one instant of each lane to another, between which no input jumps.
+    void pass(std::size_t piece, const double* from, const double* to, std::size_t steps) {
+        piece_ = piece;
+        Each middle, length;
+        for (std::size_t l = 0; l < lanes; ++l) {
+            length[l] = (to[l] - from[l]) / static_cast<double>(steps);
+            middle[l] = 0.5 * (from[l] + to[l]);
+            // What jumps where a delayed input begins has the value of this part at both of its ends.
+            first_[l] = std::min(from[l] + same_instant * course_.period, middle[l]);
+            last_[l] = std::max(to[l] - same_instant * course_.period, middle[l]);
+        }
+        find_pieces(middle);
+        are_inputs_set_ = false;
+        look_anew_ = true;
+        for (std::size_t step = 0; step < steps; ++step) {
+            Each start;
+            for (std::size_t l = 0; l < lanes; ++l) start[l] = from[l] + static_cast<double>(step) * length[l];
+            if (m_.friction_) {
+                stick_and_slip(start, length);
+            } else {
+                advance(start, length);
+            }
+        }
+    }
+
+    void go_to(const Each& start, const Each& length, double share) {
+        Each t;
+        for (std::size_t l = 0; l < lanes; ++l) t[l] = std::clamp(start[l] + share * length[l], first_[l], last_[l]);
+        if (course_.holds && are_inputs_set_) { // the inputs are those of the part's start
+            std::copy_n(t.begin(), lanes, u_.begin());
+        } else {
+            set_inputs(piece_, t);
+            are_inputs_set_ = true;
+        }
+    }
+
+    // A step of each lane.
+    void advance(const Each& start, const Each& length) {
+        const auto slope = [&](std::size_t of, const double* where) {
+            m_.rates_.template evaluate_lanes<lanes>(arguments(where), &slopes_[of * n_ * lanes]);
+        };
+        const auto move = [&](double share, std::size_t of) {
+            for (std::size_t i = 0; i < n_; ++i) {
+                for (std::size_t l = 0; l < lanes; ++l) {
+                    stage_[i * lanes + l] = x_[i * lanes + l] + share * length[l] * slopes_[(of * n_ + i) * lanes + l];
+                }
+            }
+        };
+        go_to(start, length, 0);
+        slope(0, x_.data());
+        move(0.5, 0);
+        go_to(start, length, 0.5);
+        slope(1, stage_.data());
+        move(0.5, 1);
+        slope(2, stage_.data());
+        move(1, 2);
+        go_to(start, length, 1);
+        slope(3, stage_.data());
+        for (std::size_t i = 0; i < n_; ++i) {
+            for (std::size_t l = 0; l < lanes; ++l) {
+                const auto of = [&](std::size_t s) { return slopes_[(s * n_ + i) * lanes + l]; };
+                x_[i * lanes + l] += length[l] / 6 * (of(0) + 2 * (of(1) + of(2)) + of(3));
+            }
+        }
+    }
+
+    // The mode of the friction: 0 where it holds, 1 and 2 where it slips forward and backward.
+    double& mode(std::size_t l) { return u_[mode_ * lanes + l]; }
+    double& velocity(std::size_t l) { return x_[m_.friction_->velocity * lanes + l]; }
+    static double direction(double mode) { return mode == 1 ? 1 : -1; }
+
+    // By how much the force that holds each lane is larger than one that lets go, over the latter; and in which direction it is.
+    void find_holding() {
+        std::array<double, 2 * lanes> force;
+        m_.friction_->holding.template evaluate_lanes<lanes>(arguments(x_.data()), force.data());
+        for (std::size_t l = 0; l < lanes; ++l) {
+            excess_[l] = std::abs(force[l]) - force[lanes + l];
+            lets_go_to_[l] = force[l] > 0 ? 1 : 2;
+        }
+    }
+
+    // What slips or lets go with the inputs as they are now.
+    void find_modes() {
+        find_holding();
+        for (std::size_t l = 0; l < lanes; ++l) {
+            if (mode(l) != 0) continue;
+            if (velocity(l) != 0) {
+                mode(l) = velocity(l) > 0 ? 1 : 2;
+            } else if (excess_[l] > 0) {
+                mode(l) = lets_go_to_[l];
+            }
+        }
+    }
+
+    // A step of each lane, in pieces where it sticks or slips on the way.
+    void stick_and_slip(Each start, Each left) {
+        constexpr int most_changes = 6; // in a step; what changes more often is held to its end
+        for (int change = 0;; ++change) {
+            if (std::exchange(look_anew_, false)) {
+                go_to(start, left, 0);
+                find_modes();
+            }
+            const std::vector<double>& before = before_ = x_;
+            const Each holding = excess_;
+            std::array<bool, lanes> held;
+            for (std::size_t l = 0; l < lanes; ++l) held[l] = mode(l) == 0;
+            advance(start, left);
+            if (std::ranges::any_of(held, std::identity())) find_holding();
+            Each share;
+            bool changes = false;
+            for (std::size_t l = 0; l < lanes; ++l) {
+                share[l] = 1;
+                const double v = velocity(l);
+                if (!(left[l] > 0) || (held[l] ? !(excess_[l] > 0) : !(direction(mode(l)) * v < 0))) continue;
+                changes = true;
+                if (held[l]) {
+                    share[l] = std::clamp(holding[l] / (holding[l] - excess_[l]), 0.0, 1.0);
+                } else {
+                    const std::size_t place = m_.friction_->velocity * lanes + l;
+                    share[l] =
+                        crossing(before[place], v, left[l] * slopes_[place], left[l] * slopes_[3 * n_ * lanes + place]);
+                }
+            }
+            if (!changes) return;
+            Each length;
+            for (std::size_t l = 0; l < lanes; ++l) {
+                length[l] = 0;
+                if (share[l] == 1) continue;
+                for (std::size_t i = 0; i < n_; ++i) x_[i * lanes + l] = before[i * lanes + l];
+                length[l] = share[l] * left[l];
+            }
+            advance(start, length);
+            bool is_over = true;
+            for (std::size_t l = 0; l < lanes; ++l) {
+                const double passed = share[l] == 1 ? left[l] : length[l];
+                start[l] += passed;
+                left[l] -= passed;
+                if (share[l] == 1) continue;
+                if (held[l]) {
+                    mode(l) = lets_go_to_[l];
+                } else {
+                    mode(l) = 0;
+                    velocity(l) = 0;
+                }
+                is_over = is_over && !(left[l] > 0);
+            }
+            look_anew_ = true;
+            if (is_over) return;
+            if (change == most_changes) {
+                advance(start, left);
+                return;
+            }
+        }
+    }
+
+    // The share of a step at which a velocity is zero that begins and ends so, with these slopes by the share.
+    static double crossing(double begin, double end, double slope, double last_slope) {
+        const double bend = 3 * (end - begin) - 2 * slope - last_slope, twist = 2 * (begin - end) + slope + last_slope;
+        double low = 0, high = 1, s = std::clamp(begin / (begin - end), 0.0, 1.0);
+        for (int i = 0; i < 8; ++i) {
+            const double v = begin + s * (slope + s * (bend + s * twist));
+            ((v < 0) == (begin < 0) ? low : high) = s;
+            const double by = slope + s * (2 * bend + 3 * s * twist), next = s - v / by;
+            s = next > low && next < high ? next : 0.5 * (low + high);
+        }
+        return s;
+    }
+
+    const FixedSteps& m_;
+    const Course& course_;
+    std::size_t n_, mode_; // states; place of the mode in u
+    std::vector<double> x_, stage_, slopes_, u_, p_, y_, delay_, behind_, before_;
+    std::size_t sets_, piece_ = 0;
+    Each first_, last_, excess_, lets_go_to_;
+    bool are_inputs_set_ = false, look_anew_ = true; // what holds is to be found
+};
 
 std::vector<double> FixedSteps::outputs(const Course& course, std::span<const std::vector<double>> sets,
                                         std::size_t substeps) const {
     std::vector<double> all(sets.size() * output_count_ * course.samples, std::numeric_limits<double>::quiet_NaN());
     if (sets.size() == 1) {
-        run<1>(course, sets, substeps, all);
+        Run<1>(*this, course, sets).over(substeps, all);
     } else if (sets.size() <= 4) {
-        run<4>(course, sets, substeps, all);
+        Run<4>(*this, course, sets).over(substeps, all);
     } else {
-        run<8>(course, sets, substeps, all);
+        Run<8>(*this, course, sets).over(substeps, all);
     }
     return all;
 }

@@ -13,13 +13,14 @@ namespace tribode {
 // method of Runge and Kutta: what a fit needs, which runs the same equations thousands of times and compares runs with
 // one another. Steps end at samples of inputs and outputs and where a delayed input changes; between these they are
 // equal. Branches follow their conditions at once, so a kink is passed with an error of second order in the step; whoever
-// uses it compares steps with halved ones.
+// uses it compares steps with halved ones. Dry friction that holds a velocity at zero sticks and slips within steps, in each
+// run at instants of its own: where the velocity, as a cubic over the step, or the force that holds it says so.
 class FixedSteps {
   public:
     static constexpr std::size_t most_lanes = 8;
 
-    // Nothing where the equations have more than rates and outputs: algebraic variables, clocks, events that set something,
-    // forces that hold something at rest, or delays of more than an input.
+    // Nothing where the equations have more than rates and outputs and one dry friction on a state: algebraic variables, clocks,
+    // events that set something, other forces that hold something at rest, or delays of more than an input.
     static std::optional<FixedSteps> of(const SystemModel& model);
 
     // Lays out a record: the instants at which steps end, and the inputs between them.
@@ -47,16 +48,22 @@ class FixedSteps {
     bool is_static() const { return starts_.empty(); } // no states: steps do not matter
 
   private:
+    // What acts on one state and can hold it at zero.
+    struct Friction {
+        std::size_t velocity; // the state
+        Tape holding;         // the force that holds it, and the one from which it slips; of what rates are of
+    };
+
     FixedSteps() = default;
     template <std::size_t lanes>
-    void run(const Course& course, std::span<const std::vector<double>> sets, std::size_t substeps,
-             std::vector<double>& all) const;
+    class Run;
 
     std::vector<double> starts_, parameters_, own_inputs_; // values, where they do not move
     std::vector<std::size_t> moved_parameters_, moved_starts_;
     std::size_t input_count_ = 0, output_count_ = 0;
     std::vector<std::size_t> delayed_; // the input of each
-    Tape rates_, outputs_, delays_;    // of states; time, inputs, delayed inputs; parameters
+    Tape rates_, outputs_, delays_;    // of states; time, inputs, delayed inputs, mode of the friction; parameters
+    std::optional<Friction> friction_;
 };
 
 } // namespace tribode

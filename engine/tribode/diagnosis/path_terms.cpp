@@ -120,6 +120,13 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
                        return m.where(m.less(u, m.number(0)), m.negate(bent), bent);
                    },
                    {{.name = "size", .start = size, .unit = unit}});
+    // Forward the gain is one.
+    if (input.low < 0 && input.high > 0) {
+        add_input_path(library, input, "asymmetric_gain", {{"difference", 0.1, -infinity, infinity, 1}}, {0},
+                       [](const TermArithmetic& m, Equations&, Term u, const auto& p) {
+                           return m.subtract(u, m.multiply(p[0], m.positive(m.negate(u))));
+                       });
+    }
     if (library.model.equations.states.empty() || !(library.duration > 0)) return;
     const double step = library.step, lag = std::max(2 * step, 1e-3 * library.duration), none = no_lag * step;
     add_input_path(library, input, "lag", {{"time", lag, none, 0.5 * library.duration, lag, "s"}}, {none},
@@ -191,6 +198,21 @@ void add_output_paths(TermLibrary& library, std::size_t o) {
             [](const TermArithmetic& m, Term y, Term p) { return m.add(y, p); });
         add("gain", {"gain", 1.01, -infinity, infinity, 1}, 1,
             [](const TermArithmetic& m, Term y, Term p) { return m.multiply(y, p); });
+    }
+    // A share of an input that is there at once.
+    for (const auto& input : library.variables) {
+        const double size = std::max(std::abs(input.low), std::abs(input.high));
+        if (input.state || !library.is_state(output.value)) continue;
+        SystemTerm made{.name = "feedthrough", .equation = "output " + output.name, .of = input.name};
+        made.parameters = {
+            {"gain", 0.01 * span / size, -infinity, infinity, span / size, unit_of_quotient(output.unit, input.unit)}};
+        made.apply = [place, u = input.symbol](Equations& equations, const std::vector<Term>& p) {
+            const TermArithmetic m{*equations.graph};
+            Term& value = equations.outputs[place].value;
+            value = m.add(value, m.multiply(p[0], u));
+            return value;
+        };
+        library.terms.push_back(std::move(made));
     }
     add("clipping", {"limit", high - 0.05 * span, low, high + 0.05 * span, span, output.unit}, high + 0.05 * span,
         [](const TermArithmetic& m, Term y, Term p) { return m.where(m.less(p, y), p, y); });

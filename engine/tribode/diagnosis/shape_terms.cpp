@@ -58,6 +58,7 @@ class Shapes {
             }
             if (!target_->is_inner) load_dependent_friction();
             variable_capacity();
+            rate_limit();
             for (const auto& difference : library_.differences) {
                 powers(difference);
                 if (changes_sign(difference)) dry_friction(difference);
@@ -377,6 +378,27 @@ class Shapes {
             "excess", per(""), [level](double x) { return std::max(std::abs(x) - level, 0.0); },
             [w](const TermArithmetic& m, const auto& p) { return m.positive(m.subtract(m.abs(w), p[1])); },
             {{"level", level, 0, largest, largest, variable.unit}});
+    }
+
+    // The whole derivative is limited, as the output of an amplifier can only follow so fast.
+    void rate_limit() {
+        if (target_->is_output || target_->is_inner) return;
+        const auto& state = library_.model.equations.states[target_->place];
+        double largest = 0;
+        for (const double rate : library_.values_of(state.rate)) largest = std::max(largest, std::abs(rate));
+        if (!(largest > 0) || !std::isfinite(largest)) return;
+        for (const double share : {0.6, 0.2, 0.05}) {
+            SystemTerm made{.name = "rate_limit", .equation = target_->name};
+            made.parameters = {{"limit", share * largest, 1e-3 * largest, 1.2 * largest, largest, target_->unit}};
+            made.neutral = {1.2 * largest};
+            made.apply = [place = target_->place](Equations& equations, const std::vector<Term>& p) {
+                const TermArithmetic m{*equations.graph};
+                Term& rate = equations.states[place].rate;
+                rate = m.clip(rate, m.negate(p[0]), p[0]);
+                return rate;
+            };
+            library_.terms.push_back(std::move(made));
+        }
     }
 
     // A force that follows the direction of motion over a distance [Dahl 1968]: der(z) = (rate - |rate| z)/distance. With a

@@ -80,6 +80,7 @@ class Diagnoser {
         }
         compare_on_validation(search);
         weigh_on_validation(search);
+        take_doubtful(search);
         stop_if_asked();
         name_effects(search);
         result_.where = where_the_gap_is(result_.validation.front(), model_);
@@ -439,6 +440,7 @@ class Diagnoser {
         if (one.errors.empty()) return false;
         const auto now = errors_after(one.validation);
         const double certainty = probability_of_gain(before.on_validation, now);
+        less.values = one.values; // from where it is fitted again, as far as there is time
         if (certainty < sure_here || !search.fit(less)) return false;
         SystemStep changed{.candidate = less, .before = kept_of(less, before.candidate)};
         weigh_beside(changed, before, search);
@@ -500,6 +502,7 @@ class Diagnoser {
             steps_[s].on_fitted = of_step[s].errors;
             steps_[s].evidence = evidence(steps_[kept], steps_[s], stretches_, result_.hypotheses.size());
             const bool is_more = gains[s].share > 0 && gains[s].certainty >= sure_here;
+            if (is_more && s == 1 && steps_[s].evidence < least_evidence) remember_doubtful(of_step[s], gains[s]);
             if (!is_more || steps_[s].evidence < least_evidence) continue;
             before_kept = kept;
             while (kept < s) {
@@ -531,6 +534,26 @@ class Diagnoser {
         conclude(search, std::move(of_step[kept]));
         const bool goes_on = is_changed && !steps_.back().candidate.is_noise && !search.late();
         return kept + 1 == all && !goes_on;
+    }
+
+    // The first step explains most of what is much on the validation records, and random forces do as well.
+    void remember_doubtful(const Judged& fitted, const Improvement& gain) {
+        const Gap gap = total_gap(fitted.validation);
+        if (gap.before < little_left * gap.floor || 1 - std::pow(gap.after / gap.before, 2) < half) return;
+        if (doubtful_ && rms_of_errors(doubtful_->step.on_validation) <= rms_of_errors(steps_[1].on_validation)) return;
+        doubtful_ = Doubtful{steps_[1], fitted};
+        doubtful_->step.confirmed = gain.certainty;
+    }
+
+    // Where nothing better was found, it is the answer, though an undecided one.
+    void take_doubtful(const SystemSearch& search) {
+        if (steps_.size() > 1 || !doubtful_) return;
+        const auto names = kinds_of(doubtful_->step.candidate);
+        for (auto& hypothesis : result_.hypotheses) {
+            if (hypothesis.names == names) hypothesis.lost.clear();
+        }
+        steps_.push_back(std::move(doubtful_->step));
+        conclude(search, std::move(doubtful_->fitted));
     }
 
     // Whether errors decrease by more than further parameters do by chance, of so many models: as for the evidence of a step.
@@ -857,7 +880,8 @@ class Diagnoser {
                                 .probability = weighed.probability,
                                 .rivals = weighed.rivals,
                                 .same_as = step.same_as};
-            effect.is_open = is_much_left() ? has_likelier_rivals : effect.probability < 0.5;
+            effect.is_open =
+                step.evidence < least_evidence || (is_much_left() ? has_likelier_rivals : effect.probability < 0.5);
             for (std::size_t p = 0; p < last.terms[t].parameters.size(); ++p, ++place) {
                 const auto value = fitted_value(place);
                 effect.parameters.push_back(value.name);
@@ -991,6 +1015,11 @@ class Diagnoser {
     std::size_t most_new_ = max_terms;     // that a step may bring
     std::vector<SystemStep> steps_;        // the first one is the model as it was given
     std::vector<SystemCandidate> dropped_; // tried beside steps that were dropped
+    struct Doubtful {
+        SystemStep step;
+        Judged fitted;
+    };
+    std::optional<Doubtful> doubtful_;
     std::vector<double> scale_;
     Interpolation between_ = Interpolation::hold;
     std::vector<double> baseline_values_, final_values_, final_errors_;

@@ -32,9 +32,10 @@ constexpr std::array side_by_side = {1.0 / 25, 1.0 / 5, 1.0, 6.0, 36.0, 216.0, 1
 constexpr int stiff_iterations = 2, iterations_of_halved = 3;    // at least, in halved steps
 constexpr int iterations_of_all = 3;                             // over all samples, after a fit over some
 constexpr double least_gain = 1e-6, least_gain_in_search = 1e-4; // of the squared errors, by an iteration
-constexpr double quick_gain = 0.5;  // what an iteration of a quick fit leaves of the squared errors
-constexpr double most_bent = 0.375; // of a step, for what corrects it
-constexpr double agreed = 4;        // times what is negligible: fixed steps and those of another solver
+constexpr double quick_gain = 0.5;      // what an iteration of a quick fit leaves of the squared errors
+constexpr double most_bent = 0.375;     // of a step, for what corrects it
+constexpr double as_good_a_step = 1.01; // of the squared errors of the best
+constexpr double agreed = 4;            // times what is negligible: fixed steps and those of another solver
 
 } // namespace
 
@@ -486,17 +487,18 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
         };
         const auto moved = [&](double with_damping) { return moved_by(damped_solution(with_damping, gradient)); };
         const double before = result.sum;
-        const auto improves = [&](const std::vector<double>& values, std::vector<double> errors) {
-            const double sum = sum_of_squares(errors);
-            if (!(sum < result.sum)) return false;
-            result.values = values;
-            result.errors = std::move(errors);
-            result.sum = sum;
-            return true;
+        struct Tried {
+            std::vector<double> values, errors;
+            double damping, sum;
+        };
+        const auto take = [&](Tried& one) {
+            result.values = std::move(one.values);
+            result.errors = std::move(one.errors);
+            result.sum = one.sum;
         };
         bool improved = false;
         if (lanes) {
-            // Several dampings side by side cost no more than one: the best is taken.
+            // Several dampings side by side cost no more than one.
             for (int attempt = 0; attempt < 2 && !improved && !ended(); ++attempt) {
                 std::vector<std::vector<double>> sets;
                 std::vector<double> dampings;
@@ -505,11 +507,12 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
                     sets.push_back(moved(dampings.back()));
                 }
                 const auto errors = lanes->errors(sets);
-                const double present = damping;
-                std::vector<double> sums;
-                for (const auto& some : errors) sums.push_back(sum_of_squares(some));
-                if (*std::ranges::min_element(sums) > quick_gain * before) {
-                    // Slow, as along a bent valley. How far the errors are bent along each step says how the step has to bend
+                std::vector<Tried> tried;
+                for (std::size_t l = 0; l < sets.size(); ++l)
+                    tried.push_back({sets[l], errors[l], dampings[l], sum_of_squares(errors[l])});
+                const bool is_slow = std::ranges::min_element(tried, {}, &Tried::sum)->sum > quick_gain * before;
+                if (is_slow) {
+                    // As along a bent valley. How far the errors are bent along each step says how the step has to bend
                     // [Transtrum 2012].
                     std::vector<std::vector<double>> bent;
                     std::vector<double> bent_dampings;
@@ -529,22 +532,31 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
                     }
                     auto further = lanes->errors(bent);
                     for (std::size_t l = 0; l < bent.size(); ++l) {
-                        if (!improves(bent[l], std::move(further[l]))) continue;
-                        improved = true;
-                        damping = bent_dampings[l];
+                        const double sum = sum_of_squares(further[l]);
+                        tried.push_back({std::move(bent[l]), std::move(further[l]), bent_dampings[l], sum});
                     }
                 }
-                for (std::size_t l = 0; l < sets.size(); ++l) {
-                    if (!improves(sets[l], errors[l])) continue;
-                    improved = true;
-                    damping = dampings[l];
+                // Where it is quick, the shortest step of those that gain nearly as much as the best: what the records hardly tell
+                // stays where it is.
+                const double least = std::ranges::min_element(tried, {}, &Tried::sum)->sum;
+                improved = least < before;
+                if (improved) {
+                    const double enough = is_slow ? least : as_good_a_step * least;
+                    std::erase_if(tried, [&](const Tried& one) { return !(one.sum <= enough); });
+                    auto& shortest = *std::ranges::max_element(tried, {}, &Tried::damping);
+                    damping = shortest.damping;
+                    take(shortest);
+                } else {
+                    damping = std::max(damping, 1e-6) * side_by_side.back() * 6;
                 }
-                if (!improved) damping = std::max(present, 1e-6) * side_by_side.back() * 6;
             }
         } else {
             for (int attempt = 0; attempt < 10 && !improved && !ended(); ++attempt) {
-                const auto next = moved(damping);
-                improved = improves(next, errors_by_runs(model, next, ended));
+                Tried next{moved(damping), {}, damping, 0};
+                next.errors = errors_by_runs(model, next.values, ended);
+                next.sum = sum_of_squares(next.errors);
+                improved = next.sum < before;
+                if (improved) take(next);
                 damping = improved ? std::max(damping / 5, 1e-9) : std::max(damping * 6, 1e-6);
             }
         }

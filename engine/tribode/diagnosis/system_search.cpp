@@ -39,7 +39,8 @@ constexpr std::size_t shortest_beginning = 60; // samples
 // A second term is sought beside so many single terms that fit best, and as many of those with one parameter; so many of each
 // are fitted.
 constexpr std::size_t deepened_singles = 3, fitted_seconds = 8;
-constexpr double negligible = 0.02; // of what the best single term explains to first order
+constexpr double negligible = 0.02;     // of what the best single term explains to first order
+constexpr double explains_little = 0.5; // errors over the outputs' deviations
 // Iterations of a fit at first, of the best and of those that begin anew, and of those that promise most; and how many go on.
 constexpr int first_iterations = 6, iterations = 20, last_iterations = 60;
 constexpr std::size_t gone_on = 16, grown = 10, polished = 8;
@@ -336,6 +337,15 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
                 terms)) {
         list.push_back({current, std::move(some)});
     }
+    if (current.terms.empty() && rms_of_errors(current.fitted) > explains_little) {
+        // To first order such a model says little about what it lacks: what has one value is tried wherever it is.
+        std::set<std::string> known;
+        for (const auto& one : list) known.insert(terms[one.terms.terms[0]].kind());
+        for (std::size_t i = 0; i < terms.size(); ++i) {
+            if (terms[i].parameters.size() > 1 || !known.insert(terms[i].kind()).second) continue;
+            list.push_back({current, {.terms = {i}, .starts = {{terms[i].parameters[0].start}}}});
+        }
+    }
     auto found = fitted(list, terms);
     // Where one leaves nothing but noise, a second one has nothing to explain.
     const auto is_enough = [&] {
@@ -376,6 +386,12 @@ void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
                 if (is_timing(found[i].terms[t])) others.insert(others.begin(), without(found[i], t));
             }
         }
+        // And what a share of the input does at once shows only with the right way.
+        const auto at_once = std::ranges::find_if(
+            found, [](const SystemCandidate& one) { return one.terms.back().name == "feedthrough"; });
+        if (at_once - found.begin() >= static_cast<std::ptrdiff_t>(first_reconsidered) && at_once != found.end()) {
+            others.insert(others.begin(), *at_once);
+        }
         const std::size_t shorter = others.size() - best - plain.size();
         const auto refit = [&](std::size_t begin, std::size_t end) {
             for_each_index(end - begin, control_,
@@ -386,7 +402,7 @@ void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
         };
         const std::size_t some = shorter + std::min(first_reconsidered, best);
         refit(0, some);
-        // What is simpler needs to do only as well.
+        // What is simpler needs to do only as well, and so does what began behind.
         const auto is_better = [&](std::size_t i) {
             if (i < shorter) return others[i].score() < dispensable * found.front().score();
             return others[i].is_noise ? others[i].score() < found.front().score()
@@ -745,7 +761,9 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
         if (late() || list[c].is_followed || list[c].terms.terms.size() > 1 || found[c].is_noise) return;
         if (auto other = sized(start[c])) improve(c, *std::move(other), first_iterations, true);
         if (found[c].is_noise || late()) return;
-        improve(c, with_given_values(start[c]), first_iterations, false);
+        auto given = with_given_values(start[c]);
+        auto other = sized(given);
+        improve(c, other ? *std::move(other) : std::move(given), first_iterations, false);
     });
     // The best go on. Of the others those of which screening promised most, and which fell short of it, begin anew.
     const auto go_on = best_of(all, gone_on);

@@ -9,6 +9,7 @@
 #include "unit/script/temporary_folder.hpp"
 
 #include <cmath>
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <map>
 #include <string>
@@ -412,6 +413,39 @@ TEST(LaneFit, StepsEndWhereALateInputBegins) {
         }
         EXPECT_LT(off[0], 2e-3);
         EXPECT_LT(off[1], off[0] / 100); // 256 by the order
+    }
+}
+
+// Dry friction sticks and slips within steps: of a mass on a spring that is pushed, which rests at the turns of each push, and of one
+// whose force jumps at samples and lets go only above the level of its slip. The order is that of smooth steps.
+TEST(LaneFit, DryFrictionSticksAndSlipsWithinSteps) {
+    const TemporaryFolder folder;
+    const std::vector<SystemRecord> records = {
+        record_of(200, 0.1, {[](double t) { return 1.5 * std::sin(0.7 * t) + 0.6 * std::sin(1.9 * t); }})};
+    for (const auto& [friction, between] :
+         {std::pair{"level = 1", Interpolation::linear}, {"level = 1, static = 1.4", Interpolation::hold}}) {
+        const SystemModel model = model_of(folder, fmt::format(R"(
+            inputs = {{ u = 0 }}, states = {{ x = 0.3, v = 0 }},
+            parts = {{ f = tb.parts.coulomb {{ velocity = "v", {} }} }},
+            der = function(s) return {{ x = s.v, v = s.u - 0.4 * s.x - 0.2 * s.v - s.f.force }} end,
+            outputs = function(s) return {{ y = s.x, f = s.f.force }} end)",
+                                                               friction));
+        const SystemFit fit(records, std::vector<double>(model.measured.size(), 1), between, {200});
+        const auto trace = fit.simulate(model, model.values(1), 0, 200);
+        ASSERT_TRUE(trace);
+        const auto steps = FixedSteps::of(model);
+        ASSERT_TRUE(steps);
+        const std::vector<std::vector<double>> sets(5, model.values(1));
+        std::size_t held = 0; // samples at rest
+        for (const double v : trace->states[0]) held += v == 0;
+        EXPECT_GT(held, 30u);
+        for (const auto& [n, off] : {std::pair{1u, 1e-6}, {4u, 1e-7}}) {
+            const auto all = steps->outputs(steps->course(records[0], 200, between), sets, n);
+            for (std::size_t k = 0; k < 200; ++k) {
+                EXPECT_NEAR(all[k], trace->outputs[0][k], off) << k;
+                EXPECT_NEAR(all[200 + k], trace->outputs[1][k], 10 * off) << k; // its force
+            }
+        }
     }
 }
 
