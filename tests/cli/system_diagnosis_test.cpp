@@ -377,7 +377,7 @@ class SystemDiagnosisOfALag : public SystemDiagnosis {
         folder.write("script.lua", fmt::format(R"(
             local tb = require "tribode"
             for k, name in ipairs {{ "ident", "valid" }} do
-                local n, step, u, y = 300, 0.1, {{}}, {{}}
+                local n, step, u, y = {}, {}, {{}}, {{}}
                 for i = 1, n do u[i] = {} end
                 local run = tb.run_system {{ system = require "truth", duration_s = (n - 1) * step, output_step_s = step,
                     inputs = {{ u = {{ sample_time_s = step, values = u }} }} }}
@@ -385,13 +385,17 @@ class SystemDiagnosisOfALag : public SystemDiagnosis {
                 tb.write_csv {{ file = name .. ".csv", columns = {{ {{ name = "t", unit = "s", values = run.t }},
                     {{ name = "u", values = u }}, {{ name = "y", values = y }} }} }}
             end)",
-                                               input, besides));
+                                               samples, step, input, besides));
         EXPECT_EQ(program({"run", "script.lua", "-o", "records", "--quiet"}).exit_code, 0);
         usual = {"--budget", "1e6", "--max-effects", "1", "--quiet"};
-        Json d = diagnosis("lag.lua", "out");
-        EXPECT_EQ(d["verdict"], "effect_found");
-        return d["effects"][0];
+        const Json d = diagnosis("lag.lua", "out");
+        EXPECT_EQ(d["verdict"], verdict);
+        return d["effects"].at(0);
     }
+
+    int samples = 300;
+    double step = 0.1; // [s]
+    std::string verdict = "effect_found";
 
     const std::string positive = "0.4 + 0.35 * math.sin(0.05 * i * k + k) + 0.05 * math.sin(0.17 * i)",
                       both_signs = "math.sin(0.05 * i * k + k) + 0.5 * math.sin(0.17 * i)",
@@ -421,6 +425,24 @@ TEST_F(SystemDiagnosisOfALag, AShareOfTheInputThatIsThereAtOnce) {
     const Json effect = found_in(lag("f"), levels, "0.1 * u[i]");
     EXPECT_EQ(effect["name"], "feedthrough");
     EXPECT_NEAR(effect["parameters"]["feedthrough_gain"].get<double>(), 0.1, 0.01);
+}
+
+// The first model explains nothing of it, as the speed turns as often as not.
+TEST_F(SystemDiagnosisOfALag, ASensorThatDoesNotTellTheDirection) {
+    const Json effect = found_in(lag("f"), levels, "math.abs(run.values.y[i]) - run.values.y[i]");
+    EXPECT_EQ(effect["name"], "magnitude");
+    EXPECT_NEAR(effect["parameters"]["magnitude_share"].get<double>(), 1, 0.01);
+}
+
+// In few steps a random force may do what a curve of the input does. It is told all the same, but not as sure.
+TEST_F(SystemDiagnosisOfALag, WhatARandomForceMayDoIsUndecided) {
+    samples = 100;
+    step = 0.3;
+    verdict = "undecided";
+    const Json effect =
+        found_in(lag("s.b * s.u^2 - s.a * s.x"), "({ 0.3, 1, 0.6, 0.8 })[1 + (i + 25 * k) // 25 % 4]",
+                 "0.12 * (math.sin(0.078 * i + k) + math.sin(0.186 * i + 2 * k) + math.sin(0.42 * i + 3 * k))");
+    EXPECT_LT(effect["probability"].get<double>(), 0.3);
 }
 
 TEST_F(SystemDiagnosis, AnOutputMayRepeatAStateOfItsName) {
