@@ -13,6 +13,8 @@ namespace {
 // Of a validation record, the part that its start values are fitted to.
 constexpr double start_share = 0.1;
 constexpr std::size_t start_samples = 20; // at least
+constexpr int start_iterations = 40;
+constexpr double far_off = 3; // times the noise, for start values to be sought elsewhere
 
 } // namespace
 
@@ -89,7 +91,14 @@ std::vector<double> with_starts(const SystemModel& model, const std::vector<doub
     starts.parameters.clear();
     const std::vector<SystemRecord> records = {record};
     const SystemFit fit(records, scale, between, {samples_of_start(record)});
-    const auto result = fit.fit_growing(starts, starts.values(1), 40, ended);
+    auto result = fit.fit_growing(starts, starts.values(1), start_iterations, ended);
+    // A sensor may not tell the direction: then the opposite values are another minimum, with another way on from there.
+    if (rms_of_errors(result.errors) > far_off * fit.noise()) {
+        std::vector<double> opposite = result.values;
+        for (double& value : opposite) value = -value;
+        auto other = fit.fit(starts, std::move(opposite), start_iterations, ended);
+        if (other.sum < result.sum) result = std::move(other);
+    }
     all.insert(all.end(), result.values.begin(), result.values.end());
     return all;
 }

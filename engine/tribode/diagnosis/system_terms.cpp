@@ -12,7 +12,7 @@ namespace tribode {
 std::string unit_of_quotient(const std::string& a, const std::string& b) {
     if (a.empty() || b.empty()) return "";
     const Dimension dimension = dimension_of(fmt::format("({})/({})", a, b));
-    return !dimension || dimension->empty() ? "" : to_text(dimension);
+    return !dimension || dimension->empty() ? "" : to_readable_text(dimension);
 }
 
 void replace_inner(Equations& equations, std::size_t output, Term changed) {

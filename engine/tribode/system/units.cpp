@@ -146,6 +146,30 @@ std::string to_text(const Dimension& dimension) {
                                                 : fmt::format("{}/({})", numerator, below);
 }
 
+std::string to_readable_text(const Dimension& dimension) {
+    if (!dimension || !dimension->contains("kg")) return to_text(dimension);
+    const auto factors = [](const Powers& powers) {
+        double sum = 0;
+        for (const auto& [name, power] : powers) sum += std::abs(power);
+        return sum;
+    };
+    // Masses and times together are forces or more to whom they are shown.
+    Powers best = *dimension;
+    double fewest = factors(best) + (best.contains("s") ? 2 : 0);
+    for (const char* unit : {"N", "V", "ohm", "Pa", "W", "H", "F"}) {
+        for (const double power : {1, -1, 2, -2}) {
+            Powers rest = *dimension;
+            multiply(rest, si_units().at(unit), -power);
+            rest[unit] = power;
+            const double count = factors(rest) + (rest.contains("kg") ? 2 : 0);
+            if (count >= fewest) continue;
+            fewest = count;
+            best = rest;
+        }
+    }
+    return to_text(best);
+}
+
 bool fit(const Dimension& a, const Dimension& b) { return !a || !b || *a == *b; }
 
 Dimension Units::of(Term term) {

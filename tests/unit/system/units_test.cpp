@@ -30,6 +30,16 @@ TEST(Dimension, UnitsReadAsTheyAreWritten) {
     EXPECT_EQ(to_text(dimension_of("rad")), "1");
 }
 
+TEST(Dimension, ReadableUnitsAreThoseThatAreUsed) {
+    for (const char* unit : {"N", "N m", "N/m", "N s/m", "V", "1/V", "1/V2", "V/s", "ohm", "1/F", "Pa", "m/s2", "kg m2",
+                             "kg", "1/s", "mm/s", "1"}) {
+        EXPECT_EQ(to_readable_text(dimension_of(unit)), unit);
+    }
+    EXPECT_EQ(to_readable_text(dimension_of("kg m2/(A s3)")), "V");
+    EXPECT_EQ(to_readable_text(dimension_of("A s3/(kg m2)")), "1/V");
+    EXPECT_EQ(to_readable_text(dimension_of("N m/rad")), "N m");
+}
+
 TEST(Dimension, WhatIsNoUnitIsNotKnown) {
     for (const char* text : {"", "  ", "m/", "(m", "m)", "3", "m^", "/s", "m (relative)!"}) {
         EXPECT_FALSE(dimension_of(text)) << text;
