@@ -356,7 +356,7 @@ class Shapes {
             made.apply = [target = *target_, factor](Equations& equations, const std::vector<Term>& p) {
                 const TermArithmetic m{*equations.graph};
                 const Term c = m.multiply(p[0], factor(m, p));
-                const Term share = m.where(m.less(c, m.number(0)), m.divide(c, m.subtract(m.number(1), c)), c);
+                const Term share = m.divide(c, m.add(m.number(1), m.positive(m.negate(c)))); // above -1
                 const Term added = m.multiply(share, equations.states[target.place].rate);
                 target.add(equations, added);
                 return added;

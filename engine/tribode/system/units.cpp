@@ -156,7 +156,7 @@ std::string to_readable_text(const Dimension& dimension) {
     // Masses and times together are forces or more to whom they are shown.
     Powers best = *dimension;
     double fewest = factors(best) + (best.contains("s") ? 2 : 0);
-    for (const char* unit : {"N", "V", "ohm", "Pa", "W", "H", "F"}) {
+    for (const char* unit : {"N", "V", "ohm", "Pa", "W"}) {
         for (const double power : {1, -1, 2, -2}) {
             Powers rest = *dimension;
             multiply(rest, si_units().at(unit), -power);
