@@ -140,7 +140,8 @@ class Finder {
 } // namespace
 
 SystemModel with_inner_signals(SystemModel model) {
-    model.equations = deep_copy(model.equations);
+    // Of a script with many systems the graph has all of these, and each hypothesis is a copy.
+    model.equations = model.equations.with_own_graph();
     Finder finder(model);
     finder.add_differences();
     finder.add_shared();

@@ -80,6 +80,42 @@ std::vector<Term> Equations::terms() const {
     return list;
 }
 
+Equations Equations::with_own_graph() const {
+    Equations made = *this;
+    std::vector<Term*> all{&made.time};
+    const auto add_set = [&](Assignments& set) {
+        for (auto& [target, value] : set) all.insert(all.end(), {&target, &value});
+    };
+    for (auto& state : made.states) all.insert(all.end(), {&state.symbol, &state.rate});
+    for (auto& one : made.discrete) all.push_back(&one.symbol);
+    for (auto& parameter : made.parameters) all.push_back(&parameter.symbol);
+    for (auto& input : made.inputs) all.push_back(&input.symbol);
+    for (auto& output : made.outputs) all.push_back(&output.value);
+    for (auto& when : made.whens) {
+        all.push_back(&when.condition);
+        add_set(when.set);
+    }
+    for (auto& clock : made.clocks) {
+        add_set(clock.set);
+        if (!clock.function) continue;
+        for (auto* list : {&clock.function->reads, &clock.function->writes}) {
+            for (Term& term : *list) all.push_back(&term);
+        }
+    }
+    for (auto& contact : made.contacts) {
+        all.insert(all.end(), {&contact.force, &contact.mode, &contact.quantity, &contact.level, &contact.release,
+                               &contact.restitution});
+        if (contact.rest_speed) all.push_back(&*contact.rest_speed);
+    }
+    for (auto& one : made.sensitivities) all.push_back(&one.parameter);
+    std::vector<Term> roots;
+    for (const Term* term : all) roots.push_back(*term);
+    auto [own, place] = graph->part(roots);
+    made.graph = std::make_shared<Expressions>(std::move(own));
+    for (Term* term : all) *term = place[*term];
+    return made;
+}
+
 namespace {
 
 std::uint64_t mixed(std::uint64_t hash, std::uint64_t part) {

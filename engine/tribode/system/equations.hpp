@@ -142,6 +142,9 @@ struct Equations {
     // Puts terms in the place of variables, everywhere but in the lists of symbols themselves.
     void replace(const Expressions::Replacement& replacement);
 
+    // The same with a graph of its own, of what these equations need alone.
+    Equations with_own_graph() const;
+
     // The same for systems with the same variables, equations, parameters and inputs, in any program that runs this
     // version; start values do not matter. What an outside function does is not seen. 64 hexadecimal digits.
     std::string fingerprint() const;

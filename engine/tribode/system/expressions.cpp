@@ -266,6 +266,25 @@ std::vector<Term> Expressions::reachable(std::span<const Term> roots, bool into_
     return order;
 }
 
+std::pair<Expressions, std::vector<Term>> Expressions::part(std::span<const Term> roots) const {
+    Expressions made;
+    std::vector<Term> place(nodes_.size());
+    for (const Term term : reachable(roots)) {
+        Node node = nodes_[term];
+        const int count = operand_count(node.op);
+        if (node.op == Op::variable) {
+            place[term] = made.variable(names_[node.a]);
+            continue;
+        }
+        if (node.op == Op::lookup) node.value = static_cast<double>(made.number_of(tables_[table_number(term)]));
+        if (count > 0) node.a = place[node.a];
+        if (count > 1) node.b = place[node.b];
+        if (count > 2) node.c = place[node.c];
+        place[term] = made.keep(node);
+    }
+    return {std::move(made), std::move(place)};
+}
+
 std::vector<Term> Expressions::variables_of(std::span<const Term> roots) const {
     std::vector<Term> found = reachable(roots);
     std::erase_if(found, [&](Term term) { return nodes_[term].op != Op::variable; });

@@ -102,6 +102,9 @@ class Expressions {
     // no_event.
     std::vector<Term> reachable(std::span<const Term> roots, bool into_no_event = true) const;
 
+    // A graph of the roots and what they are made of alone, and of each term its place there.
+    std::pair<Expressions, std::vector<Term>> part(std::span<const Term> roots) const;
+
     // The variables that any of the roots depends on, ascending.
     std::vector<Term> variables_of(std::span<const Term> roots) const;
 

@@ -44,6 +44,34 @@ SystemRecord record_of(std::size_t samples, double step, const std::vector<doubl
 
 const auto never = [] { return false; };
 
+// Of a script with many systems each has the terms of all, until it gets a graph of its own: the same equations, and no more.
+TEST(Equations, AGraphOfItsOwnHasWhatTheyNeedAlone) {
+    const TemporaryFolder folder;
+    const Equations all = model_of(folder, R"(
+        inputs = { u = 0 }, states = { x = 0, v = 1 }, discrete = { n = 0 }, parameters = { k = 4, many = (function()
+            for i = 1, 200 do tb.system { states = { x = i }, der = function(s) return { x = math.sin(i * s.x) - i } end } end
+            return 1 end)() },
+        parts = { f = tb.parts.coulomb { velocity = "v", level = 0.2, static = 0.3 } },
+        der = function(s)
+            local spring = tb.table1 { x = { 0, 1, 3 }, y = { 0, 2, 3 } }
+            return { x = s.v, v = s.u - spring(s.x) - s.k * s.x + s.n - s.f.force - 0.1 * s.t }
+        end,
+        when = { { name = "far", crossing = function(s) return s.x - 2 end, set = function(s) return { v = -s.v } end } },
+        sample = { { name = "count", period_s = 0.1, set = function(s) return { n = s.n + s.many } end } },
+        outputs = function(s) return { y = tb.where(tb.less(s.x, s.k), s.x, s.v) } end)")
+                              .equations;
+    const Equations own = all.with_own_graph();
+    EXPECT_GT(all.graph->size(), 800u);
+    EXPECT_LT(own.graph->size(), 200u);
+    EXPECT_EQ(own.fingerprint(), all.fingerprint());
+    for (std::size_t i = 0; i < all.states.size(); ++i) {
+        EXPECT_EQ(own.graph->text(own.states[i].rate), all.graph->text(all.states[i].rate));
+        EXPECT_EQ(own.value_at_start(own.states[i].rate, std::vector{own.contacts[0].force}),
+                  all.value_at_start(all.states[i].rate, std::vector{all.contacts[0].force}));
+    }
+    EXPECT_EQ(own.graph->name(own.contacts[0].force), "f.force");
+}
+
 // A force of a seal: the pressure is 1e5 Pa, the velocity 0.01 m/s. A column of 1e-7 of another must move as well.
 TEST(SystemFit, ValuesOfAnyUnitMove) {
     const TemporaryFolder folder;
