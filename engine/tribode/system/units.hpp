@@ -21,7 +21,7 @@ Dimension dimension_of(std::string_view unit);
 std::string to_text(const Dimension& dimension); // "kg m/s2", "1"
 // The same by one SI unit with a name of its own where that is shorter: "N/m", "1/V", "N s/m".
 std::string to_readable_text(const Dimension& dimension);
-bool is_si(const Dimension& dimension);          // no other unit is a factor in it; or it is not known
+bool is_si(const Dimension& dimension); // no other unit is a factor in it; or it is not known
 
 // Whether the two may stand for the same quantity.
 bool fit(const Dimension& a, const Dimension& b);
