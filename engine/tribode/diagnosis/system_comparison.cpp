@@ -13,7 +13,7 @@ namespace {
 // Of a validation record, the part that its start values are fitted to.
 constexpr double start_share = 0.1;
 constexpr std::size_t start_samples = 20; // at least
-constexpr int start_iterations = 40;
+constexpr int iterations_of_starts = 40;
 constexpr double far_off = 3; // times the noise, for start values to be sought elsewhere
 
 } // namespace
@@ -91,12 +91,12 @@ std::vector<double> with_starts(const SystemModel& model, const std::vector<doub
     starts.parameters.clear();
     const std::vector<SystemRecord> records = {record};
     const SystemFit fit(records, scale, between, {samples_of_start(record)});
-    auto result = fit.fit_growing(starts, starts.values(1), start_iterations, ended);
+    auto result = fit.fit_growing(starts, starts.values(1), iterations_of_starts, ended);
     // A sensor may not tell the direction: then the opposite values are another minimum, with another way on from there.
     if (rms_of_errors(result.errors) > far_off * fit.noise()) {
         std::vector<double> opposite = result.values;
         for (double& value : opposite) value = -value;
-        auto other = fit.fit(starts, std::move(opposite), start_iterations, ended);
+        auto other = fit.fit(starts, std::move(opposite), iterations_of_starts, ended);
         if (other.sum < result.sum) result = std::move(other);
     }
     all.insert(all.end(), result.values.begin(), result.values.end());

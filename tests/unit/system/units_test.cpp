@@ -31,8 +31,8 @@ TEST(Dimension, UnitsReadAsTheyAreWritten) {
 }
 
 TEST(Dimension, ReadableUnitsAreThoseThatAreUsed) {
-    for (const char* unit : {"N", "N m", "N/m", "N s/m", "V", "1/V", "1/V2", "V/s", "ohm", "ohm/s", "Pa", "m/s2", "kg m2",
-                             "kg", "1/s", "mm/s", "1"}) {
+    for (const char* unit : {"N", "N m", "N/m", "N s/m", "V", "1/V", "1/V2", "V/s", "ohm", "ohm/s", "Pa", "m/s2",
+                             "kg m2", "kg", "1/s", "mm/s", "1"}) {
         EXPECT_EQ(to_readable_text(dimension_of(unit)), unit);
     }
     EXPECT_EQ(to_readable_text(dimension_of("kg m2/(A s3)")), "V");
