@@ -322,7 +322,7 @@ class FixedSteps::Run {
     double& velocity(std::size_t l) { return x_[m_.friction_->velocity * lanes + l]; }
     static double direction(double mode) { return mode == 1 ? 1 : -1; }
 
-    // By how much the force that holds each lane is larger than one that lets go, over the latter; and in which direction it is.
+    // By how much the force that holds each lane exceeds the one at which it lets go, and to which mode.
     void find_holding() {
         std::array<double, 2 * lanes> force;
         m_.friction_->holding.template evaluate_lanes<lanes>(arguments(x_.data()), force.data());

@@ -541,13 +541,14 @@ class Diagnoser {
         const Gap gap = total_gap(fitted.validation);
         if (gap.before < little_left * gap.floor || 1 - std::pow(gap.after / gap.before, 2) < half) return;
         if (doubtful_ && rms_of_errors(doubtful_->step.on_validation) <= rms_of_errors(steps_[1].on_validation)) return;
-        doubtful_ = Doubtful{steps_[1], fitted};
+        doubtful_ = Doubtful{steps_[1], fitted, between_};
         doubtful_->step.confirmed = gain.certainty;
     }
 
     // Where nothing better was found, it is the answer, though an undecided one.
     void take_doubtful(const SystemSearch& search) {
-        if (steps_.size() > 1 || !doubtful_) return;
+        // Its errors are those with the course that inputs had between samples then.
+        if (steps_.size() > 1 || !doubtful_ || doubtful_->between != between_) return;
         const auto names = kinds_of(doubtful_->step.candidate);
         for (auto& hypothesis : result_.hypotheses) {
             if (hypothesis.names == names) hypothesis.lost.clear();
@@ -1018,6 +1019,7 @@ class Diagnoser {
     struct Doubtful {
         SystemStep step;
         Judged fitted;
+        Interpolation between;
     };
     std::optional<Doubtful> doubtful_;
     std::vector<double> scale_;

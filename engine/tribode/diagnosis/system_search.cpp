@@ -340,7 +340,9 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
     if (current.terms.empty() && rms_of_errors(current.fitted) > explains_little) {
         // To first order such a model says little about what it lacks: what has one value is tried wherever it is.
         std::set<std::string> known;
-        for (const auto& one : list) known.insert(terms[one.terms.terms[0]].kind());
+        for (const auto& one : list) {
+            if (one.terms.terms.size() == 1) known.insert(terms[one.terms.terms[0]].kind());
+        }
         for (std::size_t i = 0; i < terms.size(); ++i) {
             if (terms[i].parameters.size() > 1 || !known.insert(terms[i].kind()).second) continue;
             list.push_back({current, {.terms = {i}, .starts = {{terms[i].parameters[0].start}}}});
@@ -402,7 +404,7 @@ void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
         };
         const std::size_t some = shorter + std::min(first_reconsidered, best);
         refit(0, some);
-        // What is simpler needs to do only as well, and so does what began behind.
+        // What is simpler, or was without its way until now, needs to do only as well.
         const auto is_better = [&](std::size_t i) {
             if (i < shorter) return others[i].score() < dispensable * found.front().score();
             return others[i].is_noise ? others[i].score() < found.front().score()
