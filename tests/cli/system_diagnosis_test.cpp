@@ -132,6 +132,36 @@ TEST_F(SystemDiagnosis, AHiddenDragIsFoundAndAddedToAFileThatRuns) {
                 1e-5);
 }
 
+// A script and the command line hand in the same model, also where dry friction of its own holds it.
+TEST_F(SystemDiagnosis, AModelWithDryFrictionIsTheSameFromAScriptAndAFile) {
+    const auto with_friction = [](const std::string& hidden) {
+        return model("s.f.force + " + hidden, "parts = { f = tb.parts.coulomb { velocity = 'v', level = 1 } }");
+    };
+    std::string truth = with_friction("s.v * math.abs(s.v)");
+    const std::string inputs = "inputs = { ";
+    truth.insert(truth.find(inputs) + inputs.size(), "f_random = 0, ");
+    folder.write("truth.lua", truth);
+    folder.write("model.lua", with_friction("0"));
+    std::string script = text_of(folder / "script.lua");
+    const std::string random = "f = { sample_time_s = step, values = f }";
+    script.replace(script.find(random), random.size(), "f_random = { sample_time_s = step, values = f }");
+    folder.write("script.lua", script);
+    ASSERT_EQ(program({"run", "script.lua", "-o", "records", "--quiet"}).exit_code, 0);
+    usual = {"--free", "d", "--free", "g", "--free", "h", "--budget", "1e6", "--max-effects", "1", "--quiet"};
+    const Json file = diagnosis("model.lua", "out");
+    ASSERT_EQ(file["effects"].size(), 1u);
+    EXPECT_EQ(file["effects"][0]["name"], "quadratic_drag");
+    folder.write("diagnose.lua", R"(
+        local tb = require "tribode"
+        tb.diagnose_system { system = require "model", data = { "records/ident.csv" },
+            validate = { "records/valid.csv" }, free = { "d", "g", "h" }, budget_s = 1e6, max_effects = 1 })");
+    const auto ending = program({"run", "diagnose.lua", "-o", "again", "--quiet", "--allow-all"});
+    ASSERT_EQ(ending.exit_code, 0) << ending.err;
+    const Json from_script = Json::parse(text_of(folder / "again/diagnosis/diagnosis.json"));
+    for (const auto* key : {"verdict", "effects", "gap", "free", "hypotheses"})
+        EXPECT_EQ(from_script[key], file[key]) << key;
+}
+
 TEST_F(SystemDiagnosis, WhatTheRecordsDoNotDetermineIsSaid) {
     measure("s.v * math.abs(s.v)");
     std::string twice = model("0"); // only the product of g and h counts

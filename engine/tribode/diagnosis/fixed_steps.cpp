@@ -414,7 +414,7 @@ class FixedSteps::Run {
             const double v = begin + s * (slope + s * (bend + s * twist));
             ((v < 0) == (begin < 0) ? low : high) = s;
             const double by = slope + s * (2 * bend + 3 * s * twist), next = s - v / by;
-            s = next > low && next < high ? next : 0.5 * (low + high);
+            s = next >= low && next <= high ? next : 0.5 * (low + high); // a root that is found stays
         }
         return s;
     }

@@ -41,9 +41,11 @@ constexpr double least_part = 0.2;                // of a validation record, to 
 // Of a name: the library may lack the right one. More so where much is left.
 constexpr double most_certain = 0.98, most_certain_of_a_part = 0.75;
 
-// The new terms of a step that the validation records refused, and why.
+// The terms of a model that the validation records refused, how many of them were new, and why. Beside other terms the new ones may do
+// better.
 struct Refusal {
-    std::vector<std::string> kinds;
+    std::set<std::string> kinds;
+    std::size_t fresh;
     std::string why;
 };
 
@@ -254,7 +256,7 @@ class Diagnoser {
     // Terms of the simplest step that the validation records refused.
     std::size_t fewest_refused() const {
         std::size_t fewest = max_terms;
-        for (const Refusal& refusal : refused_) fewest = std::min(fewest, refusal.kinds.size());
+        for (const Refusal& refusal : refused_) fewest = std::min(fewest, refusal.fresh);
         return fewest;
     }
 
@@ -302,14 +304,11 @@ class Diagnoser {
         }
     }
 
-    // Whether it has all new terms of a step that the validation records refused.
+    // Whether it has all terms of a model that the validation records refused.
     const Refusal* refused(const SystemCandidate& candidate) const {
-        const auto kinds = kinds_of(candidate);
-        const auto has = [&](const std::string& kind) {
-            return std::find(kinds.begin(), kinds.end(), kind) != kinds.end();
-        };
+        const auto kinds = kinds_from(candidate, 0);
         for (const Refusal& refusal : refused_) {
-            if (std::all_of(refusal.kinds.begin(), refusal.kinds.end(), has)) return &refusal;
+            if (std::ranges::includes(kinds, refusal.kinds)) return &refusal;
         }
         return nullptr;
     }
@@ -322,7 +321,7 @@ class Diagnoser {
         }
         result_.nearest = {step.candidate.names_from(step.before), share};
         const auto first_new = std::min(step.before, names.size() - 1);
-        refused_.push_back({{names.begin() + static_cast<std::ptrdiff_t>(first_new), names.end()}, why});
+        refused_.push_back({kinds_from(step.candidate, 0), names.size() - first_new, why});
     }
 
     static std::string why_not_confirmed(const Improvement& gain, double sure_here) {
@@ -611,7 +610,8 @@ class Diagnoser {
         const auto all = judged(search, candidates, ended_after(fit_share));
         const double sure_here = 1 - (1 - sure_enough) / static_cast<double>(std::max<std::size_t>(list.size(), 1));
         std::optional<std::size_t> best;
-        auto least = errors_after(result_.validation);
+        const auto errors_of_last = errors_after(result_.validation);
+        auto least = errors_of_last;
         std::size_t least_parameters = last.model.parameters.size();
         std::vector<std::vector<double>> on_validation(all.size()); // the errors; empty: not known
         for (std::size_t i = 0; i < all.size(); ++i) {
@@ -619,7 +619,13 @@ class Diagnoser {
             const auto& [candidate, at] = list[i];
             const Judged& one = *all[i];
             const auto& errors = on_validation[i] = errors_after(one.validation);
-            if (probability_of_gain(least, errors) < sure_here) continue;
+            if (probability_of_gain(errors_of_last, errors) < sure_here) continue;
+            // Of equals the best one counts, however little it is ahead.
+            const bool is_richer = candidate->model.parameters.size() > least_parameters;
+            if (is_richer ? probability_of_gain(least, errors) < sure_here
+                          : rms_of_errors(errors) >= rms_of_errors(least)) {
+                continue;
+            }
             if (!is_worth_its_price(*candidate, least_parameters, least, errors, list.size())) continue;
             if (!are_sure(search, *candidate, kept_of(*candidate, steps_[at].candidate), one)) continue;
             best = i;
@@ -650,7 +656,7 @@ class Diagnoser {
             errors.push_back(error);
         }
         found.push_back(last);
-        errors.push_back(rms_of_errors(errors_after(result_.validation)));
+        errors.push_back(rms_of_errors(errors_of_last));
         std::vector<std::size_t> passed(found.size());
         std::iota(passed.begin(), passed.end(), std::size_t{0});
         step.weigh(steps_[at].candidate, found, passed, 0, errors,

@@ -43,7 +43,7 @@ constexpr double negligible = 0.02;     // of what the best single term explains
 constexpr double explains_little = 0.5; // errors over the outputs' deviations
 // Iterations of a fit at first, of the best and of those that begin anew, and of those that promise most; and how many go on.
 constexpr int first_iterations = 6, iterations = 20, last_iterations = 60;
-constexpr std::size_t gone_on = 16, grown = 10, polished = 8;
+constexpr std::size_t gone_on = 16, plain_gone_on = 6, grown = 10, polished = 8, plain_polished = 4;
 // Far from where a term was screened its effect may be another: its amplitudes begin with the first of these shares at which
 // the error is no larger than without it.
 constexpr double begun[] = {1, 0.25, 0.05, 0.01};
@@ -749,9 +749,19 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
     const auto improve = [&](std::size_t c, SystemCandidate other, int steps, bool growing) {
         if (fit(other, steps, growing) && SystemFit::sum_of_squares(other.fitted) < sum(c)) found[c] = std::move(other);
     };
-    const auto best_of = [&](std::vector<std::size_t> some, std::size_t count) {
-        std::stable_sort(some.begin(), some.end(), [&](std::size_t a, std::size_t b) { return sum(a) < sum(b); });
-        some.resize(std::min(count, some.size()));
+    // The first ones of a sorted list, and further on the first ones of terms with one parameter each: after few iterations richer
+    // terms are ahead, whatever is missing.
+    const auto first_of = [&](const std::vector<std::size_t>& sorted, std::size_t count, std::size_t plain) {
+        std::vector<std::size_t> some;
+        for (const std::size_t c : sorted) {
+            const auto& added = list[c].terms.terms;
+            const bool is_plain =
+                std::ranges::all_of(added, [&](std::size_t i) { return terms[i].parameters.size() == 1; }) &&
+                std::ranges::all_of(list[c].from.terms,
+                                    [](const SystemTerm& term) { return term.parameters.size() == 1; });
+            if (some.size() < count || (is_plain && plain > 0)) some.push_back(c);
+            if (is_plain && plain > 0) --plain;
+        }
         return some;
     };
     // A few iterations of each show most of what it can do.
@@ -768,7 +778,9 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
         improve(c, other ? *std::move(other) : std::move(given), first_iterations, false);
     });
     // The best go on. Of the others those of which screening promised most, and which fell short of it, begin anew.
-    const auto go_on = best_of(all, gone_on);
+    auto sorted = all;
+    std::ranges::stable_sort(sorted, {}, sum);
+    const auto go_on = first_of(sorted, gone_on, plain_gone_on);
     std::vector<std::size_t> begin_anew;
     for (const std::size_t c : all) {
         const double before = SystemFit::sum_of_squares(list[c].from.fitted);
@@ -791,14 +803,10 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
         improve(c, with_given_values(found[c]), iterations, true);
     });
     // What promises most is followed to its minimum, in whatever valley of values it lies: a few percent decide.
-    std::vector<std::size_t> near;
-    for (const std::size_t c : all) {
-        if (!found[c].predicted.empty() && !found[c].is_noise) near.push_back(c);
-    }
-    std::stable_sort(near.begin(), near.end(),
-                     [&](std::size_t a, std::size_t b) { return found[a].score() < found[b].score(); });
-    near.resize(std::min(near.size(), polished));
-    fit_each(near, "fitting to the end", [&](std::size_t c) { improve(c, found[c], last_iterations, false); });
+    std::erase_if(sorted, [&](std::size_t c) { return found[c].predicted.empty() || found[c].is_noise; });
+    std::ranges::stable_sort(sorted, {}, [&](std::size_t c) { return found[c].score(); });
+    fit_each(first_of(sorted, polished, plain_polished), "fitting to the end",
+             [&](std::size_t c) { improve(c, found[c], last_iterations, false); });
     std::erase_if(found, [](const SystemCandidate& c) { return c.predicted.empty(); });
     return found;
 }

@@ -39,7 +39,7 @@ Json diagnose_machine(const ScriptContext& script, const Json& arguments) {
 
 int diagnose_system_in_script(const ScriptContext& script, lua_State* lua) {
     constexpr const char* function = "tb.diagnose_system";
-    const Equations system = system_of(lua, function);
+    const Equations system = given_system(lua, function);
     const Json options = plain_options(lua, {"system"}, "tb.diagnose_system: options");
     FieldReader fields(options, function);
     SystemDiagnosisRequest request;

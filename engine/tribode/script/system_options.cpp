@@ -10,7 +10,7 @@
 
 namespace tribode {
 
-Equations system_of(lua_State* lua, const char* function) {
+Equations given_system(lua_State* lua, const char* function) {
     if (!lua_istable(lua, 1)) {
         throw InputError(fmt::format("{}: found a {}, must be a table of options", function, luaL_typename(lua, 1)));
     }
@@ -21,9 +21,14 @@ Equations system_of(lua_State* lua, const char* function) {
                                      lua_isnil(lua, -1) ? "missing" : fmt::format("a {}", luaL_typename(lua, -1))));
     }
     Equations copy = *system;
-    close_contacts(copy);
     lua_pop(lua, 1);
     return copy;
+}
+
+Equations system_of(lua_State* lua, const char* function) {
+    Equations system = given_system(lua, function);
+    close_contacts(system);
+    return system;
 }
 
 Json plain_options(lua_State* lua, std::initializer_list<std::string_view> special, const char* function) {

@@ -15,7 +15,10 @@ namespace tribode {
 
 // What the functions on systems of equations read from their options table, which is at index 1 of the stack.
 
-// The system, complete. [-0, +0]
+// The system as it was given, its contacts open. [-0, +0]
+Equations given_system(lua_State* lua, const char* function);
+
+// The system, its contacts closed. [-0, +0]
 Equations system_of(lua_State* lua, const char* function);
 
 // All other options as plain data, without those of `special`. [-0, +0]

@@ -477,6 +477,33 @@ TEST(LaneFit, DryFrictionSticksAndSlipsWithinSteps) {
     }
 }
 
+// Derivatives are differences of runs: a turn must be found to rounding, wherever in a step it lies, so that what moves a little ends
+// a little off.
+TEST(LaneFit, TurnsAreFoundToRounding) {
+    const TemporaryFolder folder;
+    const SystemModel model = model_of(folder, R"(
+        parameters = { level = 0.1 }, states = { x = 10, v = 0 },
+        parts = { f = tb.parts.coulomb { velocity = "v", level = "level" } },
+        der = function(s) return { x = s.v, v = -9 * s.x - s.f.force } end,
+        outputs = function(s) return { y = s.x } end)");
+    ASSERT_EQ(model.measured.size(), 2u); // the position and the force
+    const std::size_t samples = 3000;
+    const SystemRecord record = record_of(samples, 0.02, {});
+    const auto steps = FixedSteps::of(model);
+    ASSERT_TRUE(steps);
+    std::vector<std::vector<double>> sets(8, model.values(1));
+    for (std::size_t l = 1; l < sets.size(); ++l) sets[l][0] += std::pow(10, -13.0 + static_cast<double>(l));
+    const auto all = steps->outputs(steps->course(record, samples, Interpolation::hold), sets, 1);
+    for (std::size_t l = 1; l < sets.size(); ++l) {
+        const double moved = sets[l][0] - sets[0][0];
+        double most = 0;
+        for (std::size_t k = samples; k < 2 * samples; ++k) {
+            most = std::max(most, std::abs(all[2 * l * samples + k] - all[k]));
+        }
+        EXPECT_LT(most, 20 * moved + 1e-11) << moved; // 57 turns, each off by 2/9 of it
+    }
+}
+
 // What has events stays with the solvers that locate them.
 TEST(LaneFit, EventsAreNoFixedSteps) {
     const TemporaryFolder folder;
