@@ -193,6 +193,7 @@ class Search {
             }
             rank(pool);
             if (pool.empty()) break;
+            if (!adequate(pool.front())) prefer_settled(pool);
             // What is left to do would not bring it there.
             if (level > 1 && !adequate(pool.front()) && pool.front().score > 2 * worth_taking_) break;
             // The loop's noise is that of the machine as it is now known.
@@ -221,7 +222,8 @@ class Search {
             if (level > 1 && (!better || (!halved && !adequate(pool.front())))) break;
             result_.ranking = pool;
             result_.steps.push_back(pool.front());
-            if (!better || adequate(pool.front())) break;
+            // A part of several effects may be all that some records show, and nothing to the validation record.
+            if ((!better && !halved) || adequate(pool.front())) break;
             beam.clear();
             if (auto shown = with_farthest_as_described(pool.front())) beam.push_back(std::move(*shown));
             std::set<std::vector<std::string>> seen;
@@ -254,6 +256,10 @@ class Search {
                 }
             }
         }
+        gather_records();
+    }
+
+    void gather_records() {
         all_ = result_.fitted;
         for (const auto& record : result_.validation) {
             all_.push_back(record);
@@ -314,6 +320,30 @@ class Search {
         if (lead_length_ == 0) return;
         lead_records_.push_back(beginning(all_[lead_], lead_length_));
         clue_record_ = beginning(all_[lead_], clue_length_);
+    }
+
+    // What was followed as far as noise allows is judged by the noise of its own machine: where it does best by that, it comes first.
+    void prefer_settled(std::vector<Scored>& pool) {
+        for (std::size_t i = 0; i < pool.size() && !late(); ++i) {
+            if (!pool[i].together.settled) continue;
+            const auto fitted = result_.fitted, validation = result_.validation;
+            try {
+                set_floors(ModelFit(machine_, all_).machine(pool[i].together));
+            } catch (const InputError&) {
+                continue;
+            }
+            std::vector<Scored> again;
+            for (const auto& one : pool) again.push_back(scored(one.together));
+            if (std::ranges::min_element(again, {}, &Scored::score) - again.begin() == static_cast<std::ptrdiff_t>(i)) {
+                pool = std::move(again);
+                std::rotate(pool.begin(), pool.begin() + static_cast<std::ptrdiff_t>(i),
+                            pool.begin() + static_cast<std::ptrdiff_t>(i) + 1);
+                return;
+            }
+            result_.fitted = fitted;
+            result_.validation = validation;
+            gather_records();
+        }
     }
 
     void go_on() const {
@@ -848,7 +878,7 @@ class Search {
             go_on();
             keep_best(running, keep, factor);
         }
-        std::erase_if(running, [&](const Hypothesis& h) { return h.chi_square > worth_following_; });
+        std::erase_if(running, [&](const Hypothesis& h) { return !h.settled && h.chi_square > worth_following_; });
         return running;
     }
 
@@ -981,7 +1011,7 @@ class Search {
         return h.chi_square + static_cast<double>(h.parameter_count()) * std::log(static_cast<double>(count(all_)));
     }
 
-    // The best so many, within a factor of the best of all, three at least.
+    // The best so many, within a factor of the best of all, three at least; and what is settled, which cannot be followed this far.
     void keep_best(std::vector<Hypothesis>& list, std::size_t most, double factor) const {
         std::erase_if(list, [](const Hypothesis& h) { return !std::isfinite(h.chi_square); });
         std::ranges::stable_sort(list, {}, [&](const Hypothesis& h) { return score(h); });
@@ -990,7 +1020,8 @@ class Search {
                (kept < 3 || list[kept].chi_square < factor * list.front().chi_square)) {
             ++kept;
         }
-        list.resize(kept);
+        const auto behind = list.begin() + static_cast<std::ptrdiff_t>(kept);
+        list.erase(std::remove_if(behind, list.end(), [](const Hypothesis& h) { return !h.settled; }), list.end());
     }
 
     static Hypothesis with(const Hypothesis& base, const std::shared_ptr<const Candidate>& candidate,

@@ -719,6 +719,8 @@ class Diagnoser {
         const double certainty = probability_of_gain(before.on_validation, errors[best]);
         const bool changes = best > 0 && best == static_cast<std::size_t>(least - errors.begin()) &&
                              certainty >= sure_enough && !refused(found[best]) &&
+                             is_worth_its_price(found[best], step.candidate.model.parameters.size(), errors.front(),
+                                                errors[best], found.size()) &&
                              are_sure(search, found[best], kept_of(found[best], before.candidate), fits[best]);
         if (changes) {
             step = SystemStep{.candidate = found[best],

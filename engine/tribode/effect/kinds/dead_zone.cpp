@@ -33,12 +33,15 @@ extern const EffectKind dead_zone = {
 m.amplifier.half_width = m.amplifier.half_width + p.half_width
 )lua",
     .forms = [](const Clues& c) -> std::vector<EffectForm> {
-        // The thrust that such an amplifier makes of u, less u; the right width has the coefficient one.
+        // The thrust that such an amplifier makes of u, less u: the force that is missing.
         std::vector<std::pair<double, std::vector<double>>> starts;
-        for (const double width : geometric(0.01 * c.max_thrust, 0.8 * c.max_thrust, 10)) {
-            const Signal shape =
-                map(c.residual.reference_thrust, [width](double u) { return -std::clamp(u, -width, width); });
-            starts.push_back({std::abs(regress({shape}, c.force).coefficients[0] - 1), {width}});
+        for (const double width : geometric(0.005 * c.max_thrust, 0.8 * c.max_thrust, 30)) {
+            double sum = 0;
+            for (std::size_t k = 0; k < c.force.size(); ++k) {
+                const double left = c.force[k] + std::clamp(c.residual.reference_thrust[k], -width, width);
+                sum += left * left;
+            }
+            starts.push_back({sum, {width}});
         }
         std::sort(starts.begin(), starts.end());
         return {{.parameters = {factor("half_width", 1e-3 * c.max_thrust, 2 * c.max_thrust)},

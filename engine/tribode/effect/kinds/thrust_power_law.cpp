@@ -3,7 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
+#include <functional>
 
 namespace tribode::effects {
 
@@ -43,17 +43,26 @@ extern const EffectKind thrust_power_law = {
 m.amplifier.exponent, m.amplifier.size = p.exponent, p.size
 )lua",
     .forms = [](const Clues& c) -> std::vector<EffectForm> {
-        // The thrust that such an amplifier makes of u, less u; the right exponent has the coefficient one.
-        std::vector<std::pair<double, double>> starts;
-        for (const double exponent : {0.5, 0.7, 0.85, 1.15, 1.4, 1.8, 2.4}) {
-            const Signal shape = map(c.residual.reference_thrust, [&](double u) {
-                return std::copysign(c.max_thrust * std::pow(std::abs(u) / c.max_thrust, exponent), u) - u;
+        // The thrust that such an amplifier makes of u is all force there is: in proportion to a power of u, and the factor is its
+        // size.
+        const Signal& u = c.residual.reference_thrust;
+        Signal thrust = c.force;
+        for (std::size_t k = 0; k < u.size(); ++k) thrust[k] += u[k];
+        struct Start {
+            double explained, exponent, size;
+        };
+        std::vector<Start> starts;
+        for (const double exponent : {0.5, 0.6, 0.7, 0.8, 0.9, 1.1, 1.2, 1.3, 1.45, 1.6, 1.8, 2.1, 2.4}) {
+            const Signal shape = map(u, [&](double one) {
+                return std::copysign(c.max_thrust * std::pow(std::abs(one) / c.max_thrust, exponent), one);
             });
-            starts.push_back({std::abs(regress({shape}, c.force).coefficients[0] - 1), exponent});
+            const Regression fit = regress({shape}, thrust);
+            const double of_most = std::pow(std::max(fit.coefficients[0], 1e-3), 1 / (1 - exponent));
+            starts.push_back({fit.explained, exponent, c.max_thrust * std::clamp(of_most, 0.05, 20.0)});
         }
-        std::sort(starts.begin(), starts.end());
+        std::ranges::stable_sort(starts, std::ranges::greater{}, &Start::explained);
         return {{.parameters = {factor("exponent", 0.2, 5), factor("size", 0.05 * c.max_thrust, 20 * c.max_thrust)},
-                 .starts = {{starts[0].second, c.max_thrust}, {starts[1].second, c.max_thrust}}}};
+                 .starts = {{starts[0].exponent, starts[0].size}, {starts[1].exponent, starts[1].size}}}};
     },
     .fit_order = 135,
     .simpler = {"thrust_gain"},

@@ -29,8 +29,9 @@ m.amplifier.limit = math.min(m.amplifier.limit or math.huge, p.limit)
 )lua",
     .forms = [](const Clues& c) -> std::vector<EffectForm> {
         std::vector<std::vector<double>> probes;
-        for (const double share : geometric(0.05, 0.98, 40)) probes.push_back({share * c.max_thrust});
-        return {{.parameters = {factor("limit", 0.02 * c.max_thrust, c.max_thrust)}, .probes = probes}};
+        // The reference of a controller that integrates at the limit goes far beyond it.
+        for (const double share : geometric(1e-3, 0.98, 70)) probes.push_back({share * c.max_thrust});
+        return {{.parameters = {factor("limit", 5e-4 * c.max_thrust, c.max_thrust)}, .probes = probes}};
     },
     .fit_order = 140,
 };

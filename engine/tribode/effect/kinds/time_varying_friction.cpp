@@ -114,7 +114,10 @@ m.scale_friction(function(t) return 1 + p.a * forms[p.kind](t / p.T) end)
         }
         constexpr double ramp = 10; // [s]: of a ramp only a/T shows
         const double slope = size_of([](double at) { return at / ramp; }).coefficients[0];
-        for (const double T : geometric(0.1 * c.duration, 2 * c.duration, 14)) {
+        // Between two of these periods the phase at the end of the record differs by a quarter of a turn.
+        constexpr int quarters = 40;
+        for (int n = 2; n <= quarters; ++n) {
+            const double T = 4 * c.duration / n;
             const Regression fit = size_of([T](double at) { return std::sin(two_pi * at / T); });
             sines.push_back({fit.explained, {std::clamp(fit.coefficients[0], -0.9, 0.9), T}});
         }
