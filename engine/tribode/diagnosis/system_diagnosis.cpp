@@ -605,6 +605,8 @@ class Diagnoser {
         }
         std::vector<Contender> list = std::move(simple);
         std::ranges::copy(rich, std::back_inserter(list));
+        // What has more parameters must predict better for sure than the best that has fewer.
+        std::ranges::stable_sort(list, {}, [](const Contender& one) { return one.candidate->model.parameters.size(); });
         std::vector<const SystemCandidate*> candidates;
         for (const Contender& one : list) candidates.push_back(one.candidate);
         const auto all = judged(search, candidates, ended_after(fit_share));
