@@ -57,9 +57,17 @@ m.friction.velocity, m.friction.exponent = p.velocity, p.exponent
             if (points.size() == 3) break;
             points.push_back({std::max(start.level, 0.05 * c.typical_force()), start.velocity, start.exponent});
         }
+        // Near rest the residual force is that of the noise in the velocity: sizes are sought by simulation, too.
+        std::vector<std::vector<double>> probes;
+        for (const double velocity : geometric(std::max(1e-3 * c.max_speed, 1e-4), 0.3 * c.max_speed, 8)) {
+            probes.push_back({0.2 * c.typical_force(), velocity, 1});
+        }
         return {{.parameters = {factor("dFs", 1e-3 * c.typical_force(), c.max_force()), factor("velocity", 1e-5, 3),
                                 factor("exponent", 0.3, 4)},
-                 .starts = points}};
+                 .starts = points,
+                 .probes = probes,
+                 .size = 0,
+                 .tried = 3}};
     },
     .fit_order = 50,
     .simpler = {"coulomb_friction"},

@@ -114,12 +114,18 @@ m.scale_friction(function(t) return 1 + p.a * forms[p.kind](t / p.T) end)
         }
         constexpr double ramp = 10; // [s]: of a ramp only a/T shows
         const double slope = size_of([](double at) { return at / ramp; }).coefficients[0];
-        // Between two of these periods the phase at the end of the record differs by a quarter of a turn.
-        constexpr int quarters = 40;
+        // Between two of these periods the phase at the end of the record differs by a quarter of a turn. The residual force is also that of
+        // other friction: simulations tell more of the best.
+        constexpr int quarters = 40, simulated = 12;
         for (int n = 2; n <= quarters; ++n) {
             const double T = 4 * c.duration / n;
             const Regression fit = size_of([T](double at) { return std::sin(two_pi * at / T); });
             sines.push_back({fit.explained, {std::clamp(fit.coefficients[0], -0.9, 0.9), T}});
+        }
+        std::sort(sines.rbegin(), sines.rend());
+        std::vector<std::vector<double>> waves;
+        for (int i = 0; i < simulated; ++i) {
+            for (const double a : {-0.3, 0.3}) waves.push_back({a, sines[static_cast<std::size_t>(i)].second[1]});
         }
         return {{.form = "exp",
                  .fixed = {{"kind", "exp"}},
@@ -132,7 +138,10 @@ m.scale_friction(function(t) return 1 + p.a * forms[p.kind](t / p.T) end)
                 {.form = "sine",
                  .fixed = {{"kind", "sine"}},
                  .parameters = {{"a", -0.99, 0.99, false, 1e-3}, factor("T", 0.02 * c.duration, 4 * c.duration)},
-                 .starts = best_two(sines)}};
+                 .starts = best_two(sines),
+                 .probes = waves,
+                 .size = 0,
+                 .tried = 3}};
     },
     .fit_order = 80,
     .simpler = {"coulomb_friction", "viscous_friction"},
