@@ -799,7 +799,7 @@ class Reader {
     // is no SI unit, such as mm.
     std::string unit_of(const Recorded& output) const {
         if (!output.unit.empty()) return output.unit;
-        if (const auto unit = unit_of(output.term); !unit.empty()) return unit;
+        if (auto unit = unit_of(output.term); !unit.empty()) return unit;
         return is_si(output.dimension) ? "" : to_text(output.dimension);
     }
 
