@@ -327,17 +327,17 @@ class Search {
         for (std::size_t i = 0; i < pool.size() && !late(); ++i) {
             if (!pool[i].together.settled) continue;
             const auto fitted = result_.fitted, validation = result_.validation;
+            std::vector<Scored> again;
             try {
                 set_floors(ModelFit(machine_, all_).machine(pool[i].together));
+                for (const auto& one : pool) again.push_back(scored(one.together));
             } catch (const InputError&) {
-                continue;
+                again.clear(); // no such machine
             }
-            std::vector<Scored> again;
-            for (const auto& one : pool) again.push_back(scored(one.together));
-            if (std::ranges::min_element(again, {}, &Scored::score) - again.begin() == static_cast<std::ptrdiff_t>(i)) {
+            const auto best = std::ranges::min_element(again, {}, &Scored::score);
+            if (best != again.end() && best - again.begin() == static_cast<std::ptrdiff_t>(i)) {
+                std::rotate(again.begin(), best, best + 1);
                 pool = std::move(again);
-                std::rotate(pool.begin(), pool.begin() + static_cast<std::ptrdiff_t>(i),
-                            pool.begin() + static_cast<std::ptrdiff_t>(i) + 1);
                 return;
             }
             result_.fitted = fitted;

@@ -87,6 +87,24 @@ TEST(Diagnosis, AnArmAFanAValveAndAGearAreFoundAndNotTakenForTheirNeighbors) {
     }
 }
 
+// Where the residual force of the record misleads: a limit that the reference exceeds many times over as the controller integrates, a
+// period that a coarse list of periods misses, and a curve that shows only where the velocity is nearly noise.
+TEST(Diagnosis, WhatBeginsFarFromTheResidualForceIsFound) {
+    struct Case {
+        const char *name, *parameters, *first;
+        double value;
+    };
+    for (const auto& [name, parameters, first, value] :
+         std::vector<Case>{{"thrust_saturation", R"({"limit": 5.6})", "limit", 5.6},
+                           {"time_varying_friction", R"({"kind": "sine", "a": 0.5, "T": 0.45})", "T", 0.45},
+                           {"stribeck_friction", R"({"dFs": 8, "velocity": 3e-4})", "dFs", 8}}) {
+        const Diagnosis d = diagnosed(Json::array({{{"name", name}, {"parameters", Json::parse(parameters)}}}));
+        ASSERT_EQ(d.verdict, "effect_found") << name;
+        ASSERT_EQ(d.effects[0].name, name);
+        expect_parameter(d.effects[0], first, value);
+    }
+}
+
 // A ripple of a period longer than the stroke has the same equation as the weight of an arm, and is called that.
 TEST(Diagnosis, WhatIsPeriodicOverMoreThanTheStrokeIsTheWeightOfAnArm) {
     const Diagnosis d = diagnosed(Json::parse(
