@@ -29,8 +29,9 @@ constexpr std::size_t max_rich_attempts = 3, max_attempts = 5;
 constexpr int final_iterations = 100;
 constexpr double told_from_nothing = 2; // standard errors that what is there must have
 constexpr std::size_t max_terms = 12;
-// Compared on the validation records: how many, and by how much their scores may be larger than that of what was found.
-constexpr std::size_t max_compared = 6;
+// Compared on the validation records: how many, and by how much their scores may be larger than that of what was found. Where nothing
+// was, how many of them may have a term in common.
+constexpr std::size_t max_compared = 6, max_sharing = 2;
 constexpr double likely_score = 3;
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
@@ -573,7 +574,8 @@ class Diagnoser {
         const SystemCandidate& last = steps_.back().candidate;
         const Gap& gap = result_.validation_gap;
         if (last.is_noise && gap.after < nothing_left * gap.floor) return;
-        if (steps_.size() < 2 && result_.fitted_gap.before < little_left * result_.fitted_gap.floor) return;
+        const bool is_little = result_.fitted_gap.before < little_left * result_.fitted_gap.floor;
+        if (steps_.size() < 2 && (is_little || doubtful_)) return;
         struct Contender {
             const SystemCandidate* candidate;
             std::size_t step; // behind which it comes
@@ -585,7 +587,8 @@ class Diagnoser {
                 const bool is_likely = one.score() < likely_score * last.score() &&
                                        !one.is_chance_beside(steps_[step].candidate) && !refused(one) &&
                                        !is_too_rich(one);
-                if (!is_likely || std::ranges::includes(kinds_from(one, 0), last_kinds)) continue;
+                const bool is_longer = steps_.size() > 1 && std::ranges::includes(kinds_from(one, 0), last_kinds);
+                if (!is_likely || is_longer) continue;
                 (one.model.parameters.size() <= last.model.parameters.size() ? simple : rich).push_back({&one, step});
             }
         };
@@ -598,9 +601,18 @@ class Diagnoser {
         });
         std::ranges::stable_sort(rich, {}, [](const Contender& one) { return one.candidate->score(); });
         std::set<std::set<std::string>> known;
+        std::map<std::string, std::size_t> sharing;
         for (auto* list : {&simple, &rich}) {
-            std::erase_if(*list,
-                          [&](const Contender& one) { return !known.insert(kinds_from(*one.candidate, 0)).second; });
+            std::erase_if(*list, [&](const Contender& one) {
+                const auto kinds = kinds_from(*one.candidate, 0);
+                if (!known.insert(kinds).second) return true;
+                // Where the validation records refused all, models that share a term were refused together.
+                if (steps_.size() > 1) return false;
+                if (std::ranges::any_of(kinds, [&](const auto& kind) { return sharing[kind] == max_sharing; }))
+                    return true;
+                for (const auto& kind : kinds) ++sharing[kind];
+                return false;
+            });
             if (list->size() > max_compared) list->resize(max_compared);
         }
         std::vector<Contender> list = std::move(simple);
@@ -647,6 +659,7 @@ class Diagnoser {
         step.on_validation = least;
         step.on_fitted = all[*best]->errors;
         step.evidence = evidence(steps_[at], step, stretches_, result_.hypotheses.size());
+        if (step.evidence < least_evidence) return; // random forces do as well
         std::vector<SystemCandidate> found = {step.candidate};
         std::vector<double> errors = {rms_of_errors(least)};
         for (std::size_t i = 0; i < all.size(); ++i) {

@@ -39,6 +39,7 @@ constexpr std::size_t shortest_beginning = 60; // samples
 // A second term is sought beside so many single terms that fit best, and as many of those with one parameter; so many of each
 // are fitted.
 constexpr std::size_t deepened_singles = 3, fitted_seconds = 8;
+constexpr double worth_a_fit = 0.5;     // of what the best second term explains, for a plain one
 constexpr double negligible = 0.02;     // of what the best single term explains to first order
 constexpr double explains_little = 0.5; // errors over the outputs' deviations
 // Iterations of a fit at first, of the best and of those that begin anew, and of those that promise most; and how many go on.
@@ -650,9 +651,12 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
             if (kinds.contains(second.kind()) || seconds.contains(second.form())) continue;
             // Functions of the same variable make up a curve together that none of them is, as drag and dry friction do.
             const bool is_same_variable = second.equation == first.equation && second.of == first.of;
-            // Others that explain what a better one does say nothing new.
+            // Others that explain to first order what a better one does say nothing new, but one with one parameter may do so with
+            // whatever values a fit finds.
             const bool is_further = best < fitted_seconds && !single.is_alike;
-            if (!is_further && !is_same_variable) continue;
+            const bool is_plain_too =
+                second.parameters.size() == 1 && single.explained > worth_a_fit * screened.front().explained;
+            if (!is_further && !is_same_variable && !is_plain_too) continue;
             if (is_further) ++best;
             seconds.insert(second.form());
             list.push_back({*one, single});
