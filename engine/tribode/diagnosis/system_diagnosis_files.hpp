@@ -8,7 +8,7 @@
 
 namespace tribode {
 
-// diagnosis.json as docs/diagnose-a-system.md describes it. `data`: hashes of the records.
+// diagnosis.json as docs/how-to/diagnose-a-system.md describes it. `data`: hashes of the records.
 Json system_diagnosis_json(const SystemDiagnosis& diagnosis, const std::vector<std::string>& data,
                            const std::string& system_hash, double seconds);
 
