@@ -116,7 +116,8 @@ class Verdict {
     }
 
   private:
-    // Whether the fields do as well without the one effect, from where they are beside it: their own fit had not come there.
+    // Whether the fields do as well without the one effect, from where they are beside it, on the validation records, too: their own
+    // fit had not come there.
     // They are then the machine's.
     bool fields_do_alone(const Hypothesis& best) {
         if (best.effects.size() != 1 || best.nominal.empty()) return false;
@@ -128,6 +129,13 @@ class Verdict {
         options.stop = control_.stop;
         fit_.fit(without, options);
         if (without.chi_square > best.chi_square + least_of_an_effect || !without.within_tolerance()) return false;
+        // They may follow what noise did on the fitted records, but not be the machine's where the validation records contradict.
+        const std::vector<Evidence>& others = d_.search.validation;
+        if (!others.empty()) {
+            const ModelFit there(machine_, others);
+            const double enough = std::max(SearchResult::limit(others), there.chi_square_per_sample(best));
+            if (there.chi_square_per_sample(without) > enough) return false;
+        }
         d_.before = d_.after = fit_.machine(without);
         return true;
     }

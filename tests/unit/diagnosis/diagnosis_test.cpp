@@ -105,6 +105,46 @@ TEST(Diagnosis, WhatBeginsFarFromTheResidualForceIsFound) {
     }
 }
 
+// A dead zone adds its width to the friction of slow ramps, and so does a Coulomb level within its tolerance. Where the thrust changes
+// its sign without the velocity, they differ.
+TEST(Diagnosis, FieldsThatTheValidationRecordContradictDoNotReplaceAnEffect) {
+    const Json believed =
+        Json::parse(R"({"Ts": 0.0005, "rigid_gain_per_kg": 0.24, "friction": {"coulomb": 7, "viscous": 2.4},
+        "input_delay_s": 0.0005, "current_loop_hz": 1000, "encoder_resolution_m": 5e-8, "noise_rms_m": 7e-8,
+        "process_noise_rms_N": 0.1, "controller": {"type": "cascade", "kp": 38, "kv": 470},
+        "tolerance": {"friction.coulomb": 0.05}})");
+    Json real = believed;
+    real.erase("tolerance");
+    const Json hidden = Json::parse(R"([{"name": "dead_zone", "parameters": {"half_width": 0.6}}])");
+    DriveRecord ramps, force;
+    for (int k = 0; k < 6000; ++k) {
+        const double t = k * 5e-4;
+        ramps.t.push_back(t);
+        ramps.reference.push_back(0.003 * std::asin(std::sin(2 * std::numbers::pi * 0.7 * t)) * 2 / std::numbers::pi);
+        ramps.excitation.push_back(0);
+        force.t.push_back(t);
+        force.reference.push_back(0);
+        double sum = 0;
+        for (const double frequency : {2.3, 7.1, 19.0, 53.0, 117.0}) {
+            sum += 7 * std::sin(2 * std::numbers::pi * frequency * t + frequency);
+        }
+        force.excitation.push_back(sum);
+    }
+    const MachineModel machine = MachineModel::from_description(believed, "case");
+    const auto driven = [&](const DriveRecord& drive, std::uint64_t seed) {
+        return measurement_from_table(measured(real, hidden, drive, seed), machine, "case");
+    };
+    DiagnosisOptions options;
+    options.max_effects = 1;
+    RunControl control;
+    control.workers = 2;
+    const Diagnosis d = diagnose(machine, {driven(ramps, 1)}, driven(force, 2), options, control);
+    ASSERT_EQ(d.verdict, "effect_found");
+    EXPECT_EQ(d.effects[0].name, "dead_zone");
+    expect_parameter(d.effects[0], "half_width", 0.6);
+    EXPECT_LT(d.validation_gap.after, 1.2 * d.validation_gap.floor);
+}
+
 // A ripple of a period longer than the stroke has the same equation as the weight of an arm, and is called that.
 TEST(Diagnosis, WhatIsPeriodicOverMoreThanTheStrokeIsTheWeightOfAnArm) {
     const Diagnosis d = diagnosed(Json::parse(

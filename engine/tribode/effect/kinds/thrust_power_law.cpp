@@ -62,7 +62,8 @@ m.amplifier.exponent, m.amplifier.size = p.exponent, p.size
         }
         std::ranges::stable_sort(starts, std::ranges::greater{}, &Start::explained);
         return {{.parameters = {factor("exponent", 0.2, 5), factor("size", 0.05 * c.max_thrust, 20 * c.max_thrust)},
-                 .starts = {{starts[0].exponent, starts[0].size}, {starts[1].exponent, starts[1].size}}}};
+                 .starts = {{starts[0].exponent, starts[0].size}, {starts[1].exponent, starts[1].size}},
+                 .ringing = true}};
     },
     .fit_order = 135,
     .simpler = {"thrust_gain"},
