@@ -116,8 +116,7 @@ class Verdict {
     }
 
   private:
-    // Whether the fields do as well without the one effect, from where they are beside it, on the validation records, too: their own
-    // fit had not come there.
+    // Whether the fields do as well without the one effect, from where they are beside it: their own fit had not come there.
     // They are then the machine's.
     bool fields_do_alone(const Hypothesis& best) {
         if (best.effects.size() != 1 || best.nominal.empty()) return false;
@@ -129,12 +128,19 @@ class Verdict {
         options.stop = control_.stop;
         fit_.fit(without, options);
         if (without.chi_square > best.chi_square + least_of_an_effect || !without.within_tolerance()) return false;
-        // They may follow what noise did on the fitted records, but not be the machine's where the validation records contradict.
-        const std::vector<Evidence>& others = d_.search.validation;
-        if (!others.empty()) {
-            const ModelFit there(machine_, others);
-            const double enough = std::max(SearchResult::limit(others), there.chi_square_per_sample(best));
-            if (there.chi_square_per_sample(without) > enough) return false;
+        // They must explain all records together: on the fitted ones alone another value of a field may do what the effect does.
+        const std::vector<Evidence>&fitted = d_.search.fitted, &validation = d_.search.validation;
+        if (!validation.empty()) {
+            std::vector<Evidence> all = fitted;
+            all.insert(all.end(), validation.begin(), validation.end());
+            Hypothesis together = without;
+            ModelFit(machine_, all).fit(together, options);
+            const auto leaves_more = [&](const std::vector<Evidence>& records) {
+                const ModelFit there(machine_, records);
+                return there.chi_square_per_sample(together) >
+                       std::max(SearchResult::limit(records), there.chi_square_per_sample(best));
+            };
+            if (!together.within_tolerance() || leaves_more(fitted) || leaves_more(validation)) return false;
         }
         d_.before = d_.after = fit_.machine(without);
         return true;
