@@ -45,8 +45,7 @@ m.amplifier.half_width = m.amplifier.half_width + p.half_width
         }
         std::sort(starts.begin(), starts.end());
         return {{.parameters = {factor("half_width", 1e-3 * c.max_thrust, 2 * c.max_thrust)},
-                 .starts = {starts[0].second, starts[1].second},
-                 .ringing = true}};
+                 .starts = {starts[0].second, starts[1].second}}};
     },
     .fit_order = 130,
 };

@@ -31,8 +31,7 @@ m.amplifier.limit = math.min(m.amplifier.limit or math.huge, p.limit)
         std::vector<std::vector<double>> probes;
         // The reference of a controller that integrates at the limit goes far beyond it.
         for (const double share : geometric(1e-3, 0.98, 70)) probes.push_back({share * c.max_thrust});
-        return {
-            {.parameters = {factor("limit", 5e-4 * c.max_thrust, c.max_thrust)}, .probes = probes, .ringing = true}};
+        return {{.parameters = {factor("limit", 5e-4 * c.max_thrust, c.max_thrust)}, .probes = probes}};
     },
     .fit_order = 140,
 };
