@@ -545,10 +545,12 @@ class Diagnoser {
         doubtful_->step.confirmed = gain.certainty;
     }
 
+    // Its errors are those with the course that inputs had between samples then.
+    bool has_doubtful() const { return doubtful_ && doubtful_->between == between_; }
+
     // Where nothing better was found, it is the answer, though an undecided one.
     void take_doubtful(const SystemSearch& search) {
-        // Its errors are those with the course that inputs had between samples then.
-        if (steps_.size() > 1 || !doubtful_ || doubtful_->between != between_) return;
+        if (steps_.size() > 1 || !has_doubtful()) return;
         const auto names = kinds_of(doubtful_->step.candidate);
         for (auto& hypothesis : result_.hypotheses) {
             if (hypothesis.names == names) hypothesis.lost.clear();
@@ -575,7 +577,7 @@ class Diagnoser {
         const Gap& gap = result_.validation_gap;
         if (last.is_noise && gap.after < nothing_left * gap.floor) return;
         const bool is_little = result_.fitted_gap.before < little_left * result_.fitted_gap.floor;
-        if (steps_.size() < 2 && (is_little || doubtful_)) return;
+        if (steps_.size() < 2 && (is_little || has_doubtful())) return;
         struct Contender {
             const SystemCandidate* candidate;
             std::size_t step; // behind which it comes
