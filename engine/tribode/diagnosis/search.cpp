@@ -1107,7 +1107,7 @@ class Search {
         }
         const ModelFit lead(machine_, lead_records_);
         for (auto& h : points) lead.evaluate(h);
-        // A mode that is excited late only shows on the whole.
+        // What is excited late only shows on the whole.
         for (auto& h : starts_of(base, candidate, lead)) points.push_back(std::move(h));
         std::erase_if(points, [](const Hypothesis& h) { return !std::isfinite(h.chi_square); });
         std::ranges::stable_sort(points, {}, &Hypothesis::chi_square);

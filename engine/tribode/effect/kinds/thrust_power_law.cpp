@@ -61,6 +61,7 @@ m.amplifier.exponent, m.amplifier.size = p.exponent, p.size
             starts.push_back({fit.explained, exponent, c.max_thrust * std::clamp(of_most, 0.05, 20.0)});
         }
         std::ranges::stable_sort(starts, std::ranges::greater{}, &Start::explained);
+        // In an open loop a start that is a tenth off leads the whole motion away, but not its beginning.
         return {{.parameters = {factor("exponent", 0.2, 5), factor("size", 0.05 * c.max_thrust, 20 * c.max_thrust)},
                  .starts = {{starts[0].exponent, starts[0].size}, {starts[1].exponent, starts[1].size}},
                  .ringing = true}};
