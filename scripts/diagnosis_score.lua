@@ -101,8 +101,8 @@ end
 
 -- ---- parameters ---------------------------------------------------------------------------------------------------
 
--- An amplitude below zero is one above it, half a turn on.
-local function canonical(parameters)
+-- An amplitude below zero is one above it, half a turn on. Of a ramp only a/T shows: a is given for a ramp of one second.
+local function canonical(parameters, ramp_s)
   local copy = {}
   for key, value in pairs(parameters) do copy[key] = value end
   for amplitude, phase in pairs { a = "phase", F = "phase", A = "phase", A2 = "phase2" } do
@@ -110,12 +110,15 @@ local function canonical(parameters)
       copy[amplitude], copy[phase] = -copy[amplitude], copy[phase] + math.pi
     end
   end
+  if ramp_s then copy.a, copy.T = copy.a and copy.a / ramp_s, nil end
   return copy
 end
 
 -- Deviations in standard errors, one for each number. What was not fitted must be exact, or it counts as infinite.
 local function deviations(truth, found, errors, list)
-  truth, found, errors = canonical(truth), canonical(found), errors or {}
+  local function ramp(parameters) return parameters.kind == "ramp" and parameters.T or nil end
+  errors = canonical(errors or {}, ramp(found))
+  truth, found = canonical(truth, ramp(truth)), canonical(found, ramp(found))
   for key, value in pairs(truth) do
     local answer, spread = found[key], errors[key]
     if type(value) == "number" and type(answer) == "number" then
