@@ -38,10 +38,11 @@ struct Beginning {
 };
 constexpr Beginning beginnings[] = {{100, 16, 4}, {100, 8, 8}, {150, 6, 6},  {200, 6, 6},  {300, 5, 6}, {400, 5, 6},
                                     {600, 4, 6},  {900, 4, 6}, {1400, 4, 6}, {2500, 4, 6}, {5000, 3, 6}};
-constexpr std::size_t grown_from = 400;   // samples of the first beginning on which uncertain fields are found
-constexpr std::size_t ringing_from = 800; // samples of the first beginning on which a mode is sought
-constexpr double worthwhile = 0.8;        // of chi square there without the candidate: points above are given up
-constexpr double followed = 1.5;          // chi square per sample up to which a beginning is simulated as it went
+constexpr std::size_t grown_from = 400;      // samples of the first beginning on which uncertain fields are found
+constexpr double much_longer = 2;            // times the stroke of another record
+constexpr std::size_t beginnings_from = 800; // samples of the first beginning on which a mode is sought
+constexpr double worthwhile = 0.8;           // of chi square there without the candidate: points above are given up
+constexpr double followed = 1.5;             // chi square per sample up to which a beginning is simulated as it went
 // Chi square per sample up to which noise explains the remaining error of a settled hypothesis: a few seeds show only
 // roughly how far noise spreads the simulated paths, and the beginning was followed.
 constexpr double settled_limit = 3;
@@ -691,12 +692,16 @@ class Search {
         std::erase_if(pool, [&](const Scored& one) { return !seen.insert(one.names()).second; });
     }
 
-    // Every effect that may be beside the base, or those of `only`.
-    std::vector<Begun> begun(const Scored& base, const std::string& what,
-                             const std::optional<std::set<std::string>>& only) const {
-        const ModelFit lead(machine_, lead_records_);
-        const MachineModel machine = lead.machine(base.together);
-        const Evidence& record = clue_record_;
+    static double stroke(const Evidence& record) { // [m]
+        const auto [low, high] = std::ranges::minmax(record.measurement.position());
+        return high - low;
+    }
+
+    const Evidence& longest_record() const { return *std::ranges::max_element(all_, {}, stroke); } // by its stroke
+
+    // The forms of kinds that are wanted, with starts from how the machine and a record disagree.
+    std::vector<Candidate> candidates_from(const Evidence& record, const MachineModel& machine,
+                                           const std::function<bool(const EffectKind&)>& wanted) const {
         const auto signals = simulated_signals(machine, record.measurement);
         // A model that cannot follow shows nothing: the machine at rest is as good a comparison.
         const SimulatedSignals still{std::vector<double>(record.measurement.size(), 0.0),
@@ -706,26 +711,41 @@ class Search {
         std::vector<double> gap = record.measurement.position();
         for (std::size_t k = 0; signals && k < gap.size(); ++k) gap[k] -= signals->position[k];
         const std::vector<double> whitened = record.floor.whitened(gap);
-        const auto present = base.names();
-        std::vector<Begun> list;
         MachineModel described = machine;
         described.effects.clear();
         const ServoAxis axis = described.axis();
         const Clues clues(axis, machine.sample_time, residual, record.measurement.position(), whitened,
-                          record.floor.innovation);
+                          record.floor.innovation, stroke(longest_record()));
+        return candidates(clues, wanted);
+    }
+
+    // Every effect that may be beside the base, or those of `only`.
+    std::vector<Begun> begun(const Scored& base, const std::string& what,
+                             const std::optional<std::set<std::string>>& only) const {
+        const ModelFit lead(machine_, lead_records_);
+        const MachineModel machine = lead.machine(base.together);
+        const auto present = base.names();
         const auto wanted = [&](const EffectKind& kind) {
             return std::ranges::find(present, kind.name) == present.end() &&
                    (only ? only->contains(kind.name) : !kind.only_in_place);
         };
-        for (auto& candidate : candidates(clues, wanted)) {
-            list.push_back({std::make_shared<const Candidate>(std::move(candidate)), {}});
+        auto found = candidates_from(clue_record_, machine, wanted);
+        // What depends on the position is read from a record that moves much farther, too.
+        if (const Evidence& longer = longest_record(); stroke(longer) > much_longer * stroke(clue_record_)) {
+            std::ranges::move(candidates_from(longer, machine,
+                                              [&](const EffectKind& kind) {
+                                                  return wanted(kind) && kind.drawn_against == DrawnAgainst::position;
+                                              }),
+                              std::back_inserter(found));
         }
+        std::vector<Begun> list;
+        for (auto& candidate : found) list.push_back({std::make_shared<const Candidate>(std::move(candidate)), {}});
         for_each_index(list.size(), control_, what + ": screening", [&](std::size_t i) {
             if (late()) return;
             auto& [candidate, points] = list[i];
-            points = candidate->rugged    ? grown_starts(base.together, candidate)
-                     : candidate->ringing ? ringing_starts(base.together, candidate)
-                                          : starts_of(base.together, candidate, lead);
+            points = candidate->rugged          ? grown_starts(base.together, candidate)
+                     : candidate->on_beginnings ? starts_on_beginnings(base.together, candidate)
+                                                : starts_of(base.together, candidate, lead);
         });
         go_on();
         std::erase_if(list, [](const Begun& one) { return one.points.empty(); });
@@ -1094,12 +1114,12 @@ class Search {
 
     // A lightly damped mode has a local minimum for every turn of its phase: it is also sought on a beginning of the
     // record, and followed on beginnings that double.
-    std::vector<Hypothesis> ringing_starts(const Hypothesis& base,
-                                           const std::shared_ptr<const Candidate>& candidate) const {
+    std::vector<Hypothesis> starts_on_beginnings(const Hypothesis& base,
+                                                 const std::shared_ptr<const Candidate>& candidate) const {
         const Evidence& record = clue_record_;
         const std::size_t first = first_shown(base, record);
         std::vector<Hypothesis> points;
-        for (std::size_t samples = ringing_from; first + samples < record.measurement.size(); samples *= 2) {
+        for (std::size_t samples = beginnings_from; first + samples < record.measurement.size(); samples *= 2) {
             if (late()) break;
             const std::vector<Evidence> part{beginning(record, first + samples)};
             if (points.empty()) points = starts_of(base, candidate, ModelFit(machine_, part));

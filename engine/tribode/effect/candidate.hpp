@@ -41,8 +41,8 @@ struct EffectForm {
     std::size_t tried = 2; // of starts and probes, the best so many are fitted
     // A form of more parameters, with starts near these values, for where they leave more than noise.
     std::function<EffectForm(std::span<const double>)> richer = {};
-    bool ringing = false; // sought on beginnings too, which have fewer local minima
-    bool rugged = false;  // chi square has many local minima over a whole record: fitted on beginnings that grow
+    bool on_beginnings = false; // sought on beginnings too, which have fewer local minima
+    bool rugged = false;        // chi square has many local minima over a whole record: fitted on beginnings that grow
 };
 
 // A form of a kind of effect, ready to be fitted: its names are resolved.

@@ -6,7 +6,7 @@
 namespace tribode {
 
 Clues::Clues(const ServoAxis& axis_, double sample_time_, const ResidualForce& residual_, const Signal& measured_,
-             const Signal& whitened_, double innovation_)
+             const Signal& whitened_, double innovation_, double longest_stroke_)
     : axis(axis_),
       sample_time(sample_time_),
       residual(residual_),
@@ -20,6 +20,7 @@ Clues::Clues(const ServoAxis& axis_, double sample_time_, const ResidualForce& r
     min_position = *low;
     max_position = *high;
     stroke = max_position - min_position;
+    longest_stroke = std::max(stroke, longest_stroke_);
     reach = std::max(std::abs(min_position), std::abs(max_position));
     max_speed = largest(velocity);
     // A quarter of the motion is slow enough that a force over so short a way stays below the bandwidth.

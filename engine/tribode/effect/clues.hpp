@@ -34,9 +34,10 @@ struct ResidualForce {
 // starts, and the sizes that bound their parameters.
 struct Clues {
     // What is referred to must outlive it. `axis`: of the fields of the machine, without effects; `measured`: positions of the
-    // record [m]; `whitened`: their errors, white [m times 1/innovation]; `innovation` [m].
+    // record [m]; `whitened`: their errors, white [m times 1/innovation]; `innovation` [m]; `longest_stroke`: of all records of
+    // the machine [m], if one is longer than this.
     Clues(const ServoAxis& axis, double sample_time, const ResidualForce& residual, const Signal& measured,
-          const Signal& whitened, double innovation);
+          const Signal& whitened, double innovation, double longest_stroke);
 
     const ServoAxis& axis;
     double sample_time; // of the record [s]
@@ -48,6 +49,7 @@ struct Clues {
     Signal direction;                  // sign of the velocity, in between about zero
     double min_position, max_position; // [m]
     double stroke;                     // their difference [m]
+    double longest_stroke;             // of all records, this one or a longer one [m]
     double shortest_period;            // over the travel, that `force` shows [m]
     double reach;                      // the larger magnitude [m]
     double max_speed, max_thrust;      // [m/s], [N]

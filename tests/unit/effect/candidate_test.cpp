@@ -49,6 +49,7 @@ struct Record {
     ServoAxis axis;
     ResidualForce residual;
     Signal measured, whitened;
+    double longest_stroke = 0; // [m]
 
     Record() {
         axis.plant.rigid_gain = 0.1;
@@ -72,7 +73,7 @@ struct Record {
         }
     }
     std::vector<Candidate> candidates() const {
-        return tribode::candidates(Clues(axis, 1e-3, residual, measured, whitened, 1e-7),
+        return tribode::candidates(Clues(axis, 1e-3, residual, measured, whitened, 1e-7, longest_stroke),
                                    [](const EffectKind&) { return true; });
     }
 };
@@ -115,6 +116,30 @@ TEST(Candidate, a_start_is_read_from_the_residual_force) {
         return;
     }
     FAIL();
+}
+
+TEST(Candidate, what_a_longer_record_shows_whole_is_a_ripple_and_what_none_does_is_gravity) {
+    Record record; // over 40 mm
+    record.longest_stroke = 0.1;
+    const double period = 0.06;
+    for (std::size_t k = 0; k < record.residual.force.size(); ++k) {
+        record.residual.force[k] = 2 * std::sin(2 * std::numbers::pi / period * record.residual.position[k] + 0.3);
+    }
+    bool ripple = false, arm = false;
+    for (const auto& candidate : record.candidates()) {
+        if (candidate.kind().name == "force_ripple" && candidate.form == "one harmonic") {
+            EXPECT_NEAR(candidate.starts[0][0], 2, 0.1);
+            EXPECT_NEAR(candidate.starts[0][1], period, 0.05 * period);
+            EXPECT_DOUBLE_EQ(candidate.parameters[1].high, record.longest_stroke);
+            ripple = true;
+        }
+        if (candidate.kind().name == "gravity" && candidate.form == "any turn") {
+            EXPECT_DOUBLE_EQ(candidate.parameters[1].low, record.longest_stroke);
+            arm = true;
+        }
+    }
+    EXPECT_TRUE(ripple);
+    EXPECT_TRUE(arm);
 }
 
 TEST(Candidate, a_ripple_is_sought_down_to_the_period_that_the_motion_shows) {

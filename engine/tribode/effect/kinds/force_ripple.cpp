@@ -87,18 +87,22 @@ m.add_force {
 )lua",
     .forms = [](const Clues& c) -> std::vector<EffectForm> {
         if (c.stroke < 1e-6) return {};
-        // Longer periods are those of the weight of an arm (gravity).
-        const double shortest = c.shortest_period, longest = c.stroke, typical = c.typical_force();
+        // Longer periods are those of the weight of an arm (gravity). Of those that this record does not show whole, the amplitude
+        // is a guess.
+        const double shortest = c.shortest_period, longest = c.longest_stroke, typical = c.typical_force();
+        const auto amplitude = [&](const Sinusoid& found, double least) {
+            return std::clamp(found.amplitude, least * typical, c.max_force());
+        };
         std::vector<std::vector<double>> one, two;
         for (const auto& first : sinusoids(c.position, c.force, {}, shortest, longest, 3)) {
-            one.push_back({std::max(first.amplitude, 0.05 * typical), first.period, first.phase});
+            one.push_back({amplitude(first, 0.05), first.period, first.phase});
             Signal rest = c.force;
             for (std::size_t k = 0; k < rest.size(); ++k) {
                 rest[k] -= first.amplitude * std::sin(two_pi * c.position[k] / first.period + first.phase);
             }
             for (const auto& second : sinusoids(c.position, rest, {}, shortest, longest, 1)) {
-                two.push_back({std::max(first.amplitude, 0.05 * typical), first.period, first.phase,
-                               std::max(second.amplitude, 0.01 * typical), second.period, second.phase});
+                two.push_back({amplitude(first, 0.05), first.period, first.phase, amplitude(second, 0.01),
+                               second.period, second.phase});
             }
         }
         if (two.size() > 2) two.resize(2);

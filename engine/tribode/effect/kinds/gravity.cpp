@@ -95,13 +95,14 @@ m.add_force { force = function(s) return -p.F * math.sin(2 * math.pi / p.turn_m 
                              .parameters = {force, angle("phase")},
                              .starts = {{rad.values[0], rad.values[2]}}});
         }
-        // Shorter turns are those of a ripple.
+        // Shorter turns, which a record shows whole, are those of a ripple.
         std::vector<Start> starts;
-        for (const double strokes : {1.05, 1.5, 2.2, 3.3, 5.0}) starts.push_back(start_at(strokes * c.stroke));
+        for (const double strokes : {1.05, 1.5, 2.2, 3.3, 5.0}) starts.push_back(start_at(strokes * c.longest_stroke));
         std::ranges::sort(starts, std::greater{}, &Start::explained);
-        forms.push_back({.form = "any turn",
-                         .parameters = {force, factor("turn_m", c.stroke, max_strokes * c.stroke), angle("phase")},
-                         .starts = {starts[0].values, starts[1].values}});
+        forms.push_back(
+            {.form = "any turn",
+             .parameters = {force, factor("turn_m", c.longest_stroke, max_strokes * c.longest_stroke), angle("phase")},
+             .starts = {starts[0].values, starts[1].values}});
         return forms;
     },
     .fit_order = 95,

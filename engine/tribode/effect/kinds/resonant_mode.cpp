@@ -49,7 +49,7 @@ table.insert(m.plant.modes, p)
                  .probes = probes,
                  .size = 0,
                  .tried = 3,
-                 .ringing = true}};
+                 .on_beginnings = true}};
     },
     .fit_order = 190,
 };

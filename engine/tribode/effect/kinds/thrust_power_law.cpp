@@ -64,7 +64,7 @@ m.amplifier.exponent, m.amplifier.size = p.exponent, p.size
         // In an open loop a start that is a tenth off leads the whole motion away, but not its beginning.
         return {{.parameters = {factor("exponent", 0.2, 5), factor("size", 0.05 * c.max_thrust, 20 * c.max_thrust)},
                  .starts = {{starts[0].exponent, starts[0].size}, {starts[1].exponent, starts[1].size}},
-                 .ringing = true}};
+                 .on_beginnings = true}};
     },
     .fit_order = 135,
     .simpler = {"thrust_gain"},
