@@ -145,6 +145,47 @@ TEST(Diagnosis, FieldsThatTheValidationRecordContradictDoNotReplaceAnEffect) {
     EXPECT_LT(d.validation_gap.after, 1.2 * d.validation_gap.floor);
 }
 
+// The record with the largest gap moves over a fifth of a period, where a ripple looks like a spring; the other shows it whole.
+TEST(Diagnosis, ARippleIsReadFromTheRecordThatMovesFarthest) {
+    const Json believed =
+        Json::parse(R"({"Ts": 0.0005, "rigid_gain_per_kg": 0.15, "friction": {"coulomb": 9.5, "viscous": 5},
+        "input_delay_s": 0.00075, "current_loop_hz": 1500, "encoder_resolution_m": 5e-8, "noise_rms_m": 8e-8,
+        "controller": {"type": "cascade", "kp": 25, "kv": 500},
+        "tolerance": {"friction.coulomb": 0.09, "rigid_gain_per_kg": 0.02}})");
+    Json real = believed;
+    real.erase("tolerance");
+    real["friction"]["coulomb"] = 9.1;
+    const Json hidden = Json::parse(R"([{"name": "force_ripple", "parameters": {"harmonics": [
+        {"F": 3, "period_m": 0.005, "phase": 4.2}, {"F": 1.4, "period_m": 0.0025, "phase": 4.5}]}}])");
+    DriveRecord far, near;
+    for (int k = 0; k < 6000; ++k) {
+        const double t = k * 5e-4;
+        far.t.push_back(t);
+        far.reference.push_back(0.003 * (1 - std::cos(2 * std::numbers::pi * std::min(t, 1.0))));
+        far.excitation.push_back(0);
+        near.t.push_back(t);
+        near.reference.push_back(0);
+        double sum = 0;
+        for (const double frequency : {2.3, 7.1, 19.0, 53.0}) {
+            sum += 8 * std::sin(2 * std::numbers::pi * frequency * t + frequency);
+        }
+        near.excitation.push_back(sum);
+    }
+    const MachineModel machine = MachineModel::from_description(believed, "case");
+    const auto driven = [&](const DriveRecord& drive, std::uint64_t seed) {
+        return measurement_from_table(measured(real, hidden, drive, seed), machine, "case");
+    };
+    DiagnosisOptions options;
+    options.max_effects = 1;
+    RunControl control;
+    control.workers = 2;
+    const Diagnosis d = diagnose(machine, {driven(far, 1)}, driven(near, 2), options, control);
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects[0].name, "force_ripple");
+    EXPECT_NEAR(d.effects[0].parameters["harmonics"][0]["period_m"].get<double>(), 0.005, 1e-5);
+    EXPECT_LT(d.validation_gap.after, 1.2 * d.validation_gap.floor);
+}
+
 // A ripple of a period longer than the stroke has the same equation as the weight of an arm, and is called that.
 TEST(Diagnosis, WhatIsPeriodicOverMoreThanTheStrokeIsTheWeightOfAnArm) {
     const Diagnosis d = diagnosed(Json::parse(

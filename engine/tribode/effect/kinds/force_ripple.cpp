@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <memory>
 
 namespace tribode::effects {
@@ -87,36 +88,36 @@ m.add_force {
 )lua",
     .forms = [](const Clues& c) -> std::vector<EffectForm> {
         if (c.stroke < 1e-6) return {};
-        // Longer periods are those of the weight of an arm (gravity). Of those that this record does not show whole, the amplitude
-        // is a guess.
-        const double shortest = c.shortest_period, longest = c.longest_stroke, typical = c.typical_force();
-        const auto amplitude = [&](const Sinusoid& found, double least) {
-            return std::clamp(found.amplitude, least * typical, c.max_force());
+        // Longer periods are those of the weight of an arm (gravity), but for a ripple of which a harmonic shows. Of periods that
+        // this record does not show whole, the amplitude is a guess.
+        const double shortest = c.shortest_period, longest = c.longest_stroke, longest_of_two = 2 * longest;
+        const double typical = c.typical_force();
+        const auto start = [&](const Sinusoid& found, double least) -> std::vector<double> {
+            return {std::clamp(found.amplitude, least * typical, c.max_force()), found.period, found.phase};
         };
         std::vector<std::vector<double>> one, two;
-        for (const auto& first : sinusoids(c.position, c.force, {}, shortest, longest, 3)) {
-            one.push_back({amplitude(first, 0.05), first.period, first.phase});
+        for (const auto& found : sinusoids(c.position, c.force, {}, shortest, longest, 3)) {
+            one.push_back(start(found, 0.05));
+        }
+        for (const auto& first : sinusoids(c.position, c.force, {}, shortest, longest_of_two, 3)) {
             Signal rest = c.force;
             for (std::size_t k = 0; k < rest.size(); ++k) {
                 rest[k] -= first.amplitude * std::sin(two_pi * c.position[k] / first.period + first.phase);
             }
             for (const auto& second : sinusoids(c.position, rest, {}, shortest, longest, 1)) {
-                two.push_back({amplitude(first, 0.05), first.period, first.phase, amplitude(second, 0.01),
-                               second.period, second.phase});
+                two.push_back(start(first, 0.05));
+                std::ranges::copy(start(second, 0.01), std::back_inserter(two.back()));
             }
         }
         if (two.size() > 2) two.resize(2);
-        const auto harmonics = [&](std::initializer_list<const char*> names) {
-            std::vector<FitParameter> parameters;
-            for (const std::string name : names) {
-                parameters.push_back(factor(name + ".F", 1e-4 * typical, c.max_force()));
-                parameters.push_back(factor(name + ".period_m", shortest, longest));
-                parameters.push_back(angle(name + ".phase"));
-            }
-            return parameters;
+        const auto harmonic = [&](const std::string& name, double longest_period) -> std::vector<FitParameter> {
+            return {factor(name + ".F", 1e-4 * typical, c.max_force()),
+                    factor(name + ".period_m", shortest, longest_period), angle(name + ".phase")};
         };
-        return {{.form = "one harmonic", .parameters = harmonics({"harmonics[1]"}), .starts = one},
-                {.form = "two harmonics", .parameters = harmonics({"harmonics[1]", "harmonics[2]"}), .starts = two}};
+        auto both = harmonic("harmonics[1]", longest_of_two);
+        std::ranges::move(harmonic("harmonics[2]", longest), std::back_inserter(both));
+        return {{.form = "one harmonic", .parameters = harmonic("harmonics[1]", longest), .starts = one},
+                {.form = "two harmonics", .parameters = std::move(both), .starts = two}};
     },
     .fit_order = 90,
 };
