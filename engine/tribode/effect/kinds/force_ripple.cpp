@@ -48,6 +48,14 @@ class ForceRipple final : public PointForce {
     std::vector<Harmonic> harmonics_;
 };
 
+// Amplitude, period and phase of the first harmonic, amplitude and phase of the second. A period longer than the stroke is that of a
+// ripple, not of the weight of an arm, where its half shows whole.
+void with_half_the_period(std::span<const double> values, std::span<double> numbers) {
+    std::ranges::copy(values.first(4), numbers.begin());
+    numbers[4] = values[1] / 2;
+    numbers[5] = values[4];
+}
+
 } // namespace
 
 // Cogging: a force that is periodic in the position, added to the motor's.
@@ -88,36 +96,56 @@ m.add_force {
 )lua",
     .forms = [](const Clues& c) -> std::vector<EffectForm> {
         if (c.stroke < 1e-6) return {};
-        // Longer periods are those of the weight of an arm (gravity), but for a ripple of which a harmonic shows. Of periods that
-        // this record does not show whole, the amplitude is a guess.
-        const double shortest = c.shortest_period, longest = c.longest_stroke, longest_of_two = 2 * longest;
-        const double typical = c.typical_force();
+        // Longer periods are those of the weight of an arm (gravity). Of periods that this record does not show whole, the amplitude
+        // is a guess.
+        const double shortest = c.shortest_period, longest = c.longest_stroke, typical = c.typical_force();
         const auto start = [&](const Sinusoid& found, double least) -> std::vector<double> {
             return {std::clamp(found.amplitude, least * typical, c.max_force()), found.period, found.phase};
         };
         std::vector<std::vector<double>> one, two;
-        for (const auto& found : sinusoids(c.position, c.force, {}, shortest, longest, 3)) {
-            one.push_back(start(found, 0.05));
-        }
-        for (const auto& first : sinusoids(c.position, c.force, {}, shortest, longest_of_two, 3)) {
+        for (const auto& first : sinusoids(c.position, c.force, {}, shortest, longest, 3)) {
+            one.push_back(start(first, 0.05));
             Signal rest = c.force;
             for (std::size_t k = 0; k < rest.size(); ++k) {
                 rest[k] -= first.amplitude * std::sin(two_pi * c.position[k] / first.period + first.phase);
             }
             for (const auto& second : sinusoids(c.position, rest, {}, shortest, longest, 1)) {
-                two.push_back(start(first, 0.05));
+                two.push_back(one.back());
                 std::ranges::copy(start(second, 0.01), std::back_inserter(two.back()));
             }
         }
         if (two.size() > 2) two.resize(2);
-        const auto harmonic = [&](const std::string& name, double longest_period) -> std::vector<FitParameter> {
-            return {factor(name + ".F", 1e-4 * typical, c.max_force()),
-                    factor(name + ".period_m", shortest, longest_period), angle(name + ".phase")};
+        const auto harmonics = [&](std::initializer_list<const char*> names) {
+            std::vector<FitParameter> parameters;
+            for (const std::string name : names) {
+                parameters.push_back(factor(name + ".F", 1e-4 * typical, c.max_force()));
+                parameters.push_back(factor(name + ".period_m", shortest, longest));
+                parameters.push_back(angle(name + ".phase"));
+            }
+            return parameters;
         };
-        auto both = harmonic("harmonics[1]", longest_of_two);
-        std::ranges::move(harmonic("harmonics[2]", longest), std::back_inserter(both));
-        return {{.form = "one harmonic", .parameters = harmonic("harmonics[1]", longest), .starts = one},
-                {.form = "two harmonics", .parameters = std::move(both), .starts = two}};
+        EffectForm long_one{.form = "a longer period and half of it",
+                            .parameters = harmonics({"harmonics[1]", "harmonics[2]"}),
+                            .convert = with_half_the_period};
+        long_one.parameters.erase(long_one.parameters.begin() + 4);
+        long_one.parameters[1] = factor("harmonics[1].period_m", longest, 2 * longest);
+        for (const double strokes : {1.02, 1.2, 1.5}) {
+            const double period = strokes * longest;
+            std::vector<Signal> waves;
+            for (const double wave : {two_pi / period, 2 * two_pi / period}) {
+                waves.push_back(map(c.position, [wave](double y) { return std::sin(wave * y); }));
+                waves.push_back(map(c.position, [wave](double y) { return std::cos(wave * y); }));
+            }
+            const auto a = regress(waves, c.force).coefficients;
+            const auto size = [&](double x, double y) {
+                return std::clamp(std::hypot(x, y), 0.01 * typical, c.max_force());
+            };
+            long_one.starts.push_back(
+                {size(a[0], a[1]), period, std::atan2(a[1], a[0]), size(a[2], a[3]), std::atan2(a[3], a[2])});
+        }
+        return {{.form = "one harmonic", .parameters = harmonics({"harmonics[1]"}), .starts = one},
+                {.form = "two harmonics", .parameters = harmonics({"harmonics[1]", "harmonics[2]"}), .starts = two},
+                std::move(long_one)};
     },
     .fit_order = 90,
 };
