@@ -39,6 +39,7 @@ struct Beginning {
 constexpr Beginning beginnings[] = {{100, 16, 4}, {100, 8, 8}, {150, 6, 6},  {200, 6, 6},  {300, 5, 6}, {400, 5, 6},
                                     {600, 4, 6},  {900, 4, 6}, {1400, 4, 6}, {2500, 4, 6}, {5000, 3, 6}};
 constexpr std::size_t grown_from = 400;      // samples of the first beginning on which uncertain fields are found
+constexpr double slow = 1.5;                 // times the rms of noise
 constexpr double much_longer = 2;            // times the stroke of another record
 constexpr std::size_t beginnings_from = 800; // samples of the first beginning on which a mode is sought
 constexpr double worthwhile = 0.8;           // of chi square there without the candidate: points above are given up
@@ -150,6 +151,7 @@ class Search {
         choose_lead(beam.front().together);
         const Scored bare = beam[bare_place];
         std::vector<Begun> beside_bare;
+        std::optional<SearchResult> of_noise; // that left noise, but slow errors for which another effect was sought
         for (std::size_t level = 1; level <= max_effects_ && !late(); ++level) {
             std::vector<Scored> pool;
             std::optional<std::set<std::string>> enough; // effects of a hypothesis to which noise alone is left
@@ -221,10 +223,16 @@ class Search {
             // lacks that stays imperfect is not a sum of small pieces.
             const bool halved = pool.front().score < before.score / needed_fall;
             if (level > 1 && (!better || (!halved && !adequate(pool.front())))) break;
+            if (of_noise && (pool.front().score > before.score - worth || leaves_slow_errors(pool.front()))) break;
             result_.ranking = pool;
             result_.steps.push_back(pool.front());
             // A part of several effects may be all that some records show, and nothing to the validation record.
-            if ((!better && !halved) || adequate(pool.front())) break;
+            if (!better && !halved) break;
+            of_noise.reset();
+            if (adequate(pool.front())) {
+                if (!leaves_slow_errors(pool.front())) break;
+                of_noise = result_;
+            }
             beam.clear();
             if (auto shown = with_farthest_as_described(pool.front())) beam.push_back(std::move(*shown));
             std::set<std::vector<std::string>> seen;
@@ -232,6 +240,14 @@ class Search {
                 const bool close = one.together.chi_square < 20 * pool.front().together.chi_square;
                 if (close && beam.size() < beam_width && seen.insert(one.names()).second) beam.push_back(one);
             }
+            for (std::size_t i = 0, count = beam.size(); i < count; ++i) {
+                const auto other = with_mass_for_gain(beam[i]);
+                if (other && seen.insert(other->names()).second) beam.push_back(*other);
+            }
+        }
+        if (of_noise) {
+            result_ = *std::move(of_noise);
+            gather_records();
         }
     }
 
@@ -243,6 +259,31 @@ class Search {
         *std::ranges::max_element(without.nominal, {}, [](double off) { return std::abs(off); }) = 0;
         without.converged = false;
         return scored(std::move(without));
+    }
+
+    // A mass in the place of a gain of the thrust, or the other way round. They do the same but for friction; where its level is off
+    // besides, one of the two takes one more effect than the other, and may follow worse while that is not there yet.
+    std::optional<Scored> with_mass_for_gain(const Scored& one) const {
+        const auto names = one.names();
+        const auto has = [&](const std::string& name) { return std::ranges::find(names, name) != names.end(); };
+        const std::string gain = "thrust_gain", mass = "payload_mass"; // of factors that are each other's inverse
+        if (has(gain) == has(mass) || late()) return std::nullopt;
+        Hypothesis rest = one.together;
+        const auto is_meant = [&](const auto& effect) {
+            return effect->kind().name == gain || effect->kind().name == mass;
+        };
+        const auto place =
+            static_cast<std::size_t>(std::ranges::find_if(rest.effects, is_meant) - rest.effects.begin());
+        const double factor = rest.values_of(place)[0];
+        rest.remove(place);
+        const std::string& other = has(gain) ? mass : gain;
+        auto found = candidates_from(clue_record_, ModelFit(machine_, all_).machine(rest),
+                                     [&](const EffectKind& kind) { return kind.name == other; });
+        if (found.empty()) return std::nullopt;
+        Hypothesis h = with(rest, std::make_shared<const Candidate>(std::move(found.front())), {1 / factor});
+        refine(h, all_, 8, control_.workers);
+        if (!std::isfinite(h.chi_square)) return std::nullopt;
+        return scored(std::move(h));
     }
 
     void set_floors(const MachineModel& machine) {
@@ -362,6 +403,20 @@ class Search {
     }
 
     bool adequate(const Scored& one) const { return result_.explained_by_noise(one); }
+
+    // Whitened errors are mostly fast ones. Slow ones that are larger than those of noise may be noise all the same, or what another
+    // effect would take.
+    bool leaves_slow_errors(const Scored& one) const {
+        if (one.together.settled) return false;
+        const MachineModel machine = ModelFit(machine_, all_).machine(one.together);
+        return std::ranges::any_of(all_, [&](const Evidence& record) {
+            const auto position = simulated_position(machine, record.measurement);
+            if (!position) return false;
+            std::vector<double> gap = record.measurement.position();
+            for (std::size_t k = 0; k < gap.size(); ++k) gap[k] -= (*position)[k];
+            return rms(gap) > slow * record.floor.rms;
+        });
+    }
 
     // With the fields wherever they are.
     bool leaves_noise(const Scored& one) const {

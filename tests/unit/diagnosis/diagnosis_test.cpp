@@ -186,6 +186,26 @@ TEST(Diagnosis, ARippleIsReadFromTheRecordThatMovesFarthest) {
     EXPECT_LT(d.validation_gap.after, 1.5 * d.validation_gap.floor);
 }
 
+// Noise of the force that the description gives and the machine does not have hides slow errors: a mass alone leaves what is taken for
+// noise. The Coulomb level and the viscous friction are off besides.
+TEST(Diagnosis, WhatSlowErrorsShowIsSoughtAlthoughNoiseMayExplainThem) {
+    Json believed = small_axis();
+    believed["rigid_gain_per_kg"] = 0.16;
+    believed["friction"] = Json::parse(R"({"coulomb": 9, "viscous": 9})");
+    believed["process_noise_rms_N"] = 0.3;
+    const Diagnosis d = diagnosed(Json::parse(R"([{"name": "payload_mass", "parameters": {"ratio": 0.58}},
+        {"name": "coulomb_friction", "parameters": {"dF": 4.2}}])"),
+                                  believed, 3);
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects.size(), 3u);
+    for (const auto& effect : d.effects) {
+        const double tolerance = 0.05;
+        if (effect.name == "payload_mass") EXPECT_NEAR(effect.parameters["ratio"], 1.58 * 1.6 - 1, tolerance);
+        if (effect.name == "coulomb_friction") EXPECT_NEAR(effect.parameters["dF"], 9.2 - 9, tolerance);
+        if (effect.name == "viscous_friction") EXPECT_NEAR(effect.parameters["dD"], 4 - 9, tolerance);
+    }
+}
+
 // A ripple of a period longer than the stroke has the same equation as the weight of an arm, and is called that.
 TEST(Diagnosis, WhatIsPeriodicOverMoreThanTheStrokeIsTheWeightOfAnArm) {
     const Diagnosis d = diagnosed(Json::parse(
