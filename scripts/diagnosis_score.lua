@@ -101,7 +101,8 @@ end
 
 -- ---- parameters ---------------------------------------------------------------------------------------------------
 
--- An amplitude below zero is one above it, half a turn on. Of a ramp only a/T shows: a is given for a ramp of one second.
+-- An amplitude below zero is one above it, half a turn on. Of a ramp only a/T shows: a is given for a ramp of one
+-- second.
 local function canonical(parameters, ramp_s)
   local copy = {}
   for key, value in pairs(parameters) do copy[key] = value end
