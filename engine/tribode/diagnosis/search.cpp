@@ -39,9 +39,9 @@ struct Beginning {
 constexpr Beginning beginnings[] = {{100, 16, 4}, {100, 8, 8}, {150, 6, 6},  {200, 6, 6},  {300, 5, 6}, {400, 5, 6},
                                     {600, 4, 6},  {900, 4, 6}, {1400, 4, 6}, {2500, 4, 6}, {5000, 3, 6}};
 constexpr std::size_t grown_from = 400;      // samples of the first beginning on which uncertain fields are found
-constexpr double slow = 1.5;                 // times the rms of noise
+constexpr double slow = 1.5;                 // times the rms of noise: errors above are looked at
 constexpr double much_longer = 2;            // times the stroke of another record
-constexpr std::size_t beginnings_from = 800; // samples of the first beginning on which a mode is sought
+constexpr std::size_t beginnings_from = 800; // samples of the first beginning for a form sought on beginnings
 constexpr double worthwhile = 0.8;           // of chi square there without the candidate: points above are given up
 constexpr double followed = 1.5;             // chi square per sample up to which a beginning is simulated as it went
 // Chi square per sample up to which noise explains the remaining error of a settled hypothesis: a few seeds show only
@@ -1167,8 +1167,8 @@ class Search {
         return points;
     }
 
-    // A lightly damped mode has a local minimum for every turn of its phase: it is also sought on a beginning of the
-    // record, and followed on beginnings that double.
+    // A lightly damped mode has a local minimum for every turn of its phase, and what leads the whole motion away does not yet
+    // do so at first: it is also sought on a beginning of the record, and followed on beginnings that double.
     std::vector<Hypothesis> starts_on_beginnings(const Hypothesis& base,
                                                  const std::shared_ptr<const Candidate>& candidate) const {
         const Evidence& record = clue_record_;

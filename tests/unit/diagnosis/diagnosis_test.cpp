@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <gtest/gtest.h>
+#include <map>
 #include <numbers>
 #include <string>
 #include <utility>
@@ -28,6 +29,20 @@ Diagnosis diagnosed(const Json& hidden, const Json& believed = small_axis(), std
     RunControl control;
     control.workers = 2;
     return diagnose(machine, std::move(fitted), driven(sine_record(0.02, 1, 2), 2), options, control);
+}
+
+// The effect that the machine `real` has beside `believed`, of a record to fit and one for validation, driven so.
+Diagnosis diagnosed_between(const Json& real, const Json& hidden, const Json& believed, const DriveRecord& fitted,
+                            const DriveRecord& validation) {
+    const MachineModel machine = MachineModel::from_description(believed, "case");
+    const auto driven = [&](const DriveRecord& drive, std::uint64_t seed) {
+        return measurement_from_table(measured(real, hidden, drive, seed), machine, "case");
+    };
+    DiagnosisOptions options;
+    options.max_effects = 1;
+    RunControl control;
+    control.workers = 2;
+    return diagnose(machine, {driven(fitted, 1)}, driven(validation, 2), options, control);
 }
 
 // Within three of its standard errors, and with some of them.
@@ -130,15 +145,7 @@ TEST(Diagnosis, FieldsThatTheValidationRecordContradictDoNotReplaceAnEffect) {
         }
         force.excitation.push_back(sum);
     }
-    const MachineModel machine = MachineModel::from_description(believed, "case");
-    const auto driven = [&](const DriveRecord& drive, std::uint64_t seed) {
-        return measurement_from_table(measured(real, hidden, drive, seed), machine, "case");
-    };
-    DiagnosisOptions options;
-    options.max_effects = 1;
-    RunControl control;
-    control.workers = 2;
-    const Diagnosis d = diagnose(machine, {driven(ramps, 1)}, driven(force, 2), options, control);
+    const Diagnosis d = diagnosed_between(real, hidden, believed, ramps, force);
     ASSERT_EQ(d.verdict, "effect_found");
     EXPECT_EQ(d.effects[0].name, "dead_zone");
     expect_parameter(d.effects[0], "half_width", 0.6);
@@ -171,15 +178,7 @@ TEST(Diagnosis, ARippleIsReadFromTheRecordThatMovesFarthest) {
         }
         near.excitation.push_back(sum);
     }
-    const MachineModel machine = MachineModel::from_description(believed, "case");
-    const auto driven = [&](const DriveRecord& drive, std::uint64_t seed) {
-        return measurement_from_table(measured(real, hidden, drive, seed), machine, "case");
-    };
-    DiagnosisOptions options;
-    options.max_effects = 1;
-    RunControl control;
-    control.workers = 2;
-    const Diagnosis d = diagnose(machine, {driven(far, 1)}, driven(near, 2), options, control);
+    const Diagnosis d = diagnosed_between(real, hidden, believed, far, near);
     ASSERT_EQ(d.verdict, "effect_found");
     ASSERT_EQ(d.effects[0].name, "force_ripple");
     EXPECT_NEAR(d.effects[0].parameters["harmonics"][0]["period_m"].get<double>(), 0.005, 1e-5);
@@ -198,11 +197,13 @@ TEST(Diagnosis, WhatSlowErrorsShowIsSoughtAlthoughNoiseMayExplainThem) {
                                   believed, 3);
     ASSERT_EQ(d.verdict, "effect_found");
     ASSERT_EQ(d.effects.size(), 3u);
+    const std::map<std::string, std::pair<const char*, double>> truths = {{"payload_mass", {"ratio", 1.58 * 1.6 - 1}},
+                                                                          {"coulomb_friction", {"dF", 9.2 - 9}},
+                                                                          {"viscous_friction", {"dD", 4 - 9}}};
     for (const auto& effect : d.effects) {
-        const double tolerance = 0.05;
-        if (effect.name == "payload_mass") EXPECT_NEAR(effect.parameters["ratio"], 1.58 * 1.6 - 1, tolerance);
-        if (effect.name == "coulomb_friction") EXPECT_NEAR(effect.parameters["dF"], 9.2 - 9, tolerance);
-        if (effect.name == "viscous_friction") EXPECT_NEAR(effect.parameters["dD"], 4 - 9, tolerance);
+        ASSERT_TRUE(truths.contains(effect.name)) << effect.name;
+        const auto& [parameter, truth] = truths.at(effect.name);
+        EXPECT_NEAR(effect.parameters[parameter].get<double>(), truth, 0.05) << parameter;
     }
 }
 
