@@ -1031,11 +1031,11 @@ class Search {
                 const bool taken = running[i].chi_square < worth_taking_;
                 const double target = taken ? followed * static_cast<double>(count(all_)) : worth_taking_;
                 const int rounds_left = (taken ? 2 : 1) * max_rounds - 1 - round;
-                const bool slow = round > 0 && !steep &&
-                                  ((distance > 100 && fall < 0.1 * distance) || round + 1 >= max_rounds ||
-                                   rounds_left * fall < running[i].chi_square - target);
+                const bool sluggish = round > 0 && !steep &&
+                                      ((distance > 100 && fall < 0.1 * distance) || round + 1 >= max_rounds ||
+                                       rounds_left * fall < running[i].chi_square - target);
                 const bool lost = beside_enough && running[i].chi_square > out_of_reach * best;
-                stalled[i] = stalled[i] || running[i].converged || !std::isfinite(distance) || slow || lost;
+                stalled[i] = stalled[i] || running[i].converged || !std::isfinite(distance) || sluggish || lost;
                 // Of an effect from several starts, one that stays behind is in a local minimum.
                 stalled[i] = stalled[i] || (round > 0 && std::ranges::any_of(running, [&](const Hypothesis& other) {
                                                 return same_kinds(other, running[i]) &&
