@@ -163,9 +163,23 @@ class Verdict {
             (!poor_validation && !removed(validation, poor_fit ? best.together_validation : best.validation))) {
             return 0;
         }
-        // The same effects fitted to the validation records alone.
+        // One set of parameters that leaves little of all records agrees with each of them.
+        constexpr double little = 3; // of chi square per sample
+        const bool leaves_little = best.together_fitted < little && best.together_validation < little;
+        if (!poor_fit && !poor_validation && !leaves_little && !sizes_agree(best)) return 0;
+        for (const auto& rival : s.ranking) {
+            if (rival.names() != best.names() && is_near(rival, best) && is_allowed_beside(rival, best) &&
+                !other_name(rival, best)) {
+                return 0;
+            }
+        }
+        return of_a_part;
+    }
+
+    // Whether the effects have the same sizes where they are fitted to the validation records alone.
+    bool sizes_agree(const Scored& best) const {
         Hypothesis other = best.hypothesis;
-        const ModelFit check(machine_, s.validation);
+        const ModelFit check(machine_, d_.search.validation);
         ModelFit::Options options;
         options.iterations = 8;
         options.workers = control_.workers;
@@ -174,19 +188,12 @@ class Verdict {
         check.fit(other, options);
         std::size_t index = 0;
         for (const auto& effect : best.hypothesis.effects) {
-            if (poor_fit || poor_validation) break;     // nothing to compare with
-            const auto& p = effect->parameters.front(); // its size
+            const FitParameter& size = effect->parameters.front();
             const double a = best.hypothesis.values[index], b = other.values[index];
-            if (std::abs(a - b) > 0.2 * std::max(std::abs(a), std::abs(b)) + p.step) return 0;
+            if (std::abs(a - b) > 0.2 * std::max(std::abs(a), std::abs(b)) + size.step) return false;
             index += effect->parameters.size();
         }
-        for (const auto& rival : s.ranking) {
-            if (rival.names() != best.names() && is_near(rival, best) && is_allowed_beside(rival, best) &&
-                !other_name(rival, best)) {
-                return 0;
-            }
-        }
-        return of_a_part;
+        return true;
     }
 
     // Fields farther off than their tolerances let them be may do all that an effect would. Where with the effect they are not, what
@@ -488,8 +495,13 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     if (d.verdict == "effect_found" && gap.after > little_left * gap.floor) {
         d.verdict = "partial";
         // What is left may be what a force of no name leaves, of which the effect takes up a part.
+        double explained = d.explained;
+        if (const auto& ranking = d.search.ranking; !ranking.empty() && ranking.front().together.settled) {
+            // Noise decides how the motion goes on, so that the gap stays: errors of prediction show what is explained.
+            explained = std::max(explained, 1 - ranking.front().validation / d.search.baseline.validation);
+        }
         for (auto& effect : d.effects) {
-            const double share = std::min(1.0, of_a_part * std::clamp(d.explained, 0.0, 1.0) / effect.probability);
+            const double share = std::min(1.0, of_a_part * std::clamp(explained, 0.0, 1.0) / effect.probability);
             effect.probability *= share;
             for (auto& rival : effect.rivals) rival.probability *= share;
         }
@@ -497,7 +509,7 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     d.where = where_they_disagree(d);
     RunControl whole = control; // with the verdict made, the rest takes moments
     whole.stop = nullptr;
-    d.next_experiment = next_experiment(d, whole);
+    d.next_experiment = next_experiment(coarse, d, whole);
     return d;
 }
 

@@ -92,11 +92,12 @@ std::vector<Experiment> menu(const Limits& l, double sample_time, bool closed_lo
 
 } // namespace
 
-std::optional<NextExperiment> next_experiment(const Diagnosis& d, const RunControl& control) {
+std::optional<NextExperiment> next_experiment(const MachineModel& machine, const Diagnosis& d,
+                                              const RunControl& control) {
     const bool is_open =
         d.verdict == "undecided" || d.verdict == "partial" || std::ranges::any_of(d.effects, &NamedEffect::is_open);
     if (!is_open || d.effects.empty() || d.search.ranking.size() < 2) return std::nullopt;
-    const ModelFit fit(d.before, d.search.fitted);
+    const ModelFit fit(machine, d.search.fitted);
     // The best and the nearest of other names.
     const Hypothesis& a = d.search.ranking[0].hypothesis;
     const Hypothesis& b = d.search.ranking[1].hypothesis;

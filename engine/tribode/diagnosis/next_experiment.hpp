@@ -16,7 +16,9 @@ struct NextExperiment {
 };
 
 // The record on which rivals that could not be told apart differ most, simulated as they were fitted: one of a list, within
-// the stroke, speed and thrust already seen. Nothing where there is nothing to decide.
-std::optional<NextExperiment> next_experiment(const Diagnosis& diagnosis, const RunControl& control);
+// the stroke, speed and thrust already seen. `machine`: as it was searched, of which the rivals' fields are so many deviations off.
+// Nothing where there is nothing to decide.
+std::optional<NextExperiment> next_experiment(const MachineModel& machine, const Diagnosis& diagnosis,
+                                              const RunControl& control);
 
 } // namespace tribode

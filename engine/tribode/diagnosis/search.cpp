@@ -40,7 +40,7 @@ constexpr Beginning beginnings[] = {{100, 16, 4}, {100, 8, 8}, {150, 6, 6},  {20
                                     {600, 4, 6},  {900, 4, 6}, {1400, 4, 6}, {2500, 4, 6}, {5000, 3, 6}};
 constexpr std::size_t grown_from = 400;      // samples of the first beginning on which uncertain fields are found
 constexpr double slow = 1.5;                 // times the rms of noise: errors above are looked at
-constexpr double much_longer = 2;            // times the stroke of another record
+constexpr double much_longer = 1.5;          // times the stroke of another record
 constexpr std::size_t beginnings_from = 800; // samples of the first beginning for a form sought on beginnings
 constexpr double worthwhile = 0.8;           // of chi square there without the candidate: points above are given up
 constexpr double followed = 1.5;             // chi square per sample up to which a beginning is simulated as it went
@@ -151,7 +151,8 @@ class Search {
         choose_lead(beam.front().together);
         const Scored bare = beam[bare_place];
         std::vector<Begun> beside_bare;
-        std::optional<SearchResult> of_noise; // that left noise, but slow errors for which another effect was sought
+        std::optional<SearchResult> taken; // with the noise floors of its own machine: what is tried later sets others
+        bool of_noise = false;             // it leaves noise, but slow errors for which another effect is sought
         for (std::size_t level = 1; level <= max_effects_ && !late(); ++level) {
             std::vector<Scored> pool;
             std::optional<std::set<std::string>> enough; // effects of a hypothesis to which noise alone is left
@@ -176,23 +177,34 @@ class Search {
                 pool = paired(bare, beside_bare);
                 look_for_enough();
             }
+            const std::string what = "effect " + std::to_string(level);
+            const auto best_of_pool = [&] {
+                double best = std::numeric_limits<double>::infinity();
+                for (const auto& one : pool) best = std::min(best, one.together.chi_square);
+                return best;
+            };
             std::vector<Hypothesis> waiting; // fitted to the lead, of the bases so far
+            const auto follow = [&](std::vector<Begun> list, const Scored& base) {
+                std::ranges::move(fitted_to_lead(points_of(std::move(list), base, level), what),
+                                  std::back_inserter(waiting));
+                if (&base != &beam.back() && !is_promising(waiting)) return;
+                for (auto& next : fitted_to_all(std::exchange(waiting, {}), what, enough.has_value(), best_of_pool())) {
+                    pool.push_back(std::move(next));
+                }
+                look_for_enough();
+            };
             for (const auto& base : beam) {
                 // Another way to the same effect, by other fields, cannot gain on noise.
                 if (level == 1 && std::ranges::any_of(pool, [&](const Scored& one) { return is_noise(one); })) break;
                 // Another way to such a hypothesis, or a rival of it, has one of its effects.
-                const std::string what = "effect " + std::to_string(level);
                 auto list = begun(base, what, enough);
                 if (level == 1 && &base == &beam[bare_place] && !enough) beside_bare = list;
-                std::ranges::move(fitted_to_lead(points_of(std::move(list), base, level), what),
-                                  std::back_inserter(waiting));
-                if (&base != &beam.back() && !is_promising(waiting)) continue;
-                double best = std::numeric_limits<double>::infinity();
-                for (const auto& one : pool) best = std::min(best, one.together.chi_square);
-                for (auto& next : fitted_to_all(std::exchange(waiting, {}), what, enough.has_value(), best)) {
-                    pool.push_back(std::move(next));
-                }
-                look_for_enough();
+                follow(std::move(list), base);
+            }
+            // What leads the whole motion away does not yet do so at first.
+            for (const auto& base : beam) {
+                if (level > 1 || best_of_pool() < promising * static_cast<double>(count(all_))) break;
+                follow(begun(base, what, enough, true), base);
             }
             rank(pool);
             if (pool.empty()) break;
@@ -226,13 +238,11 @@ class Search {
             if (of_noise && (pool.front().score > before.score - worth || leaves_slow_errors(pool.front()))) break;
             result_.ranking = pool;
             result_.steps.push_back(pool.front());
+            taken = result_;
             // A part of several effects may be all that some records show, and nothing to the validation record.
             if (!better && !halved) break;
-            of_noise.reset();
-            if (adequate(pool.front())) {
-                if (!leaves_slow_errors(pool.front())) break;
-                of_noise = result_;
-            }
+            of_noise = adequate(pool.front());
+            if (of_noise && !leaves_slow_errors(pool.front())) break;
             beam.clear();
             if (auto shown = with_farthest_as_described(pool.front())) beam.push_back(std::move(*shown));
             std::set<std::vector<std::string>> seen;
@@ -245,8 +255,8 @@ class Search {
                 if (other && seen.insert(other->names()).second) beam.push_back(*other);
             }
         }
-        if (of_noise) {
-            result_ = *std::move(of_noise);
+        if (taken) {
+            result_ = *std::move(taken);
             gather_records();
         }
     }
@@ -774,9 +784,9 @@ class Search {
         return candidates(clues, wanted);
     }
 
-    // Every effect that may be beside the base, or those of `only`.
+    // Every effect that may be beside the base, or those of `only`; or those that were sought on whole records alone, on beginnings.
     std::vector<Begun> begun(const Scored& base, const std::string& what,
-                             const std::optional<std::set<std::string>>& only) const {
+                             const std::optional<std::set<std::string>>& only, bool on_beginnings = false) const {
         const ModelFit lead(machine_, lead_records_);
         const MachineModel machine = lead.machine(base.together);
         const auto present = base.names();
@@ -794,13 +804,16 @@ class Search {
                               std::back_inserter(found));
         }
         std::vector<Begun> list;
-        for (auto& candidate : found) list.push_back({std::make_shared<const Candidate>(std::move(candidate)), {}});
+        for (auto& candidate : found) {
+            if (on_beginnings && (candidate.rugged || candidate.on_beginnings)) continue;
+            list.push_back({std::make_shared<const Candidate>(std::move(candidate)), {}});
+        }
         for_each_index(list.size(), control_, what + ": screening", [&](std::size_t i) {
             if (late()) return;
             auto& [candidate, points] = list[i];
-            points = candidate->rugged          ? grown_starts(base.together, candidate)
-                     : candidate->on_beginnings ? starts_on_beginnings(base.together, candidate)
-                                                : starts_of(base.together, candidate, lead);
+            points = candidate->rugged                           ? grown_starts(base.together, candidate)
+                     : on_beginnings || candidate->on_beginnings ? starts_on_beginnings(base.together, candidate)
+                                                                 : starts_of(base.together, candidate, lead);
         });
         go_on();
         std::erase_if(list, [](const Begun& one) { return one.points.empty(); });

@@ -47,16 +47,20 @@ table.insert(m.encoder.errors, p)
         for (const auto& found : sinusoids(c.measured, c.whitened, {}, shortest, longest, 3)) {
             const double A = found.amplitude * c.innovation;
             one.push_back({A, found.period, found.phase});
-            two.push_back({A, found.period, found.phase, 0.1 * A, 0});
-            two.push_back({A, found.period, found.phase, 0.1 * A, 3});
+            if (!two.empty()) continue;
+            for (const double phase : {0.0, 3.0}) {
+                two.push_back({A, found.period, found.phase, 0.1 * A, phase});
+                // A loop follows slow errors, and fast ones remain: it may be the second harmonic.
+                if (2 * found.period < longest) two.push_back({0.1 * A, 2 * found.period, phase, A, found.phase});
+            }
         }
-        if (two.size() > 2) two.resize(2);
         const auto amplitude = [&c](const char* name) { return factor(name, 1e-3 * c.innovation, 0.3 * c.stroke); };
         const FitParameter A = amplitude("A"), period = factor("period_m", shortest / 2, longest);
         return {{.form = "fundamental", .parameters = {A, period, angle("phase")}, .starts = one},
                 {.form = "two harmonics",
                  .parameters = {A, period, angle("phase"), amplitude("A2"), angle("phase2")},
-                 .starts = two}};
+                 .starts = two,
+                 .tried = 4}};
     },
     .fit_order = 210,
 };
