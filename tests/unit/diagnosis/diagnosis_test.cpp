@@ -292,6 +292,69 @@ TEST(Diagnosis, ABacklashIsFoundThoughNoiseDecidesWhereTheBodiesMeet) {
     EXPECT_NEAR(d.effects[0].parameters["load_fraction"].get<double>(), 0.4, 0.03);
 }
 
+TEST(Diagnosis, ABacklashOfAHeavyLoadAndASoftContactIsFound) {
+    Json stiff = small_axis();
+    stiff["rigid_gain_per_kg"] = 0.034;
+    stiff["friction"] = {{"coulomb", 4}, {"viscous", 2.6}};
+    stiff["controller"] = {
+        {"type", "pid"}, {"kp", 268100}, {"ki", 2672000}, {"kd", 3985}, {"derivative_filter_hz", 400}};
+    const Json hidden = Json::parse(R"([{"name": "backlash", "parameters": {"gap_m": 2e-5, "load_fraction": 0.7,
+        "contact_hz": 90, "contact_zeta": 0.14, "sensor": "load"}}])");
+    DriveRecord shaken = sine_record(0, 1, 3);
+    for (std::size_t k = 0; k < shaken.t.size(); ++k) {
+        const double t = shaken.t[k];
+        shaken.excitation[k] = 12 * std::sin(2 * std::numbers::pi * (3 + 20 * t) * t);
+    }
+    const Diagnosis d = diagnosed_between(stiff, hidden, stiff, shaken, sine_record(1e-3, 2, 3));
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects[0].name, "backlash");
+    EXPECT_EQ(d.effects[0].parameters["sensor"], "load");
+    EXPECT_NEAR(d.effects[0].parameters["gap_m"].get<double>(), 2e-5, 1e-6);
+}
+
+TEST(Diagnosis, AnEncoderErrorIsFoundThoughTheLoopTurnsItsPhase) {
+    Json stiff = small_axis();
+    stiff["rigid_gain_per_kg"] = 0.076;
+    stiff["process_noise_rms_N"] = 0.08;
+    stiff["controller"] = {
+        {"type", "pid"}, {"kp", 115300}, {"ki", 1132000}, {"kd", 1739}, {"derivative_filter_hz", 300}};
+    const Json hidden = Json::parse(R"([{"name": "encoder_periodic_error",
+        "parameters": {"A": 2.5e-6, "period_m": 0.002, "phase": 5.6, "A2": 4e-7, "phase2": 2.9}}])");
+    const Diagnosis d = diagnosed_between(stiff, hidden, stiff, sine_record(0.04, 0.5, 4), sine_record(0.006, 1, 4));
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects[0].name, "encoder_periodic_error");
+    for (const char* name : {"A", "period_m", "A2"}) {
+        expect_parameter(d.effects[0], name, hidden[0]["parameters"][name].get<double>());
+    }
+}
+
+// Gain, friction and modes within their tolerances, and the spring that leads the motion away: on whole records a gain of the thrust
+// comes nearest to them.
+TEST(Diagnosis, WhatLeadsTheMotionAwayIsFoundOnItsBeginning) {
+    const auto machine = [](double friction, double gain, const char* modes) {
+        Json one = small_axis();
+        one["controller"] = {{"type", "pid"}, {"kp", 10000}, {"ki", 40000}, {"kd", 380}, {"derivative_filter_hz", 300}};
+        one["rigid_gain_per_kg"] = gain;
+        one["friction"] = {{"viscous", 2.5 * friction}, {"elements", Json::array()}};
+        for (const auto& [F, K] : {std::pair{1.3, 1.8e6}, {1.0, 3e5}, {1.0, 4e4}, {1.4, 8e3}, {0.9, 1.6e3}}) {
+            one["friction"]["elements"].push_back({{"F", friction * F}, {"K", friction * K}});
+        }
+        one["modes"] = Json::parse(modes);
+        return one;
+    };
+    const Json real = machine(1, 0.152, R"([{"freq_hz": 82.7, "gain": 0.01, "zeta": 0.0115},
+        {"freq_hz": 168.4, "gain": 0.0073, "zeta": 0.042}])");
+    Json believed = machine(1.2, 0.14, R"([{"freq_hz": 83.2, "gain": 0.011, "zeta": 0.01},
+        {"freq_hz": 165.6, "gain": 0.0072, "zeta": 0.035}])");
+    believed["tolerance"] = {{"rigid_gain_per_kg", 0.045}, {"friction.elements", 0.1}, {"friction.viscous", 0.18},
+                             {"modes.freq_hz", 0.018},     {"modes.gain", 0.08},       {"modes.zeta", 0.13}};
+    const Json hidden = Json::parse(R"([{"name": "spring_force", "parameters": {"k": 240, "y0": 0}}])");
+    const Diagnosis d = diagnosed_between(real, hidden, believed, sine_record(1e-3, 2, 6), sine_record(0.02, 1, 6));
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects[0].name, "spring_force");
+    expect_parameter(d.effects[0], "k", 240);
+}
+
 TEST(Diagnosis, AHiddenModeIsFoundThoughItsPhaseRunsRoundManyTimes) {
     const MachineModel machine = MachineModel::from_description(small_axis(), "case");
     const Json hidden =

@@ -1,6 +1,8 @@
+#include "tribode/base/constants.hpp"
 #include "tribode/effect/candidate.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 namespace tribode::effects {
 
@@ -46,12 +48,17 @@ table.insert(m.encoder.errors, p)
         std::vector<std::vector<double>> one, two;
         for (const auto& found : sinusoids(c.measured, c.whitened, {}, shortest, longest, 3)) {
             const double A = found.amplitude * c.innovation;
-            one.push_back({A, found.period, found.phase});
-            if (!two.empty()) continue;
-            for (const double phase : {0.0, 3.0}) {
-                two.push_back({A, found.period, found.phase, 0.1 * A, phase});
-                // A loop follows slow errors, and fast ones remain: it may be the second harmonic.
-                if (2 * found.period < longest) two.push_back({0.1 * A, 2 * found.period, phase, A, found.phase});
+            const bool first = two.empty();
+            // A loop turns the phase: by how much depends on how fast a period passes.
+            for (int quarter = 0; quarter < 4; ++quarter) {
+                const double phase = std::remainder(found.phase + quarter * two_pi / 4, two_pi);
+                one.push_back({A, found.period, phase});
+                if (!first) continue;
+                for (const double other : {0.0, 3.0}) {
+                    two.push_back({A, found.period, phase, 0.1 * A, other});
+                    // A loop follows slow errors, and fast ones remain: it may be the second harmonic.
+                    if (2 * found.period < longest) two.push_back({0.1 * A, 2 * found.period, other, A, phase});
+                }
             }
         }
         const auto amplitude = [&c](const char* name) { return factor(name, 1e-3 * c.innovation, 0.3 * c.stroke); };
