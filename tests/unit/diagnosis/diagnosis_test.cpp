@@ -330,7 +330,7 @@ TEST(Diagnosis, AnEncoderErrorIsFoundThoughTheLoopTurnsItsPhase) {
 
 // Gain, friction and modes within their tolerances, and the spring that leads the motion away: on whole records a gain of the thrust
 // comes nearest to them.
-TEST(Diagnosis, WhatLeadsTheMotionAwayIsFoundOnItsBeginning) {
+TEST(Diagnosis, ASpringThatLeadsTheMotionAwayIsFoundOnItsBeginning) {
     const auto machine = [](double friction, double gain, const char* modes) {
         Json one = small_axis();
         one["controller"] = {{"type", "pid"}, {"kp", 10000}, {"ki", 40000}, {"kd", 380}, {"derivative_filter_hz", 300}};
