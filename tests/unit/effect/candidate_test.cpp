@@ -1,6 +1,7 @@
 #include "tribode/base/error.hpp"
 #include "tribode/effect/candidate.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <gtest/gtest.h>
 #include <numbers>
@@ -140,6 +141,36 @@ TEST(Candidate, what_a_longer_record_shows_whole_is_a_ripple_and_what_none_does_
     }
     EXPECT_TRUE(ripple);
     EXPECT_TRUE(arm);
+}
+
+// What of an encoder's error shows in the errors of prediction may be its second harmonic.
+TEST(Candidate, an_encoder_error_may_have_twice_the_period_that_shows) {
+    Record record;
+    const double period = 0.5e-3;
+    for (std::size_t k = 0; k < record.whitened.size(); ++k) {
+        record.whitened[k] = 20 * std::sin(2 * std::numbers::pi / period * record.measured[k]);
+    }
+    for (const auto& candidate : record.candidates()) {
+        if (candidate.kind().name != "encoder_periodic_error" || candidate.form != "two harmonics") continue;
+        for (const double expected : {period, 2 * period}) {
+            EXPECT_TRUE(std::ranges::any_of(candidate.starts, [&](const auto& start) {
+                return std::abs(start[1] - expected) < 1e-3 * expected;
+            })) << expected;
+        }
+        return;
+    }
+    FAIL();
+}
+
+// Where friction is off besides, the power that explains most may be on the wrong side of a gain, and no fit crosses it.
+TEST(Candidate, a_power_law_is_begun_on_both_sides_of_a_gain) {
+    for (const auto& candidate : Record().candidates()) {
+        if (candidate.kind().name != "thrust_power_law") continue;
+        EXPECT_TRUE(std::ranges::any_of(candidate.starts, [](const auto& start) { return start[0] < 1; }));
+        EXPECT_TRUE(std::ranges::any_of(candidate.starts, [](const auto& start) { return start[0] > 1; }));
+        return;
+    }
+    FAIL();
 }
 
 TEST(Candidate, a_ripple_is_sought_down_to_the_period_that_the_motion_shows) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
+#include <utility>
 
 namespace tribode::effects {
 
@@ -61,9 +62,18 @@ m.amplifier.exponent, m.amplifier.size = p.exponent, p.size
             starts.push_back({fit.explained, exponent, c.max_thrust * std::clamp(of_most, 0.05, 20.0)});
         }
         std::ranges::stable_sort(starts, std::ranges::greater{}, &Start::explained);
+        // The two best, and the best on the other side of a gain: no fit leads through an exponent of one.
+        std::vector<std::vector<double>> tried;
+        bool below = false, above = false;
+        for (const auto& [explained, exponent, size] : starts) {
+            bool& is_known = exponent < 1 ? below : above;
+            if (tried.size() < 2 || !is_known) tried.push_back({exponent, size});
+            is_known = true;
+        }
         // In an open loop a start that is a tenth off leads the whole motion away, but not its beginning.
         return {{.parameters = {factor("exponent", 0.2, 5), factor("size", 0.05 * c.max_thrust, 20 * c.max_thrust)},
-                 .starts = {{starts[0].exponent, starts[0].size}, {starts[1].exponent, starts[1].size}},
+                 .starts = std::move(tried),
+                 .tried = 3,
                  .on_beginnings = true}};
     },
     .fit_order = 135,
