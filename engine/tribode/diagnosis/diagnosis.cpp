@@ -163,9 +163,13 @@ class Verdict {
             (!poor_validation && !removed(validation, poor_fit ? best.together_validation : best.validation))) {
             return 0;
         }
-        // One set of parameters that leaves little of all records agrees with each of them.
-        constexpr double little = 3; // of chi square per sample
-        const bool leaves_little = best.together_fitted < little && best.together_validation < little;
+        // One set of parameters that leaves little of the errors of all records agrees with each of them.
+        const auto is_little = [](double before, double after) {
+            constexpr double little = 3, share = 0.05 * 0.05; // of chi square per sample
+            return after < std::max(little, share * before);
+        };
+        const bool leaves_little =
+            is_little(fitted, best.together_fitted) && is_little(validation, best.together_validation);
         if (!poor_fit && !poor_validation && !leaves_little && !sizes_agree(best)) return 0;
         for (const auto& rival : s.ranking) {
             if (rival.names() != best.names() && is_near(rival, best) && is_allowed_beside(rival, best) &&

@@ -148,6 +148,7 @@ m.add_force {
                 std::move(long_one)};
     },
     .fit_order = 90,
+    .simpler = {"gravity"},
 };
 
 } // namespace tribode::effects
