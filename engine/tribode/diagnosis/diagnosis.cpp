@@ -268,7 +268,9 @@ class Verdict {
                 }
                 // Where more than noise remains, differences of scores are those of what both lack.
                 const bool is_open = alike || (trust < 1 && is_near(other, best));
-                const double w = is_open ? 1 : std::exp(-(other.score - best.score) / (2 * temperature));
+                const double by_prediction = std::exp(-0.5 * std::pow(std::max(other.behind, 0.0), 2));
+                const double w =
+                    is_open ? 1 : std::max(by_prediction, std::exp(-(other.score - best.score) / (2 * temperature)));
                 if (w < 1e-4) continue;
                 weight += w;
                 one.rivals.push_back({name, w});

@@ -51,6 +51,8 @@ constexpr double settled_limit = 3;
 constexpr double worth_an_effect = 10;
 // Chi square by that of a hypothesis to which noise alone is left, above which another one is no rival.
 constexpr double hopeless = 1.5;
+// Chi square by that of the first of a ranking, up to which a hypothesis is compared with it by what both predict.
+constexpr double rivaling = 1.05;
 // Standard deviations of the gain in prediction from which a hypothesis is preferred to one that it contains. The gain is the
 // square of what a parameter does, its deviation twice that: a parameter of four standard errors.
 constexpr double sure_gain = 2;
@@ -100,6 +102,7 @@ class Search {
         try {
             search();
             validate();
+            compare_rivals();
             Scored& last = result_.ranking.empty() ? result_.baseline : result_.ranking.front();
             if (adequate(last) && last.validation > SearchResult::limit(result_.validation) && !last.together.settled)
                 share(last);
@@ -513,6 +516,25 @@ class Search {
             result_.steps.front() = ranking.front();
         } else if (!result_.steps.empty()) {
             one_of_all(result_.steps.front());
+        }
+    }
+
+    // Of two explanations that both leave noise, the better one fits better by what both lack as well: in what is left out of a fit it
+    // must be better beyond what errors do that are correlated.
+    void compare_rivals() {
+        auto& ranking = result_.ranking;
+        if (ranking.size() < 2 || !adequate(ranking.front()) || ranking.front().together.settled) return;
+        const Scored& first = ranking.front();
+        std::vector<std::size_t> rows;
+        for (const auto& record : all_) rows.push_back(record.samples());
+        std::optional<Eigen::VectorXd> best;
+        for (std::size_t i = 1; i < ranking.size() && !late(); ++i) {
+            Scored& other = ranking[i];
+            if (other.together.chi_square > rivaling * first.together.chi_square) continue;
+            if (other.names().size() != first.names().size() || !adequate(other)) continue;
+            if (!best) best = predicted(first.together);
+            const Eigen::VectorXd its = predicted(other.together);
+            if (its.size() == best->size()) other.behind = gain_in_deviations(its, *best, rows);
         }
     }
 

@@ -18,6 +18,8 @@ struct Scored {
     double score = 0;                  // chi square of all records, plus the penalty of the free parameters
     Hypothesis hypothesis;             // parameters of the fitted records
     double fitted = 0, validation = 0; // chi square per sample with these: the latter is predicted
+    // By how many standard deviations it predicts what is left out worse than the first of its ranking; infinite where it was not compared.
+    double behind = std::numeric_limits<double>::infinity();
 
     std::vector<std::string> names() const;
     // Whether the other one is a special case of this one: it lacks one of the effects, or has simpler kinds in its place or
