@@ -643,10 +643,21 @@ class Search {
         if (straight.score < one.score) one = std::move(straight);
     }
 
+    // Whether a parameter of an effect is where a simpler kind has none, as the path before friction slips at next to nothing.
+    static bool is_at_bound(const Hypothesis& h, std::size_t effect) {
+        const auto values = h.values_of(effect);
+        const auto& parameters = h.effects[effect]->parameters;
+        for (std::size_t i = 0; i < values.size(); ++i) {
+            const double close = 1e-3 * (std::isfinite(parameters[i].high) ? std::abs(values[i]) : 0);
+            if (values[i] <= parameters[i].low + close || values[i] >= parameters[i].high - close) return true;
+        }
+        return false;
+    }
+
     // An effect of many parameters may have taken the place of a simpler one, which did less alone and was dropped: each of
     // those of the first hypothesis is replaced by its simpler kinds in turn, unless the ranking has that; and the best of
     // these gets another one beside it, of them or of the same kind with fewer parameters. While more than noise remains, what
-    // has not been tried is not, but for kinds that are sought in this way only.
+    // has not been tried is not, but for kinds that are sought in this way only, and where a parameter is at its bound.
     std::vector<Scored> simplified(const std::vector<Scored>& pool, std::size_t level) const {
         const Scored& one = pool.front();
         std::vector<Scored> list;
@@ -664,15 +675,17 @@ class Search {
             std::set<std::string> missing;
             std::vector<Hypothesis> instead;
             const bool enough = leaves_noise(one);
+            const bool looks_simpler = is_at_bound(one.together, i);
             for (const auto& name : kind.simpler) {
                 const auto known =
                     std::ranges::find_if(pool, [&](const Scored& other) { return other.names() == with(name); });
                 if (known == pool.end()) {
-                    if (enough || effect_kind(name).only_in_place) missing.insert(name);
+                    if (enough || looks_simpler || effect_kind(name).only_in_place) missing.insert(name);
                 } else if (known->together.chi_square > one.together.chi_square + worth ||
                            known->together.parameter_count() >= one.together.parameter_count()) {
                     // Its own fit may have ended early, or it has other forms of the others beside it.
                     auto again = in_place(one.together, i, known->together, name);
+                    if (!again && looks_simpler) missing.insert(name); // begun where the others are now
                     if (!again) continue;
                     Scored better = scored(std::move(*again));
                     instead.push_back(better.together);
@@ -684,7 +697,7 @@ class Search {
             if (!missing.empty()) {
                 Hypothesis without = one.together;
                 without.remove(i);
-                refine(without, all_, 4, control_.workers);
+                if (!looks_simpler) refine(without, all_, 4, control_.workers);
                 for (auto& next : fitted_beside(scored(std::move(without)), level, missing, one)) {
                     instead.push_back(next.together);
                     list.push_back(std::move(next));
