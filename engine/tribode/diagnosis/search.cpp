@@ -843,13 +843,17 @@ class Search {
             if (on_beginnings && (candidate.rugged || candidate.on_beginnings)) continue;
             list.push_back({std::make_shared<const Candidate>(std::move(candidate)), {}});
         }
-        for_each_index(list.size(), control_, what + ": screening", [&](std::size_t i) {
-            if (late()) return;
-            auto& [candidate, points] = list[i];
-            points = candidate->rugged                           ? grown_starts(base.together, candidate)
-                     : on_beginnings || candidate->on_beginnings ? starts_on_beginnings(base.together, candidate)
-                                                                 : starts_of(base.together, candidate, lead);
-        });
+        if (on_beginnings) {
+            race_on_beginnings(list, base.together, what);
+        } else {
+            for_each_index(list.size(), control_, what + ": screening", [&](std::size_t i) {
+                if (late()) return;
+                auto& [candidate, points] = list[i];
+                points = candidate->rugged          ? grown_starts(base.together, candidate)
+                         : candidate->on_beginnings ? starts_on_beginnings(base.together, candidate)
+                                                    : starts_of(base.together, candidate, lead);
+            });
+        }
         go_on();
         std::erase_if(list, [](const Begun& one) { return one.points.empty(); });
         std::ranges::stable_sort(list, {}, [](const Begun& one) { return one.points.front().chi_square; });
@@ -1235,6 +1239,40 @@ class Search {
         std::erase_if(points, [](const Hypothesis& h) { return !std::isfinite(h.chi_square); });
         std::ranges::stable_sort(points, {}, &Hypothesis::chi_square);
         return points;
+    }
+
+    // What is missing follows a beginning of the record nearly as far as noise allows; what falls far behind that is given up.
+    void race_on_beginnings(std::vector<Begun>& list, const Hypothesis& base, const std::string& what) const {
+        const Evidence& record = clue_record_;
+        const std::size_t first = first_shown(base, record);
+        bool begun = false;
+        for (std::size_t samples = beginnings_from; first + samples < record.measurement.size(); samples *= 2) {
+            const std::vector<Evidence> part{beginning(record, first + samples)};
+            const ModelFit fit(machine_, part);
+            for_each_index(list.size(), control_, what + ": beginnings", [&](std::size_t i) {
+                auto& [candidate, points] = list[i];
+                if (!begun) points = starts_of(base, candidate, fit);
+                for (auto& h : points) {
+                    if (!late()) refine(h, part, 6, 1);
+                }
+            });
+            begun = true;
+            go_on();
+            double best = std::numeric_limits<double>::infinity();
+            for (const auto& one : list) {
+                for (const auto& h : one.points) best = std::min(best, h.chi_square);
+            }
+            const double behind = out_of_reach * std::max(best, static_cast<double>(fit.sample_count()));
+            for (auto& one : list) {
+                std::erase_if(one.points, [&](const Hypothesis& h) { return !(h.chi_square < behind); });
+            }
+        }
+        const ModelFit lead(machine_, lead_records_);
+        for (auto& one : list) {
+            for (auto& h : one.points) lead.evaluate(h);
+            std::erase_if(one.points, [](const Hypothesis& h) { return !std::isfinite(h.chi_square); });
+            std::ranges::stable_sort(one.points, {}, &Hypothesis::chi_square);
+        }
     }
 
     // Of a sorted list: fits that converged to the same parameters count once.
