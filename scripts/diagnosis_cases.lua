@@ -623,6 +623,9 @@ local function attempt(kind, wrong)
   if #effects == 1 and truth[1].name == "coulomb_friction" and model_error and model_error.friction == "direction" then
     accept[#accept + 1] = "asymmetric_friction"
   end
+  if #effects == 1 and truth[1].name == "unknown" and truth[1].params.kind == "bristle" then
+    accept[#accept + 1] = "lugre_friction" -- with as much damping
+  end
   if #effects == 0 then accept, truth = { "none" }, { { name = "none" } } end
   -- Whether the effects show in these is left to chance.
   for _ = 1, option.more do

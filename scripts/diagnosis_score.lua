@@ -205,6 +205,7 @@ local function judge(name, case, diagnosis, failure)
     c.right = d.verdict == "nothing_missing"
   else
     c.right = d.verdict == "unknown_effect" or d.verdict == "undecided"
+      or first ~= nil and contains(c.accept, first.name)
   end
   c.wrong_and_sure = not contains(c.accept, c.answer) and not contains(besides, c.answer) and first ~= nil
     and c.probability > 0.8 and not c.right
