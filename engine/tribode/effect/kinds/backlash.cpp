@@ -60,7 +60,8 @@ m.backlash = p
             std::vector<std::vector<double>> probes;
             for (const double gap : geometric(2e-6, 1e-3, 20)) {
                 for (const double share : {0.2, 0.35, 0.5, 0.65, 0.8}) {
-                    for (const double contact : {80.0, 110.0, 160.0, 240.0, 340.0, 500.0}) probes.push_back({gap, share, contact, 0.2});
+                    for (const double contact : {80.0, 110.0, 160.0, 240.0, 340.0, 500.0})
+                        probes.push_back({gap, share, contact, 0.2});
                 }
             }
             for (const char* sensor : {"motor", "load"}) {
