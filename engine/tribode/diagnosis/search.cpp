@@ -648,7 +648,7 @@ class Search {
         const auto values = h.values_of(effect);
         const auto& parameters = h.effects[effect]->parameters;
         for (std::size_t i = 0; i < values.size(); ++i) {
-            const double close = 1e-3 * (std::isfinite(parameters[i].high) ? std::abs(values[i]) : 0);
+            const double close = 1e-3 * std::abs(values[i]);
             if (values[i] <= parameters[i].low + close || values[i] >= parameters[i].high - close) return true;
         }
         return false;
@@ -675,17 +675,17 @@ class Search {
             std::set<std::string> missing;
             std::vector<Hypothesis> instead;
             const bool enough = leaves_noise(one);
-            const bool looks_simpler = is_at_bound(one.together, i);
+            const bool at_bound = is_at_bound(one.together, i);
             for (const auto& name : kind.simpler) {
                 const auto known =
                     std::ranges::find_if(pool, [&](const Scored& other) { return other.names() == with(name); });
                 if (known == pool.end()) {
-                    if (enough || looks_simpler || effect_kind(name).only_in_place) missing.insert(name);
+                    if (enough || at_bound || effect_kind(name).only_in_place) missing.insert(name);
                 } else if (known->together.chi_square > one.together.chi_square + worth ||
                            known->together.parameter_count() >= one.together.parameter_count()) {
                     // Its own fit may have ended early, or it has other forms of the others beside it.
                     auto again = in_place(one.together, i, known->together, name);
-                    if (!again && looks_simpler) missing.insert(name); // begun where the others are now
+                    if (!again && at_bound) missing.insert(name); // begun where the others are now
                     if (!again) continue;
                     Scored better = scored(std::move(*again));
                     instead.push_back(better.together);
@@ -697,7 +697,7 @@ class Search {
             if (!missing.empty()) {
                 Hypothesis without = one.together;
                 without.remove(i);
-                if (!looks_simpler) refine(without, all_, 4, control_.workers);
+                if (!at_bound) refine(without, all_, 4, control_.workers);
                 for (auto& next : fitted_beside(scored(std::move(without)), level, missing, one)) {
                     instead.push_back(next.together);
                     list.push_back(std::move(next));

@@ -3,6 +3,7 @@
 #include "tribode/diagnosis/model_fit.hpp"
 
 #include <chrono>
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>

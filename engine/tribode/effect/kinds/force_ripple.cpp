@@ -148,7 +148,7 @@ m.add_force {
                 std::move(long_one)};
     },
     .fit_order = 90,
-    .simpler = {"gravity"},
+    .simpler = {"gravity"}, // of a period longer than the stroke
 };
 
 } // namespace tribode::effects
