@@ -1,5 +1,6 @@
 #include "tribode/diagnosis/fixed_steps.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/base/lanes.hpp"
 #include "tribode/system/contacts.hpp"
 #include "tribode/system/input_delays.hpp"
 
@@ -428,15 +429,26 @@ class FixedSteps::Run {
     bool are_inputs_set_ = false, look_anew_ = true; // what holds is to be found
 };
 
+// With the widest registers that the processor has, as Tape::evaluate_lanes().
+[[gnu::flatten]] TRIBODE_CLONES void FixedSteps::run_four(const Course& course, Sets sets, std::size_t substeps,
+                                                          std::vector<double>& all) const {
+    Run<4>(*this, course, sets).over(substeps, all);
+}
+
+[[gnu::flatten]] TRIBODE_CLONES void FixedSteps::run_eight(const Course& course, Sets sets, std::size_t substeps,
+                                                           std::vector<double>& all) const {
+    Run<8>(*this, course, sets).over(substeps, all);
+}
+
 std::vector<double> FixedSteps::outputs(const Course& course, std::span<const std::vector<double>> sets,
                                         std::size_t substeps) const {
     std::vector<double> all(sets.size() * output_count_ * course.samples, std::numeric_limits<double>::quiet_NaN());
     if (sets.size() == 1) {
         Run<1>(*this, course, sets).over(substeps, all);
     } else if (sets.size() <= 4) {
-        Run<4>(*this, course, sets).over(substeps, all);
+        run_four(course, sets, substeps, all);
     } else {
-        Run<8>(*this, course, sets).over(substeps, all);
+        run_eight(course, sets, substeps, all);
     }
     return all;
 }

@@ -57,6 +57,9 @@ class FixedSteps {
     FixedSteps() = default;
     template <std::size_t lanes>
     class Run;
+    using Sets = std::span<const std::vector<double>>;
+    void run_four(const Course& course, Sets sets, std::size_t substeps, std::vector<double>& all) const;
+    void run_eight(const Course& course, Sets sets, std::size_t substeps, std::vector<double>& all) const;
 
     std::vector<double> starts_, parameters_, own_inputs_; // values, where they do not move
     std::vector<std::size_t> moved_parameters_, moved_starts_;

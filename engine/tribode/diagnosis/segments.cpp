@@ -56,6 +56,7 @@ class Cutter {
         if (result.errors.empty()) return std::nullopt;
         made.values = result.values;
         made.errors = result.errors;
+        made.substeps = result.substeps;
         return made;
     }
 
@@ -120,7 +121,7 @@ SystemFit Segments::fit(const std::vector<double>& scale, Interpolation between)
     std::vector<std::size_t> all;
     for (const auto& record : records) all.push_back(record.size());
     SystemFit made{records, scale, between, all};
-    made.begin_search();
+    made.begin_search(substeps);
     return made;
 }
 

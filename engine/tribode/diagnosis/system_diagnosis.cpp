@@ -604,15 +604,19 @@ class Diagnoser {
         std::ranges::stable_sort(rich, {}, [](const Contender& one) { return one.candidate->score(); });
         std::set<std::set<std::string>> known;
         std::map<std::string, std::size_t> sharing;
+        std::vector<const SystemCandidate*> kept;
         for (auto* list : {&simple, &rich}) {
             std::erase_if(*list, [&](const Contender& one) {
                 const auto kinds = kinds_from(*one.candidate, 0);
                 if (!known.insert(kinds).second) return true;
+                // The same in other words would take the place of another.
+                const auto is_same = [&](const SystemCandidate* other) { return other->equals(*one.candidate); };
+                if (std::ranges::any_of(kept, is_same)) return true;
                 // Where the validation records refused all, models that share a term were refused together.
-                if (steps_.size() > 1) return false;
-                if (std::ranges::any_of(kinds, [&](const auto& kind) { return sharing[kind] == max_sharing; }))
-                    return true;
+                const auto is_shared = [&](const auto& kind) { return sharing[kind] == max_sharing; };
+                if (steps_.size() < 2 && std::ranges::any_of(kinds, is_shared)) return true;
                 for (const auto& kind : kinds) ++sharing[kind];
+                kept.push_back(one.candidate);
                 return false;
             });
             if (list->size() > max_compared) list->resize(max_compared);

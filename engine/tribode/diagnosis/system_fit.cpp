@@ -2,6 +2,7 @@
 #include "tribode/base/error.hpp"
 #include "tribode/diagnosis/fixed_steps.hpp"
 #include "tribode/diagnosis/lane_fit.hpp"
+#include "tribode/diagnosis/normal_equations.hpp"
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/experiment/system_run.hpp"
 #include "tribode/system/contacts.hpp"
@@ -457,6 +458,9 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
     if (result.errors.empty() || result.values.empty()) return result;
     double damping = 1e-3;
     std::vector<double> steps;
+    std::vector<Eigen::Index> ends; // of the records, among the errors
+    for (const std::size_t end : rows_before()) ends.push_back(static_cast<Eigen::Index>(end));
+    ends.erase(ends.begin());
     for (; result.iterations < iterations && !ended(); ++result.iterations) {
         Eigen::MatrixXd j = lanes ? lanes->jacobian(result.values, result.errors)
                                   : jacobian_by_runs(model, result.values, result.errors, &steps, ended);
@@ -467,12 +471,10 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
             j.col(i) /= norm[i];
         }
         const Eigen::Map<const Eigen::VectorXd> e(result.errors.data(), j.rows());
-        const Eigen::MatrixXd normal = j.transpose() * j;
-        const Eigen::VectorXd gradient = j.transpose() * e;
-        const auto damped_solution = [&](double with_damping, const Eigen::VectorXd& right) -> Eigen::VectorXd {
-            Eigen::MatrixXd damped = normal;
-            damped.diagonal().array() += with_damping + 1e-12;
-            return damped.ldlt().solve(right);
+        const NormalEquations normal(j, static_cast<Eigen::Index>(model.parameters.size()), ends);
+        const Eigen::VectorXd gradient = normal.product(e);
+        const auto damped_solution = [&](double with_damping, const Eigen::VectorXd& right) {
+            return normal.damped_solution(with_damping + 1e-12, right);
         };
         const auto moved_by = [&](const Eigen::VectorXd& step) { // step: over the norms
             std::vector<double> next = result.values;
@@ -524,7 +526,7 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
                             const auto place = static_cast<std::size_t>(i);
                             step[i] = (sets[l][place] - result.values[place]) * norm[i];
                         }
-                        const Eigen::VectorXd right = j.transpose() * (there - e) + normal * step;
+                        const Eigen::VectorXd right = normal.product(there - e) + normal.times(step);
                         const Eigen::VectorXd bend = damped_solution(dampings[l], right);
                         if (!(bend.norm() < most_bent * step.norm())) continue;
                         bent.push_back(moved_by(step + bend));

@@ -32,12 +32,15 @@ class Screen {
           values_(values),
           terms_(terms),
           fit_(fit),
+          careful_(fit),
           samples_(errors.size()),
           stride_(std::max<std::size_t>(1, errors.size() / max_rows)),
           error_(thinned(errors)),
           basis_(free_directions(errors)),
           open_(rest(error_)),
-          effect_(terms.size()) {}
+          effect_(terms.size()) {
+        careful_.begin_search();
+    }
 
     // The effect of each amplitude of a term at its start, less what free values can do.
     void simulate(std::size_t i) {
@@ -58,7 +61,7 @@ class Screen {
                     }
                 }
                 const SystemModel more = extended(model_, term, own);
-                const auto there = fit_.errors(more, more_values(model_, values_, own));
+                const auto there = errors(more, more_values(model_, values_, own));
                 if (there.size() != samples_) {
                     share *= 0.01;
                     continue;
@@ -182,6 +185,15 @@ class Screen {
     }
 
   private:
+    // Steps that follow the model are short enough for the small effect of a term too, unless it is faster than all else.
+    std::vector<double> errors(const SystemModel& more, const std::vector<double>& values) const {
+        if (more.equations.states.size() == model_.equations.states.size()) {
+            auto there = fit_.errors(more, values);
+            if (there.size() == samples_) return there;
+        }
+        return careful_.errors(more, values);
+    }
+
     static bool by_share(const ScreenedTerms& a, const ScreenedTerms& b) { return a.explained > b.explained; }
     // The best sum of two of these terms, and of three, where each explains much of what fewer leave.
     void add_best_sums(const std::vector<std::size_t>& some, std::vector<ScreenedTerms>& found) const {
@@ -303,6 +315,7 @@ class Screen {
     const std::vector<double>& values_;
     const std::vector<SystemTerm>& terms_;
     const SystemFit& fit_;
+    SystemFit careful_; // finds how short steps have to be
     std::size_t samples_, stride_;
     Eigen::VectorXd error_;
     Eigen::MatrixXd basis_; // of what free values can do

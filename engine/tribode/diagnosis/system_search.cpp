@@ -333,9 +333,9 @@ std::vector<SystemTerm> SystemSearch::terms_beside(const SystemCandidate& curren
 std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) {
     const auto terms = terms_beside(current, false);
     std::vector<Hypothesis> list;
-    for (auto& some :
-         chosen(screened_terms(current.model, current.values, current.fitted, terms, fit_of_shown(), control_, late_),
-                terms)) {
+    for (auto& some : chosen(screened_terms(current.model, current.values, current.fitted, terms,
+                                            fit_of(shown_, current.substeps), control_, late_),
+                             terms)) {
         list.push_back({current, std::move(some)});
     }
     if (current.terms.empty() && rms_of_errors(current.fitted) > explains_little) {
@@ -436,6 +436,7 @@ struct OnSegments {
     ScreenedTerms terms;
     SystemModel model;
     std::vector<double> values, errors = {};
+    std::size_t substeps = 0; // of a sample, that were enough; 0: not known
 
     // The Bayesian information criterion [Schwarz 1978] of each sample.
     double criterion() const {
@@ -461,7 +462,7 @@ OnSegments extended_on_segments(const OnSegments& from, const ScreenedTerms& add
 // Without its term of this place. `begin`: what it grew from, without any.
 OnSegments less_on_segments(const OnSegments& from, std::size_t without, const OnSegments& begin,
                             const std::vector<SystemTerm>& terms) {
-    OnSegments less{.terms = {}, .model = begin.model, .values = {}};
+    OnSegments less{.terms = {}, .model = begin.model, .values = {}, .substeps = from.substeps};
     std::size_t place = begin.model.parameters.size();
     less.values.assign(from.values.begin(), from.values.begin() + static_cast<std::ptrdiff_t>(place));
     for (std::size_t i = 0; i < from.terms.terms.size(); ++i) {
@@ -506,39 +507,51 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
         }
         segments->values = current.values;
         segments->errors = current.fitted;
+        segments->substeps = current.substeps;
     }
-    SystemFit fit_segments = segments->fit(scale_, between_);
-    if (FixedSteps::of(current.model)) fit_segments.keep_to_fixed_steps();
+    const bool has_fixed_steps = FixedSteps::of(current.model).has_value();
+    const auto fit_segments = [&](std::size_t substeps) {
+        SystemFit made = segments->fit(scale_, between_);
+        made.begin_search(substeps);
+        if (has_fixed_steps) made.keep_to_fixed_steps();
+        return made;
+    };
+    const SystemFit fit_begin = fit_segments(segments->substeps);
     std::vector<SystemTrace> traces;
     for (std::size_t r = 0; r < segments->records.size(); ++r) {
-        auto trace = fit_segments.simulate(segments->model, segments->values, r, segments->records[r].size());
+        auto trace = fit_begin.simulate(segments->model, segments->values, r, segments->records[r].size());
         if (!trace) return {};
         traces.push_back(std::move(*trace));
     }
     const std::size_t states = first_.equations.states.size();
     const SystemModel model = segments->model.with(segments->values);
-    const auto terms = system_terms(model, states, fit_segments, variables_of(model, states, fit_segments, traces),
-                                    segments->errors, true);
+    const auto terms =
+        system_terms(model, states, fit_begin, variables_of(model, states, fit_begin, traces), segments->errors, true);
     const auto fitted_on_segments = [&](std::vector<OnSegments> some) {
-        for_each_index(some.size(), control_, fmt::format("fitting {} hypotheses to segments", some.size()),
-                       [&](std::size_t c) {
-                           if (late()) return;
-                           auto result = fit_segments.fit(some[c].model, some[c].values, segment_iterations, late_);
-                           some[c].values = std::move(result.values);
-                           some[c].errors = std::move(result.errors);
-                       });
+        for_each_index(
+            some.size(), control_, fmt::format("fitting {} hypotheses to segments", some.size()), [&](std::size_t c) {
+                if (late()) return;
+                auto result =
+                    fit_segments(some[c].substeps).fit(some[c].model, some[c].values, segment_iterations, late_);
+                some[c].values = std::move(result.values);
+                some[c].errors = std::move(result.errors);
+                some[c].substeps = result.substeps;
+            });
         std::erase_if(some, [](const OnSegments& one) { return one.errors.empty(); });
         sort_by_criterion(some);
         return some;
     };
-    const OnSegments begin{
-        .terms = {}, .model = segments->model, .values = segments->values, .errors = segments->errors};
+    const OnSegments begin{.terms = {},
+                           .model = segments->model,
+                           .values = segments->values,
+                           .errors = segments->errors,
+                           .substeps = segments->substeps};
     // The best further terms beside a sum, each form once, without the sums that are known.
     std::set<std::set<std::string>> known;
     const auto longer = [&](const OnSegments& one) {
         std::vector<OnSegments> list;
         for (const auto& single :
-             screened_singles(one.model, one.values, one.errors, terms, fit_segments, control_, late_)) {
+             screened_singles(one.model, one.values, one.errors, terms, fit_segments(one.substeps), control_, late_)) {
             auto more = extended_on_segments(one, single, terms);
             if (!known.insert(forms_of(more.terms, terms)).second) continue;
             list.push_back(std::move(more));
@@ -548,7 +561,7 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
     };
     std::vector<OnSegments> list;
     for (auto& some :
-         chosen(screened_terms(begin.model, begin.values, begin.errors, terms, fit_segments, control_, late_), terms)) {
+         chosen(screened_terms(begin.model, begin.values, begin.errors, terms, fit_begin, control_, late_), terms)) {
         list.push_back(extended_on_segments(begin, some, terms));
         known.insert(forms_of(list.back().terms, terms));
     }
@@ -633,8 +646,8 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
             continue;
         }
         kinds.insert(one->terms.back().kind());
-        const auto screened =
-            screened_singles(one->model, one->values, one->fitted, terms, fit_of_shown(), control_, late_);
+        const auto screened = screened_singles(one->model, one->values, one->fitted, terms,
+                                               fit_of(shown_, one->substeps), control_, late_);
         const SystemTerm& first = one->terms.back();
         std::set<std::string> seconds;
         std::size_t best = 0;
@@ -864,8 +877,8 @@ std::optional<SystemCandidate> SystemSearch::exchanged(const SystemCandidate& ca
             const auto terms = terms_beside(less, true);
             std::vector<Hypothesis> list;
             std::set<std::string> forms = {present.terms[i].form()};
-            for (const auto& single :
-                 screened_singles(less.model, less.values, less.fitted, terms, fit_of_shown(), control_, late_)) {
+            for (const auto& single : screened_singles(less.model, less.values, less.fitted, terms,
+                                                       fit_of(shown_, less.substeps), control_, late_)) {
                 if (!forms.insert(terms[single.terms[0]].form()).second) continue;
                 list.push_back({less, single});
                 if (list.size() == alternatives) break;

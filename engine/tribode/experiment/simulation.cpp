@@ -210,12 +210,18 @@ std::vector<std::array<double, 4>> band_limited(const std::vector<double>& u) {
     const long count = static_cast<long>(u.size());
     const auto sample = [&](long k) { return u[static_cast<std::size_t>(std::clamp(k, 0L, count - 1))]; };
     // d/ds of sum u[n] sinc(s - n) at s = k: (-1)^(k-n)/(k-n), under a Hann window.
-    const auto slope = [&](long k) {
-        double sum = 0;
+    static const auto weights = [] {
+        std::array<double, reach> all{};
         for (long n = 1; n <= reach; ++n) {
             const double window = 0.5 + 0.5 * std::cos(std::numbers::pi * static_cast<double>(n) / (reach + 1));
-            sum += (n % 2 ? 1.0 : -1.0) * window / static_cast<double>(n) * (sample(k + n) - sample(k - n));
+            all[static_cast<std::size_t>(n - 1)] = (n % 2 ? 1.0 : -1.0) * window / static_cast<double>(n);
         }
+        return all;
+    }();
+    const auto slope = [&](long k) {
+        double sum = 0;
+        for (long n = 1; n <= reach; ++n)
+            sum += weights[static_cast<std::size_t>(n - 1)] * (sample(k + n) - sample(k - n));
         return sum;
     };
     std::vector<double> slopes(u.size());

@@ -9,6 +9,7 @@
 #include <bit>
 #include <cassert>
 #include <cmath>
+#include <cstring>
 #include <fmt/format.h>
 #include <iterator>
 #include <map>
@@ -415,8 +416,8 @@ inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* 
     for (std::size_t part = 0; part < read_counts_.size(); ++part) {
         const double* input = inputs[part];
         for (std::uint32_t count = read_counts_[part]; count > 0; --count) {
-            const std::size_t index = *read++;
-            for (std::size_t l = 0; l < lanes; ++l) *next++ = input[index * lanes + l];
+            std::memcpy(next, input + std::size_t{*read++} * lanes, lanes * sizeof(double)); // in one move
+            next += lanes;
         }
     }
     // A loop, because a call for a handful of numbers costs more than they do.

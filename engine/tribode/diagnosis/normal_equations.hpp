@@ -1,0 +1,30 @@
+#pragma once
+#include <Eigen/Core>
+#include <vector>
+
+namespace tribode {
+
+// j^T j of a Jacobian whose rows are records and whose columns are parameters and then the start values of each record. The errors of a
+// record do not depend on the start values of others: where records are segments most of the matrix is zero.
+class NormalEquations {
+  public:
+    // The Jacobian must outlive it. `ends`: behind the last row of each record. Where these are one or do not go with the columns, all columns count as parameters.
+    NormalEquations(const Eigen::MatrixXd& jacobian, Eigen::Index parameters, const std::vector<Eigen::Index>& ends);
+
+    Eigen::VectorXd product(const Eigen::Ref<const Eigen::VectorXd>& errors) const; // j^T errors
+    Eigen::VectorXd times(const Eigen::VectorXd& x) const;                          // j^T j x
+
+    // Of (j^T j + damping I) x = right. Start values are eliminated, record by record.
+    Eigen::VectorXd damped_solution(double damping, const Eigen::VectorXd& right) const;
+
+  private:
+    struct Starts {
+        Eigen::MatrixXd own, shared; // j_s^T j_s and j_p^T j_s, of the start values s and the parameters p
+    };
+    const Eigen::MatrixXd& jacobian_;
+    std::vector<Eigen::Index> ends_; // of the records, where start values stand apart
+    Eigen::MatrixXd parameters_;     // j_p^T j_p
+    std::vector<Starts> starts_;     // of each record
+};
+
+} // namespace tribode
