@@ -457,6 +457,14 @@ TEST_F(SystemDiagnosisOfALag, AShareOfTheInputThatIsThereAtOnce) {
     EXPECT_NEAR(effect["parameters"]["feedthrough_gain"].get<double>(), 0.1, 0.01);
 }
 
+// Its shape has no name.
+TEST_F(SystemDiagnosisOfALag, AValveWithAKneeAtEachEnd) {
+    verdict = "partial";
+    const Json effect = found_in(
+        lag("f + s.b * (0.4 * math.exp((s.u - 1.4) / 0.12) - 0.5 * math.exp(-(s.u + 1.4) / 0.2))"), both_signs);
+    EXPECT_EQ(effect["name"], "curve");
+}
+
 // The first model explains nothing of it, as the speed turns as often as not.
 TEST_F(SystemDiagnosisOfALag, ASensorThatDoesNotTellTheDirection) {
     const Json effect = found_in(lag("f"), levels, "math.abs(run.values.y[i]) - run.values.y[i]");

@@ -16,7 +16,7 @@ struct Segments {
     std::vector<double> values; // fitted: parameters, then the start values of each segment
     std::vector<double> errors; // at the values, relative to the scale of the outputs
 
-    std::size_t substeps = 0;   // of a sample, that were enough; 0: not known
+    std::size_t substeps = 0; // of a sample, that were enough; 0: not known
 
     SystemFit fit(const std::vector<double>& scale, Interpolation between) const;
 

@@ -66,6 +66,14 @@ class Shapes {
         }
     }
 
+    void add_curves() {
+        for (const TermTarget& target : library_.targets) {
+            target_ = &target;
+            if (target.is_inner) continue;
+            for (const auto& variable : library_.variables) curve(variable);
+        }
+    }
+
   private:
     // The name that a term of a force or an acceleration has among effects.
     std::string physical(const std::string& name, const std::string& of) const {
@@ -260,6 +268,52 @@ class Shapes {
                      {{"level", level, variable.low - 0.5 * span, highest, span, variable.unit}}});
             }
         }
+    }
+
+    // What a characteristic is beside a straight line, whatever its shape: straight pieces between levels that lie closer together at the
+    // ends of the range, where knees are.
+    void curve(const SystemVariable& variable) {
+        const auto& w = variable.values;
+        std::vector<double> sorted = w, levels;
+        std::ranges::sort(sorted);
+        const double span = variable.high - variable.low, digits = 2 - std::floor(std::log10(span));
+        const auto rounded = [ten = std::pow(10, std::abs(digits)),
+                              digits](double value) { // to a hundredth of the span or less
+            return digits > 0 ? std::round(value * ten) / ten : std::round(value / ten) * ten;
+        };
+        // Each piece needs samples of its own.
+        const auto least = static_cast<std::ptrdiff_t>(std::max<std::size_t>(5, w.size() / 200));
+        auto begin = sorted.begin();
+        for (const double place : {0.03, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97}) {
+            const double level = rounded(variable.low + place * span);
+            const auto end = std::ranges::lower_bound(sorted, level);
+            if (end - begin < least || sorted.end() - end < least) continue;
+            levels.push_back(level);
+            begin = end;
+        }
+        if (levels.size() < 3) return;
+        SystemTerm made{
+            .name = curve_term, .equation = target_->name, .of = variable.name, .variables = {variable.name}};
+        made.amplitudes = levels.size();
+        made.neutral.assign(levels.size(), 0);
+        for (std::size_t i = 0; i < levels.size(); ++i) {
+            std::vector<double> above = w;
+            for (double& value : above) value = std::max(value - levels[i], 0.0);
+            made.parameters.push_back(
+                library_.amplitude(*target_, fmt::format("bend{}", i + 1), rms_of_values(above), variable.unit));
+        }
+        made.apply = [target = *target_, w = variable.symbol, levels](Equations& equations,
+                                                                      const std::vector<Term>& p) {
+            const TermArithmetic m{*equations.graph};
+            const auto piece = [&](std::size_t i) {
+                return m.multiply(p[i], m.positive(m.subtract(w, m.number(levels[i]))));
+            };
+            Term sum = piece(0);
+            for (std::size_t i = 1; i < levels.size(); ++i) sum = m.add(sum, piece(i));
+            target.add(equations, sum);
+            return sum;
+        };
+        library_.terms.push_back(std::move(made));
     }
 
     void product(const SystemVariable& one, const SystemVariable& other) {
@@ -486,5 +540,7 @@ class Shapes {
 } // namespace
 
 void add_shapes(TermLibrary& library, bool with_nameless) { Shapes(library).add_all(with_nameless); }
+
+void add_curves(TermLibrary& library) { Shapes(library).add_curves(); }
 
 } // namespace tribode

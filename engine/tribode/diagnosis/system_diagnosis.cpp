@@ -31,7 +31,7 @@ constexpr double told_from_nothing = 2; // standard errors that what is there mu
 constexpr std::size_t max_terms = 12;
 // Compared on the validation records: how many, and by how much their scores may be larger than that of what was found. Where nothing
 // was, how many of them may have a term in common.
-constexpr std::size_t max_compared = 6, max_sharing = 2;
+constexpr std::size_t max_compared = 6, max_curves = 3, max_sharing = 2;
 constexpr double likely_score = 3;
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
@@ -619,7 +619,15 @@ class Diagnoser {
                 kept.push_back(one.candidate);
                 return false;
             });
-            if (list->size() > max_compared) list->resize(max_compared);
+            if (list->size() <= max_compared) continue;
+            // A curve says nothing beyond where it was fitted, and what is hidden from the search may lie there: one that was added last is
+            // compared wherever it stands.
+            const auto is_curve = [](const Contender& one) { return one.candidate->terms.back().name == curve_term; };
+            std::vector<Contender> curves;
+            std::copy_if(list->begin() + max_compared, list->end(), std::back_inserter(curves), is_curve);
+            if (curves.size() > max_curves) curves.resize(max_curves);
+            list->resize(max_compared);
+            std::ranges::copy(curves, std::back_inserter(*list));
         }
         std::vector<Contender> list = std::move(simple);
         std::ranges::copy(rich, std::back_inserter(list));

@@ -38,7 +38,7 @@ constexpr std::array sizes = {0.03, -0.03, 0.1, -0.1, 0.3, -0.3, 1.0, -1.0};
 constexpr std::size_t shortest_beginning = 60; // samples
 // A second term is sought beside so many single terms that fit best, and as many of those with one parameter; so many of each
 // are fitted.
-constexpr std::size_t deepened_singles = 3, fitted_seconds = 8;
+constexpr std::size_t deepened_singles = 3, fitted_seconds = 8, fitted_curves = 3;
 constexpr double worth_a_fit = 0.5;     // of what the best second term explains, for a plain one
 constexpr double negligible = 0.02;     // of what the best single term explains to first order
 constexpr double explains_little = 0.5; // errors over the outputs' deviations
@@ -289,6 +289,7 @@ std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening,
     std::size_t further = 0;
     for (const auto& single : screening.singles) {
         const SystemTerm& term = terms[single.terms[0]];
+        if (term.name == curve_term) continue; // see curved()
         const bool is_first = named[term.name]++ == 0;
         // A term of one value is quickly fitted, and one that turns the motion into another one explains little to first order.
         const bool is_quick = term.parameters.size() == 1 && count[term.kind()] == 0;
@@ -332,10 +333,10 @@ std::vector<SystemTerm> SystemSearch::terms_beside(const SystemCandidate& curren
 
 std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) {
     const auto terms = terms_beside(current, false);
+    const Screening screening = screened_terms(current.model, current.values, current.fitted, terms,
+                                               fit_of(shown_, current.substeps), control_, late_);
     std::vector<Hypothesis> list;
-    for (auto& some : chosen(screened_terms(current.model, current.values, current.fitted, terms,
-                                            fit_of(shown_, current.substeps), control_, late_),
-                             terms)) {
+    for (auto& some : chosen(screening, terms)) {
         list.push_back({current, std::move(some)});
     }
     if (current.terms.empty() && rms_of_errors(current.fitted) > explains_little) {
@@ -359,6 +360,7 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
     };
     if (!is_enough()) add(followed(current));
     if (!is_enough()) add(fitted(deepened(current, found, terms), terms));
+    if (!is_enough()) add(curved(current, screening, terms));
     sort_by_score(found);
     reconsider_inputs(found);
     return found;
@@ -661,7 +663,7 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
         for (const auto& single : screened) {
             const SystemTerm& second = terms[single.terms[0]];
             // Two of a kind say little, and a pair is the same in either order.
-            if (kinds.contains(second.kind()) || seconds.contains(second.form())) continue;
+            if (kinds.contains(second.kind()) || seconds.contains(second.form()) || second.name == curve_term) continue;
             // Functions of the same variable make up a curve together that none of them is, as drag and dry friction do.
             const bool is_same_variable = second.equation == first.equation && second.of == first.of;
             // Others that explain to first order what a better one does say nothing new, but one with one parameter may do so with
@@ -676,6 +678,22 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
         }
     }
     return list;
+}
+
+// The likeliest curves, the best of them also with a delay or a lag. Beside richer terms of a screening they would crowd out all else.
+std::vector<SystemCandidate> SystemSearch::curved(const SystemCandidate& current, const Screening& screening,
+                                                  const std::vector<SystemTerm>& terms) const {
+    std::vector<Hypothesis> list;
+    for (const auto& single : screening.singles) {
+        if (terms[single.terms[0]].name == curve_term && list.size() < fitted_curves) list.push_back({current, single});
+    }
+    auto found = fitted(list, terms);
+    if (found.empty()) return found;
+    sort_by_score(found);
+    auto with_timing = deepened(current, {found.front()}, terms);
+    std::erase_if(with_timing, [&](const Hypothesis& one) { return !is_timing(terms[one.terms.terms.back()]); });
+    std::ranges::move(fitted(with_timing, terms), std::back_inserter(found));
+    return found;
 }
 
 SystemCandidate SystemSearch::started(const Hypothesis& hypothesis, const std::vector<SystemTerm>& terms) const {

@@ -107,6 +107,8 @@ class SystemSearch {
                                         const std::vector<SystemTerm>& terms) const;
     std::vector<Hypothesis> deepened(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
                                      const std::vector<SystemTerm>& terms) const;
+    std::vector<SystemCandidate> curved(const SystemCandidate& current, const Screening& screening,
+                                        const std::vector<SystemTerm>& terms) const;
     std::vector<SystemCandidate> followed(const SystemCandidate& current) const;
     std::vector<ScreenedTerms> chosen(const Screening& screening, const std::vector<SystemTerm>& terms) const;
 

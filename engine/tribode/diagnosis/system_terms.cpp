@@ -269,6 +269,7 @@ std::vector<SystemTerm> system_terms(const SystemModel& model, std::size_t state
     add_periodic(library);
     add_overflows(library);
     add_paths(library);
+    if (!with_nameless) add_curves(library);
     return std::move(library.terms);
 }
 

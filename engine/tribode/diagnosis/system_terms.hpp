@@ -36,6 +36,8 @@ struct SystemTerm {
 };
 
 inline constexpr const char* nameless_term = "term";
+// A function of one variable of any shape, by several values: for what no name fits.
+inline constexpr const char* curve_term = "curve";
 
 // A quantity of the system as the current model has it, over the samples of the fit.
 struct SystemVariable {
@@ -57,7 +59,7 @@ std::vector<SystemVariable> variables_of(const SystemModel& model, std::size_t s
 
 // All terms that the library has for this system, in a fixed order. Each can be put into any model of the same system, with
 // other terms or without. `errors`: of the current model, scaled as by SystemFit. `with_nameless`: also products of functions of
-// two variables that have no name but "term".
+// two variables that have no name but "term"; else also curves.
 std::vector<SystemTerm> system_terms(const SystemModel& model, std::size_t states, const SystemFit& fit,
                                      const std::vector<SystemVariable>& variables, const std::vector<double>& errors,
                                      bool with_nameless = false);

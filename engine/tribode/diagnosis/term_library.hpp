@@ -81,6 +81,7 @@ std::string unit_of_quotient(const std::string& a, const std::string& b);
 // Each adds its terms to the list.
 void add_shapes(TermLibrary& library,
                 bool with_nameless);      // functions of one variable or two in a derivative or an output
+void add_curves(TermLibrary& library);    // of one variable, of any shape
 void add_periodic(TermLibrary& library);  // in a variable, or in time
 void add_overflows(TermLibrary& library); // of one state, or of one into another
 void add_paths(TermLibrary& library);     // of inputs, outputs and inner signals

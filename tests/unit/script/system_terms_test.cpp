@@ -142,7 +142,8 @@ TEST(SystemTerms, EachOfADrivenVehicleRunsAndCanBeWritten) {
                  "play",
                  "delay",
                  "resonant_mode",
-                 "clipping"});
+                 "clipping",
+                 "curve"});
 }
 
 // Two masses behind a coupling, under a controller of their difference to a reference: what is between them acts on both.
