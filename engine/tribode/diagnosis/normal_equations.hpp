@@ -8,11 +8,12 @@ namespace tribode {
 // record do not depend on the start values of others: where records are segments most of the matrix is zero.
 class NormalEquations {
   public:
-    // The Jacobian must outlive it. `ends`: behind the last row of each record. Where these are one or do not go with the columns, all columns count as parameters.
+    // The Jacobian must outlive it. `parameters`: how many of its columns. `ends`: behind the last row of each record, each of which
+    // has as many start values. Of one record, or of ends that do not go with the matrix, all columns count as parameters.
     NormalEquations(const Eigen::MatrixXd& jacobian, Eigen::Index parameters, const std::vector<Eigen::Index>& ends);
 
-    Eigen::VectorXd product(const Eigen::Ref<const Eigen::VectorXd>& errors) const; // j^T errors
-    Eigen::VectorXd times(const Eigen::VectorXd& x) const;                          // j^T j x
+    Eigen::VectorXd product(const Eigen::Ref<const Eigen::VectorXd>& errors) const; // j^T errors, of all rows
+    Eigen::VectorXd times(const Eigen::VectorXd& x) const;                          // j^T j x, of all columns
 
     // Of (j^T j + damping I) x = right. Start values are eliminated, record by record.
     Eigen::VectorXd damped_solution(double damping, const Eigen::VectorXd& right) const;

@@ -623,6 +623,16 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
     return fitted(best, terms);
 }
 
+// A delay or a lag does what time constants do, but for what shows where these have moved: each form that is not known beside a model.
+void SystemSearch::add_timing(const SystemCandidate& one, const std::vector<SystemTerm>& terms,
+                              std::set<std::string>& forms, std::vector<Hypothesis>& list) const {
+    for (std::size_t i = 0; i < terms.size(); ++i) {
+        if (!is_timing(terms[i]) || !forms.insert(terms[i].form()).second) continue;
+        list.push_back({one, {.terms = {i}, .starts = {{}}, .explained = 0}});
+        for (const auto& parameter : terms[i].parameters) list.back().terms.starts[0].push_back(parameter.start);
+    }
+}
+
 std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandidate& current,
                                                              const std::vector<SystemCandidate>& found,
                                                              const std::vector<SystemTerm>& terms) const {
@@ -653,13 +663,10 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
         const SystemTerm& first = one->terms.back();
         std::set<std::string> seconds;
         std::size_t best = 0;
-        // A delay or a lag does what time constants do, but for what shows where these have moved.
-        for (std::size_t i = 0; i < terms.size(); ++i) {
-            if (!is_timing(terms[i]) || kinds.contains(terms[i].kind()) || !seconds.insert(terms[i].form()).second)
-                continue;
-            list.push_back({*one, {.terms = {i}, .starts = {{}}, .explained = 0}});
-            for (const auto& parameter : terms[i].parameters) list.back().terms.starts[0].push_back(parameter.start);
+        for (const auto& term : terms) {
+            if (kinds.contains(term.kind())) seconds.insert(term.form());
         }
+        add_timing(*one, terms, seconds, list);
         for (const auto& single : screened) {
             const SystemTerm& second = terms[single.terms[0]];
             // Two of a kind say little, and a pair is the same in either order.
@@ -690,9 +697,10 @@ std::vector<SystemCandidate> SystemSearch::curved(const SystemCandidate& current
     auto found = fitted(list, terms);
     if (found.empty()) return found;
     sort_by_score(found);
-    auto with_timing = deepened(current, {found.front()}, terms);
-    std::erase_if(with_timing, [&](const Hypothesis& one) { return !is_timing(terms[one.terms.terms.back()]); });
-    std::ranges::move(fitted(with_timing, terms), std::back_inserter(found));
+    list.clear();
+    std::set<std::string> forms;
+    add_timing(found.front(), terms, forms, list);
+    std::ranges::move(fitted(list, terms), std::back_inserter(found));
     return found;
 }
 

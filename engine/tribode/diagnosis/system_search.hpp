@@ -4,6 +4,7 @@
 
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -107,6 +108,8 @@ class SystemSearch {
                                         const std::vector<SystemTerm>& terms) const;
     std::vector<Hypothesis> deepened(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
                                      const std::vector<SystemTerm>& terms) const;
+    void add_timing(const SystemCandidate& one, const std::vector<SystemTerm>& terms, std::set<std::string>& forms,
+                    std::vector<Hypothesis>& list) const;
     std::vector<SystemCandidate> curved(const SystemCandidate& current, const Screening& screening,
                                         const std::vector<SystemTerm>& terms) const;
     std::vector<SystemCandidate> followed(const SystemCandidate& current) const;

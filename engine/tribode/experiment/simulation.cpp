@@ -220,8 +220,9 @@ std::vector<std::array<double, 4>> band_limited(const std::vector<double>& u) {
     }();
     const auto slope = [&](long k) {
         double sum = 0;
-        for (long n = 1; n <= reach; ++n)
+        for (long n = 1; n <= reach; ++n) {
             sum += weights[static_cast<std::size_t>(n - 1)] * (sample(k + n) - sample(k - n));
+        }
         return sum;
     };
     std::vector<double> slopes(u.size());
