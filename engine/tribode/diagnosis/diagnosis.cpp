@@ -23,6 +23,7 @@ constexpr double temperature = 3;
 constexpr double certain = 0.98;
 constexpr double decided = 0.6;           // probability above which an effect is told from its rivals
 constexpr double of_a_part = 0.75;        // where more than noise is left
+constexpr double near = 1.5;              // chi square of a rival by that of the best, where more than noise is left
 constexpr double clearly_less = 0.9;      // of chi square
 constexpr double least_of_an_effect = 10; // of chi square
 constexpr double apart_from_alike = 4;    // ratio of chi square of two laws of one behavior
@@ -171,9 +172,14 @@ class Verdict {
         const bool leaves_little =
             is_little(fitted, best.together_fitted) && is_little(validation, best.together_validation);
         if (!poor_fit && !poor_validation && !leaves_little && !sizes_agree(best)) return 0;
+        // A record that shows no gap tells nothing of rivals, and what has all that the best one has says the same with more.
+        const auto shows_near = [&](const Scored& rival) {
+            return (!poor_fit && rival.together_fitted < near * best.together_fitted) ||
+                   (!poor_validation && rival.together_validation < near * best.together_validation);
+        };
         for (const auto& rival : s.ranking) {
-            if (rival.names() != best.names() && is_near(rival, best) && is_allowed_beside(rival, best) &&
-                !other_name(rival, best)) {
+            if (rival.names() != best.names() && !rival.contains(best) && shows_near(rival) &&
+                is_allowed_beside(rival, best) && !other_name(rival, best)) {
                 return 0;
             }
         }
@@ -218,8 +224,8 @@ class Verdict {
 
     // Where more than noise remains.
     static bool is_near(const Scored& other, const Scored& best) {
-        return other.together_fitted < 1.5 * best.together_fitted ||
-               other.together_validation < 1.5 * best.together_validation;
+        return other.together_fitted < near * best.together_fitted ||
+               other.together_validation < near * best.together_validation;
     }
 
     // Where two hypotheses differ in one effect: the name of the effect of the best one, and of that in its place.

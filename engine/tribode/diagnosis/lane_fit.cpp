@@ -64,8 +64,9 @@ void LaneFit::lay_out() {
 
 std::optional<LaneFit> LaneFit::of(const SystemFit& fit, const SystemModel& model, const std::vector<double>& values,
                                    std::size_t substeps) {
-    auto steps = FixedSteps::of(model);
-    if (!steps || !all_finite(values)) return std::nullopt;
+    if (!all_finite(values)) return std::nullopt;
+    auto steps = FixedSteps::of(model.with(values));
+    if (!steps) return std::nullopt;
     LaneFit made(fit, model, *std::move(steps));
     if (made.steps_.is_static()) {
         if (made.errors_with(values, 1).empty()) return std::nullopt;

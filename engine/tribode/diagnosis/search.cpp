@@ -242,8 +242,13 @@ class Search {
             result_.ranking = pool;
             result_.steps.push_back(pool.front());
             taken = result_;
-            // A part of several effects may be all that some records show, and nothing to the validation record.
-            if (!better && !halved) break;
+            // A part of several effects may be all that some records show, and nothing to the validation record. Of two of which none
+            // does much alone, pairs come next, beside none of the effects that were found.
+            if (!better && !halved) {
+                if (level > 1) break;
+                beam = {bare};
+                continue;
+            }
             of_noise = adequate(pool.front());
             if (of_noise && !leaves_slow_errors(pool.front())) break;
             beam.clear();

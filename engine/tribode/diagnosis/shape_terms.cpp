@@ -45,6 +45,7 @@ class Shapes {
                 if (target_->is_inner) continue;
                 thresholds(variable);
                 hysteresis(variable, nullptr);
+                bouc_wen(variable);
                 memory(variable);
             }
             for (std::size_t i = 0; i < library_.variables.size() && !target_->is_inner; ++i) {
@@ -88,6 +89,7 @@ class Shapes {
             if (name == "linear") return "spring_force";
             if (name == "cubic") return "cubic_stiffness";
             if (name == "hysteresis") return "presliding_hysteresis";
+            if (name == "bouc_wen") return "bouc_wen_friction";
             // Friction has no sign of a position.
             if (name == "dry_friction") return "preloaded_spring";
         }
@@ -192,6 +194,8 @@ class Shapes {
 
     // Dry friction that holds the velocity at zero, a force that nature chooses.
     void sticking(const SystemVariable& velocity) {
+        const auto holds = [&](const auto& contact) { return contact.quantity == velocity.symbol; };
+        if (std::ranges::any_of(library_.model.equations.contacts, holds)) return;
         SystemTerm made{.name = physical("dry_friction", velocity.name),
                         .equation = target_->name,
                         .of = velocity.name,
@@ -455,18 +459,45 @@ class Shapes {
         }
     }
 
-    // A force that follows the direction of motion over a distance [Dahl 1968]: der(z) = (rate - |rate| z)/distance. With a
-    // load, in proportion to it.
-    void hysteresis(const SystemVariable& variable, const SystemVariable* load) {
-        std::optional<Term> input_rate;
+    // Of a position: by what rate it moves. Of a state that is no position the rate is not what it moves by.
+    std::optional<Term> motion_of(const SystemVariable& variable) const {
         for (const auto& input : library_.model.equations.inputs) {
-            if (input.name == rate_name_of(variable.name)) input_rate = input.symbol;
+            if (input.name == rate_name_of(variable.name)) return input.symbol;
         }
-        // Of a state that is no position the rate is not what it moves by.
-        if (!input_rate &&
-            (!variable.state || !library_.is_definition(library_.model.equations.states[*variable.state].rate))) {
-            return;
-        }
+        if (!variable.state) return std::nullopt;
+        const Term rate = library_.model.equations.states[*variable.state].rate;
+        return library_.is_definition(rate) ? std::optional(rate) : std::nullopt;
+    }
+
+    // A state z of its own, between -1 and 1, that follows the direction of a motion over a distance; its force is a function of z.
+    // `with_rate`: der(z) from the rate of the motion, z and the parameters.
+    void
+    slipping(SystemTerm made, const std::string& name, Term rate,
+             const std::function<Term(const TermArithmetic&, Term rate, Term z, const std::vector<Term>&)>& rate_of,
+             const std::function<Term(const TermArithmetic&, Term z, const std::vector<Term>&)>& force_of) {
+        made.apply = [target = *target_, name, rate, rate_of, force_of](Equations& equations,
+                                                                        const std::vector<Term>& p) {
+            const TermArithmetic m{*equations.graph};
+            std::string own = name + "_slip";
+            while (std::any_of(equations.states.begin(), equations.states.end(),
+                               [&](const auto& s) { return s.name == own; })) {
+                own += "_";
+            }
+            Equations::State z{.name = own};
+            z.symbol = equations.graph->variable(own);
+            z.rate = rate_of(m, rate, z.symbol, p);
+            equations.states.push_back(z);
+            const Term added = force_of(m, z.symbol, p);
+            target.add(equations, added);
+            return added;
+        };
+        library_.terms.push_back(std::move(made));
+    }
+
+    // A force that follows the direction of motion over a distance [Dahl 1968]. With a load, in proportion to it.
+    void hysteresis(const SystemVariable& variable, const SystemVariable* load) {
+        const auto motion = motion_of(variable);
+        if (!motion) return;
         const double span = variable.high - variable.low;
         for (const double share : {0.003, 0.03}) {
             const double distance = share * span;
@@ -478,27 +509,49 @@ class Shapes {
             const double rms = load ? rms_of_values(load->values) : 1;
             made.parameters = {library_.amplitude(*target_, "a", rms, load ? load->unit : "1"),
                                {"distance", distance, 1e-5 * span, span, distance, variable.unit}};
-            made.apply = [target = *target_, name = variable.name, state = variable.state, input_rate,
-                          load = load ? std::optional<Term>(load->symbol) : std::nullopt](Equations& equations,
-                                                                                          const std::vector<Term>& p) {
-                auto& graph = *equations.graph;
-                const TermArithmetic m{graph};
-                std::string own = name + "_slip";
-                while (std::any_of(equations.states.begin(), equations.states.end(),
-                                   [&](const auto& s) { return s.name == own; })) {
-                    own += "_";
-                }
-                const Term rate = input_rate ? *input_rate : equations.states[*state].rate;
-                Equations::State z{.name = own};
-                z.symbol = graph.variable(own);
-                z.rate = m.divide(m.subtract(rate, m.multiply(m.abs(rate), z.symbol)), p[1]);
-                equations.states.push_back(z);
-                Term added = m.multiply(p[0], z.symbol);
-                if (load) added = m.multiply(added, m.abs(*load));
-                target.add(equations, added);
-                return added;
-            };
-            library_.terms.push_back(std::move(made));
+            slipping(
+                std::move(made), variable.name, *motion,
+                [](const TermArithmetic& m, Term rate, Term z, const auto& p) {
+                    return m.divide(m.subtract(rate, m.multiply(m.abs(rate), z)), p[1]);
+                },
+                [load = load ? std::optional<Term>(load->symbol) : std::nullopt](const TermArithmetic& m, Term z,
+                                                                                 const auto& p) {
+                    const Term force = m.multiply(p[0], z);
+                    return load ? m.multiply(force, m.abs(*load)) : force;
+                });
+        }
+    }
+
+    // The same with a way back of any shape and a rounder or sharper corner [Bouc 1967], [Wen 1976], by a spring that may harden.
+    void bouc_wen(const SystemVariable& variable) {
+        const auto motion = motion_of(variable);
+        if (!motion) return;
+        const double span = variable.high - variable.low, distance = 0.03 * span;
+        // The exponent is 2 or 8.
+        for (const int squares : {1, 3}) {
+            SystemTerm made{.name = physical("bouc_wen", variable.name),
+                            .equation = target_->name,
+                            .of = variable.name,
+                            .variables = {variable.name}};
+            made.parameters = {library_.amplitude(*target_, "a", 1, "1"),
+                               library_.amplitude(*target_, "hardening", 1, "1"),
+                               {"distance", distance, 1e-5 * span, span, distance, variable.unit},
+                               {"beta", 0.6, 0.1, 2, 1}};
+            made.amplitudes = 2;
+            made.neutral = {0, 0};
+            slipping(
+                std::move(made), variable.name, *motion,
+                [squares](const TermArithmetic& m, Term rate, Term z, const auto& p) {
+                    // rate/distance (1 - |z|^exponent (beta sign(z rate) + 1 - beta))
+                    Term share = z;
+                    for (int i = 0; i < squares; ++i) share = m.multiply(share, share);
+                    const Term one = m.number(1), back = m.subtract(one, m.add(p[3], p[3]));
+                    const Term shape = m.where(m.less(m.multiply(z, rate), m.number(0)), back, one);
+                    return m.multiply(m.divide(rate, p[2]), m.subtract(one, m.multiply(share, shape)));
+                },
+                [](const TermArithmetic& m, Term z, const auto& p) {
+                    return m.multiply(z, m.add(p[0], m.multiply(p[1], m.multiply(z, z))));
+                });
         }
     }
 

@@ -42,9 +42,10 @@ constexpr double least_part = 0.2;                // of a validation record, to 
 // Of a name: the library may lack the right one. More so where much is left.
 constexpr double most_certain = 0.98, most_certain_of_a_part = 0.75;
 
-// The terms of a model that the validation records refused, how many of them were new, and why. Beside other terms the new ones may do
+// A model that the validation records refused, its terms, how many of them were new, and why. Beside other terms the new ones may do
 // better.
 struct Refusal {
+    SystemCandidate candidate;
     std::set<std::string> kinds;
     std::size_t fresh;
     std::string why;
@@ -305,11 +306,11 @@ class Diagnoser {
         }
     }
 
-    // Whether it has all terms of a model that the validation records refused.
+    // Whether it has all terms of a model that the validation records refused, or is that model in other words.
     const Refusal* refused(const SystemCandidate& candidate) const {
         const auto kinds = kinds_from(candidate, 0);
         for (const Refusal& refusal : refused_) {
-            if (std::ranges::includes(kinds, refusal.kinds)) return &refusal;
+            if (std::ranges::includes(kinds, refusal.kinds) || candidate.equals(refusal.candidate)) return &refusal;
         }
         return nullptr;
     }
@@ -322,7 +323,7 @@ class Diagnoser {
         }
         result_.nearest = {step.candidate.names_from(step.before), share};
         const auto first_new = std::min(step.before, names.size() - 1);
-        refused_.push_back({kinds_from(step.candidate, 0), names.size() - first_new, why});
+        refused_.push_back({step.candidate, kinds_from(step.candidate, 0), names.size() - first_new, why});
     }
 
     static std::string why_not_confirmed(const Improvement& gain, double sure_here) {

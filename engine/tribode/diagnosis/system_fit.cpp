@@ -444,8 +444,8 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
     }
     if (fixed_steps_only_) return {.values = std::move(start)};
     // What fixed steps cannot follow is stiff or runs away. A run takes long then, and what lies near a measurement is rarely so.
-    return descend(model, std::move(start), FixedSteps::of(model) ? std::min(iterations, stiff_iterations) : iterations,
-                   ended, nullptr);
+    if (FixedSteps::of(model.with(start))) iterations = std::min(iterations, stiff_iterations);
+    return descend(model, std::move(start), iterations, ended, nullptr);
 }
 
 SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<double> start, int iterations,

@@ -3,6 +3,7 @@
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/diagnosis/report_colors.hpp"
 #include "tribode/diagnosis/system_record.hpp"
+#include "tribode/diagnosis/system_terms.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -131,6 +132,7 @@ std::vector<ReportTable::Cell> value_row(const std::string& name, double value, 
 // "overflow in der(x1): ..., a = 0.2 +- 0.01 1/s"
 std::string described(const SystemEffect& effect) {
     std::string text = fmt::format("{} in {}", effect.name, effect.equation);
+    if (effect.name == curve_term) return text + fmt::format(" with {} bends", effect.values.size());
     for (std::size_t i = 0; i < effect.values.size(); ++i) {
         text += fmt::format(", {} = {}", effect.parameters[i], format_quantity(effect.values[i], effect.units[i], 3));
     }

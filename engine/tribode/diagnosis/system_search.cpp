@@ -160,7 +160,7 @@ bool SystemSearch::fit(SystemCandidate& candidate) const { return fit(candidate,
 
 bool SystemSearch::fit(SystemCandidate& candidate, int steps, bool growing) const {
     SystemFit part = fit_of(shown_, candidate.substeps);
-    if (is_followed_ && FixedSteps::of(candidate.model)) part.keep_to_fixed_steps();
+    if (is_followed_ && FixedSteps::of(candidate.model.with(candidate.values))) part.keep_to_fixed_steps();
     const auto ended = [this] { return late(); };
     const auto result = growing ? part.fit_growing(candidate.model, candidate.values, steps, ended)
                                 : part.fit(candidate.model, candidate.values, steps, ended);

@@ -33,13 +33,13 @@ Diagnosis diagnosed(const Json& hidden, const Json& believed = small_axis(), std
 
 // The effect that the machine `real` has beside `believed`, of a record to fit and one for validation, driven so.
 Diagnosis diagnosed_between(const Json& real, const Json& hidden, const Json& believed, const DriveRecord& fitted,
-                            const DriveRecord& validation) {
+                            const DriveRecord& validation, std::size_t max_effects = 1) {
     const MachineModel machine = MachineModel::from_description(believed, "case");
     const auto driven = [&](const DriveRecord& drive, std::uint64_t seed) {
         return measurement_from_table(measured(real, hidden, drive, seed), machine, "case");
     };
     DiagnosisOptions options;
-    options.max_effects = 1;
+    options.max_effects = max_effects;
     RunControl control;
     control.workers = 2;
     return diagnose(machine, {driven(fitted, 1)}, driven(validation, 2), options, control);
@@ -242,6 +242,23 @@ TEST(Diagnosis, TwoEffectsThatAThirdImitatesAreFoundTogether) {
     const bool first = d.effects[0].name == "payload_mass";
     expect_parameter(d.effects[first ? 0 : 1], "ratio", 0.4);
     expect_parameter(d.effects[first ? 1 : 0], "dF", 1.3);
+}
+
+// On a sine of one speed a longer delay does more of what they do than each of them, and nothing on another record.
+TEST(Diagnosis, TwoEffectsOfWhichNoneDoesMuchAloneAreFoundTogether) {
+    const Json axis = Json::parse(R"({"Ts": 0.0005, "rigid_gain_per_kg": 0.083, "friction": {"viscous": 8,
+        "elements": [{"F": 2.5, "K": 4.4e6}, {"F": 1.7, "K": 2e5}, {"F": 2.5, "K": 5300}]},
+        "input_delay_s": 0.0005, "output_delay_s": 0.0004, "current_loop_hz": 500, "encoder_resolution_m": 2e-7,
+        "noise_rms_m": 1e-7,
+        "controller": {"type": "pid", "kp": 28350, "ki": 264500, "kd": 1013, "derivative_filter_hz": 400}})");
+    const Json hidden = Json::parse(R"([{"name": "viscous_friction", "parameters": {"dD": -4}},
+        {"name": "force_ripple", "parameters": {"harmonics": [{"F": 1.27, "period_m": 2.93e-3, "phase": 0.33}]}}])");
+    const Diagnosis d = diagnosed_between(axis, hidden, axis, sine_record(0.022, 3, 2), sine_record(0.01, 1, 2), 2);
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects.size(), 2u);
+    const bool first = d.effects[0].name == "viscous_friction";
+    expect_parameter(d.effects[first ? 0 : 1], "dD", -4);
+    EXPECT_EQ(d.effects[first ? 1 : 0].name, "force_ripple");
 }
 
 TEST(Diagnosis, BristlesAreToldFromElementsThatSlipByTheRecordThatIsAskedFor) {

@@ -504,6 +504,23 @@ TEST(LaneFit, TurnsAreFoundToRounding) {
     }
 }
 
+// Whether friction can hold a velocity depends on the values that are asked for, not on those that the model has.
+TEST(LaneFit, FrictionHoldsWithTheValuesThatAreAskedFor) {
+    const TemporaryFolder folder;
+    SystemModel model = model_of(folder, R"(
+        parameters = { ratio = -0.5 }, inputs = { u = 0 }, states = { x = 0.3, v = 0 },
+        parts = { f = tb.parts.coulomb { velocity = "v", level = 1 } },
+        der = function(s) return { x = s.v, v = (1 + s.ratio) * (s.u - s.f.force) - 0.4 * s.x } end,
+        outputs = function(s) return { y = s.x } end)");
+    ASSERT_EQ(model.parameters.size(), 1u);
+    model.equations.parameters[0].value = -1;
+    std::vector<SystemRecord> records = {record_of(50, 0.1, {[](double t) { return 1.5 * std::sin(t); }})};
+    records[0].outputs.assign(model.measured.size(), std::vector<double>(50, 0));
+    const SystemFit fit(records, std::vector<double>(model.measured.size(), 1), Interpolation::linear, {50});
+    EXPECT_TRUE(LaneFit::of(fit, model, {-0.2}));
+    EXPECT_FALSE(LaneFit::of(fit, model, {-1.0}));
+}
+
 // What has events stays with the solvers that locate them.
 TEST(LaneFit, EventsAreNoFixedSteps) {
     const TemporaryFolder folder;

@@ -126,6 +126,7 @@ TEST(SystemTerms, EachOfADrivenVehicleRunsAndCanBeWritten) {
                  "spring_force",
                  "cubic_stiffness",
                  "presliding_hysteresis",
+                 "bouc_wen_friction",
                  "force_ripple",
                  "periodic_disturbance",
                  "constant",
@@ -164,6 +165,53 @@ TEST(SystemTerms, EachOfACouplingRunsAndCanBeWritten) {
         })",
                 "t,r,bend",
                 {"backlash", "saturation", "dead_zone", "cubic_stiffness", "coulomb_friction", "quadratic_drag"});
+}
+
+// From rest to a turn dz/dx = (1 - z^2)/D, and with beta = 1/2 dz/dx = 1/D on the way back to z = 0, at whatever speed. The speed is that
+// of the record, off by 5e-4 of it.
+TEST(SystemTerms, BoucWenFollowsItsClosedForms) {
+    const TemporaryFolder folder;
+    const Case c(folder, R"(
+        return require "tribode".system { parameters = { k = { value = 0.5, unit = "N/m" } }, inputs = { x = { unit = "m" } },
+            outputs = function(s) return { F = { s.k * s.x, unit = "N" } } end })",
+                 "t,x,F");
+    const auto term = std::ranges::find_if(
+        c.terms, [](const auto& one) { return one.kind() == "bouc_wen_friction in output F of x"; });
+    ASSERT_NE(term, c.terms.end());
+    const double distance = 0.6, hardening = 0.5;
+    const std::vector<double> own = {1, hardening, distance, 0.5};
+    const auto with = c.outputs(extended(c.model, *term, own), more_values(c.model, c.model.values(1), own));
+    const auto without = c.outputs(c.model, c.model.values(1));
+    const auto x = [](int k) { return std::sin(0.06 * k); };
+    const int turn = 26; // the sample where x is largest
+    const double top = std::tanh(x(turn) / distance);
+    for (int k = 0; k < 45; ++k) {
+        const double z = k <= turn ? std::tanh(x(k) / distance) : top - (x(turn) - x(k)) / distance;
+        if (z < 0) break;
+        EXPECT_NEAR(with[0][static_cast<std::size_t>(k)] - without[0][static_cast<std::size_t>(k)],
+                    z + hardening * z * z * z, 3e-3)
+            << k;
+    }
+}
+
+// What holds a velocity already has no second friction that holds it.
+TEST(SystemTerms, OneFrictionHoldsAVelocity) {
+    const TemporaryFolder folder;
+    const auto count_of = [&](const std::string& part, const std::string& force) {
+        const Case c(folder,
+                     R"(
+            return require "tribode".system { inputs = { u = 0 }, states = { x = 0, v = 0.5 }, )" +
+                         part + R"(
+                der = function(s) return { x = s.v, v = 3 * s.u - s.x )" +
+                         force + R"( } end,
+                outputs = function(s) return { y = s.x } end })",
+                     "t,u,y");
+        return std::ranges::count_if(c.terms, [](const auto& term) { return term.parameters[0].name == "level"; });
+    };
+    EXPECT_EQ(count_of("", ""), 1);
+    EXPECT_EQ(
+        count_of("parts = { f = require \"tribode\".parts.coulomb { velocity = \"v\", level = 0.2 } },", "- s.f.force"),
+        0);
 }
 
 TEST(InnerSignals, ATermOfWhatIsSharedActsOnBothSides) {
