@@ -392,7 +392,8 @@ class SystemDiagnosisOfALag : public SystemDiagnosis {
   protected:
     static std::string lag(const std::string& rate) {
         return fmt::format(R"(
-            return require "tribode".system {{ parameters = {{ a = {{ value = 0.5, unit = "1/s" }}, b = 1 }}, inputs = {{ u = 0 }},
+            local tb = require "tribode"
+            return tb.system {{ parameters = {{ a = {{ value = 0.5, unit = "1/s" }}, b = 1 }}, inputs = {{ u = 0 }},
                 states = {{ x = 0.3 }}, der = function(s)
                     local f = s.b * s.u - s.a * s.x
                     return {{ x = {} }} end,
@@ -455,6 +456,16 @@ TEST_F(SystemDiagnosisOfALag, AShareOfTheInputThatIsThereAtOnce) {
     const Json effect = found_in(lag("f"), levels, "0.1 * u[i]");
     EXPECT_EQ(effect["name"], "feedthrough");
     EXPECT_NEAR(effect["parameters"]["feedthrough_gain"].get<double>(), 0.1, 0.01);
+}
+
+// As of a pump or a valve: neither the dead zone nor the bend shows alone.
+TEST_F(SystemDiagnosisOfALag, APowerLawBehindADeadZone) {
+    const Json effect = found_in(
+        lag("s.b * tb.where(tb.less(s.u, 0), -1, 1) * (math.max(math.abs(s.u) - 0.4, 0) / 1.5)^0.5 - s.a * s.x"),
+        both_signs);
+    EXPECT_EQ(effect["name"], "power_law");
+    EXPECT_NEAR(effect["parameters"]["power_law_width"].get<double>(), 0.4, 0.02);
+    EXPECT_NEAR(effect["parameters"]["power_law_exponent"].get<double>(), 0.5, 0.05);
 }
 
 // Its shape has no name.

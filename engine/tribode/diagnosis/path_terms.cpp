@@ -112,14 +112,23 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
             library, input, "saturation", {{"limit", share * size, 0.02 * size, 1.2 * size, size, unit}}, {size},
             [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.clip(u, m.negate(p[0]), p[0]); });
     }
-    // size sign(u) (|u|/size)^exponent: a characteristic that bends.
-    add_input_path(library, input, "power_law", {{"exponent", 1.05, 0.2, 5, 1}}, {1},
-                   [](const TermArithmetic& m, Equations&, Term u, const auto& p) {
-                       const Term share = m.divide(m.abs(u), p[1]);
-                       const Term bent = m.multiply(p[1], m.g.make(Op::power, share, p[0]));
-                       return m.where(m.less(u, m.number(0)), m.negate(bent), bent);
+    // size sign(u) (|u|/size)^exponent: a characteristic that bends. Behind a dead zone, as of a pump or a valve, neither of the two shows
+    // alone.
+    const SystemTerm::Parameter exponent = {"exponent", 1.05, 0.2, 5, 1},
+                                largest = {.name = "size", .start = size, .unit = unit};
+    const auto bent = [](const TermArithmetic& m, Term u, Term above, Term power, Term scale) {
+        const Term value = m.multiply(scale, m.g.make(Op::power, m.divide(above, scale), power));
+        return m.where(m.less(u, m.number(0)), m.negate(value), value);
+    };
+    add_input_path(
+        library, input, "power_law", {exponent}, {1},
+        [bent](const TermArithmetic& m, Equations&, Term u, const auto& p) { return bent(m, u, m.abs(u), p[0], p[1]); },
+        {largest});
+    add_input_path(library, input, "power_law", {{"width", 0.15 * size, 0, size, size, unit}, exponent}, {0, 1},
+                   [bent](const TermArithmetic& m, Equations&, Term u, const auto& p) {
+                       return bent(m, u, m.positive(m.subtract(m.abs(u), p[0])), p[1], p[2]);
                    },
-                   {{.name = "size", .start = size, .unit = unit}});
+                   {largest});
     // Forward the gain is one.
     if (input.low < 0 && input.high > 0) {
         add_input_path(library, input, "asymmetric_gain", {{"difference", 0.1, -infinity, infinity, 1}}, {0},

@@ -622,13 +622,21 @@ class Diagnoser {
             });
             if (list->size() <= max_compared) continue;
             // A curve says nothing beyond where it was fitted, and what is hidden from the search may lie there: one that was added last is
-            // compared wherever it stands.
-            const auto is_curve = [](const Contender& one) { return one.candidate->terms.back().name == curve_term; };
-            std::vector<Contender> curves;
-            std::copy_if(list->begin() + max_compared, list->end(), std::back_inserter(curves), is_curve);
-            if (curves.size() > max_curves) curves.resize(max_curves);
+            // compared wherever it stands. So is what does better than all that have fewer parameters.
+            std::vector<Contender> further;
+            std::size_t curves = 0;
+            double least = std::numeric_limits<double>::infinity();
+            for (std::size_t i = 0; i < list->size(); ++i) {
+                const Contender& one = (*list)[i];
+                const bool is_curve =
+                    one.candidate->terms.back().name == curve_term && i >= max_compared && curves < max_curves;
+                const bool is_ahead = list == &simple && one.candidate->score() < least;
+                least = std::min(least, one.candidate->score());
+                if (is_curve) ++curves;
+                if (i >= max_compared && (is_curve || is_ahead)) further.push_back(one);
+            }
             list->resize(max_compared);
-            std::ranges::copy(curves, std::back_inserter(*list));
+            std::ranges::copy(further, std::back_inserter(*list));
         }
         std::vector<Contender> list = std::move(simple);
         std::ranges::copy(rich, std::back_inserter(list));
