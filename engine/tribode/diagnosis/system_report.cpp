@@ -199,11 +199,17 @@ ReportSection values(const SystemDiagnosis& d) {
 
 ReportSection what_was_tried(const SystemDiagnosis& d) {
     ReportSection section{"What was tried", {}};
-    section.blocks.push_back(Paragraph{
-        "Terms of the library were screened by their effect on the simulated outputs, one by one and in pairs. The "
-        "likeliest were fitted with all free values to the first 70 % of each record, and simulated on over the rest. "
+    const char* hidden = d.before.equations.states.empty()
+                             ? "The last 30 % of the rows were"
+                             : "Two parts of each record, from 30 to 45 % and from 85 to 100 %, were";
+    section.blocks.push_back(Paragraph{fmt::format(
+        "Terms of the library were screened by their effect on the simulated outputs, one by one and in pairs. {} "
+        "hidden "
+        "from the search: the likeliest models were fitted with all free values to the rest and predicted what was "
+        "hidden. "
         "The errors are relative to the standard deviation of the outputs; the score is the error that the model "
-        "promises on other records of this kind."});
+        "promises on other records of this kind.",
+        hidden)});
     ReportTable table;
     table.columns = {{"terms"}, {"score"}, {"fitted"}, {"predicted"}, {"outcome"}};
     for (const auto& one : d.hypotheses) {

@@ -528,6 +528,21 @@ Notation notation_of(Op op) {
 
 } // namespace
 
+// Whether a is -b as it is written.
+bool Expressions::is_negative_of(Term a, Term b) const {
+    const Node &one = nodes_[a], &other = nodes_[b];
+    const bool is_swapped = one.op == Op::subtract && other.op == Op::subtract && one.a == other.b && one.b == other.a;
+    return (one.op == Op::negate && one.a == b) || is_swapped;
+}
+
+// Of a branch on the sign of something, with -X below zero and X above: a sign times X.
+bool Expressions::is_sign_times(Term select) const {
+    const Node& node = nodes_[select];
+    if (node.op != Op::select || continuous_name(select)) return false;
+    const Node& relation = nodes_[node.a];
+    return relation.op == Op::less && is_constant(relation.b, 0) && is_negative_of(node.b, node.c);
+}
+
 // "max", "min" or "abs" of a branch that is one of these, of the operands of its condition; else nothing.
 const char* Expressions::continuous_name(Term select) const {
     const Node& node = nodes_[select];
@@ -536,9 +551,7 @@ const char* Expressions::continuous_name(Term select) const {
     if (relation.op != Op::less && relation.op != Op::less_equal) return nullptr;
     if (node.b == relation.b && node.c == relation.a) return "max";
     if (node.b == relation.a && node.c == relation.b) return "min";
-    const Node& below = nodes_[node.b];
-    const bool is_abs =
-        node.c == relation.a && is_constant(relation.b, 0) && below.op == Op::negate && below.a == node.c;
+    const bool is_abs = node.c == relation.a && is_constant(relation.b, 0) && is_negative_of(node.b, node.c);
     return is_abs ? "abs" : nullptr;
 }
 
@@ -549,10 +562,15 @@ std::string Expressions::text(Term root) const {
     for (const Term term : reachable(std::span(&root, 1))) {
         const Node& node = nodes_[term];
         const auto notation = notation_of(node.op);
+        // What no event is written of is the same to a reader.
+        const auto shown = [&](Term operand) {
+            const Node& own = nodes_[operand];
+            return own.op == Op::no_event && (continuous_name(own.a) || is_sign_times(own.a)) ? own.a : operand;
+        };
         const auto part = [&](Term operand, int least) {
-            const bool bare =
-                notation_of(nodes_[operand].op).strength >= least || notation_of(nodes_[operand].op).strength == 0;
-            return bare ? texts[operand] : "(" + texts[operand] + ")";
+            const Term one = shown(operand);
+            const int strength = notation_of(is_sign_times(one) ? Op::multiply : nodes_[one].op).strength;
+            return strength >= least || strength == 0 ? texts[operand] : fmt::format("({})", texts[operand]);
         };
         std::string& text = texts[term];
         if (node.op == Op::constant) {
@@ -568,7 +586,10 @@ std::string Expressions::text(Term root) const {
             text = fmt::format("{}({}", name, texts[relation.a]);
             if (std::string_view(name) != "abs") text += ", " + texts[relation.b];
             text += ")";
-        } else if (node.op == Op::no_event && continuous_name(node.a)) {
+        } else if (is_sign_times(term)) {
+            const auto strength = notation_of(Op::multiply).strength;
+            text = fmt::format("sign({})*{}", texts[nodes_[node.a].a], part(node.c, strength));
+        } else if (shown(term) != term) {
             text = texts[node.a];
         } else if (notation.strength == 0) {
             text = fmt::format("{}({}", notation.text, texts[node.a]);

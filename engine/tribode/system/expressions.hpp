@@ -128,6 +128,8 @@ class Expressions {
 
   private:
     const char* continuous_name(Term select) const;
+    bool is_negative_of(Term a, Term b) const;
+    bool is_sign_times(Term select) const;
 
     struct Hash {
         std::size_t operator()(const Node& node) const;

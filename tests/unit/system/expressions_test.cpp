@@ -50,6 +50,15 @@ TEST_F(ExpressionsTest, TheTextReadsAsItWasWritten) {
     EXPECT_EQ(graph.text(graph.make(Op::subtract, x, graph.make(Op::subtract, y, number(1)))), "x - (y - 1)");
     EXPECT_EQ(graph.text(graph.make(Op::select, graph.make(Op::less, x, number(0)), y, x)), "where(x < 0, y, x)");
     EXPECT_EQ(graph.text(graph.make(Op::power, graph.make(Op::negate, x), number(3))), "(-x)^3");
+    // Absolute values and signs, as a reader writes them.
+    const Term error = graph.make(Op::subtract, x, y), below = graph.make(Op::less, error, number(0));
+    const auto by_sign = [&](Term negative, Term positive) {
+        return graph.make(Op::no_event, graph.make(Op::select, below, negative, positive));
+    };
+    EXPECT_EQ(graph.text(by_sign(graph.make(Op::subtract, y, x), error)), "abs(x - y)");
+    const Term bent = graph.make(Op::power, x, y), bent_by_sign = by_sign(graph.make(Op::negate, bent), bent);
+    EXPECT_EQ(graph.text(bent_by_sign), "sign(x - y)*x^y");
+    EXPECT_EQ(graph.text(graph.make(Op::power, bent_by_sign, y)), "(sign(x - y)*x^y)^y");
 }
 
 TEST_F(ExpressionsTest, AVariableThatIsNoInputIsRefusedByName) { EXPECT_THROW(Tape(graph, {x}, {y}), InputError); }
