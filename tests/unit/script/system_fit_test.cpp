@@ -517,8 +517,10 @@ TEST(LaneFit, FrictionHoldsWithTheValuesThatAreAskedFor) {
     std::vector<SystemRecord> records = {record_of(50, 0.1, {[](double t) { return 1.5 * std::sin(t); }})};
     records[0].outputs.assign(model.measured.size(), std::vector<double>(50, 0));
     const SystemFit fit(records, std::vector<double>(model.measured.size(), 1), Interpolation::linear, {50});
-    EXPECT_TRUE(LaneFit::of(fit, model, {-0.2}));
-    EXPECT_FALSE(LaneFit::of(fit, model, {-1.0}));
+    auto values = model.values(1);
+    EXPECT_FALSE(LaneFit::of(fit, model, values));
+    values[0] = -0.2;
+    EXPECT_TRUE(LaneFit::of(fit, model, values));
 }
 
 // What has events stays with the solvers that locate them.
