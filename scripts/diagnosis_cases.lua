@@ -599,6 +599,8 @@ local function attempt(kind, wrong)
     if not record.measured or not record.after then return end
     local low, high = extremes(record.after.y)
     if high - low > 0.5 or (record.r and rms(record.after.y, record.r) > 0.05) then return end
+    -- A record without motion is refused.
+    if high - low < 20 * (real.noise_rms_m + real.encoder_resolution_m) then return end
     -- Each effect must show by itself, beside the others.
     for i = 1, #effects do
       local others = copy(effects)
