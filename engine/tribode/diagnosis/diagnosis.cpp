@@ -173,13 +173,10 @@ class Verdict {
             is_little(fitted, best.together_fitted) && is_little(validation, best.together_validation);
         if (!poor_fit && !poor_validation && !leaves_little && !sizes_agree(best)) return 0;
         // A record that shows no gap tells nothing of rivals, and what has all that the best one has says the same with more.
-        const auto shows_near = [&](const Scored& rival) {
-            return (!poor_fit && rival.together_fitted < near * best.together_fitted) ||
-                   (!poor_validation && rival.together_validation < near * best.together_validation);
-        };
         for (const auto& rival : s.ranking) {
-            if (rival.names() != best.names() && !rival.contains(best) && shows_near(rival) &&
-                is_allowed_beside(rival, best) && !other_name(rival, best)) {
+            if (rival.names() != best.names() && !rival.contains(best) &&
+                is_near(rival, best, !poor_fit, !poor_validation) && is_allowed_beside(rival, best) &&
+                !other_name(rival, best)) {
                 return 0;
             }
         }
@@ -222,10 +219,10 @@ class Verdict {
         return other.together.within_tolerance() || !best.together.within_tolerance();
     }
 
-    // Where more than noise remains.
-    static bool is_near(const Scored& other, const Scored& best) {
-        return other.together_fitted < near * best.together_fitted ||
-               other.together_validation < near * best.together_validation;
+    // Where more than noise remains, on one of these records.
+    static bool is_near(const Scored& other, const Scored& best, bool on_fitted = true, bool on_validation = true) {
+        return (on_fitted && other.together_fitted < near * best.together_fitted) ||
+               (on_validation && other.together_validation < near * best.together_validation);
     }
 
     // Where two hypotheses differ in one effect: the name of the effect of the best one, and of that in its place.

@@ -242,11 +242,11 @@ class Search {
             result_.ranking = pool;
             result_.steps.push_back(pool.front());
             taken = result_;
-            // A part of several effects may be all that some records show, and nothing to the validation record. Of two of which none
-            // does much alone, pairs come next, beside none of the effects that were found.
+            // A part of several effects may be all that some records show, and nothing to the validation record. Nothing is sought beside
+            // it, but pairs of which neither may do much alone.
             if (!better && !halved) {
                 if (level > 1) break;
-                beam = {bare};
+                beam.clear();
                 continue;
             }
             of_noise = adequate(pool.front());
