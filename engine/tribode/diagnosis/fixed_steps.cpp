@@ -166,7 +166,11 @@ class FixedSteps::Run {
                 x_[m_.moved_starts_[i] * lanes + l] = own(l)[m_.moved_parameters_.size() + i];
             }
         }
-        if (!m_.delayed_.empty()) m_.delays_.template evaluate_lanes<lanes>(arguments(x_.data()), delay_.data());
+        rates_.emplace(m_.rates_, p_.data());
+        outputs_.emplace(m_.outputs_, p_.data());
+        if (m_.friction_) holding_.emplace(m_.friction_->holding, p_.data());
+        if (!m_.delayed_.empty())
+            Tape::SideBySide<lanes>(m_.delays_, p_.data()).evaluate(x_.data(), u_.data(), delay_.data());
     }
 
     void over(std::size_t substeps, std::vector<double>& all) {
@@ -202,15 +206,13 @@ class FixedSteps::Run {
   private:
     using Each = std::array<double, lanes>;
 
-    std::array<const double*, 3> arguments(const double* x) const { return {x, u_.data(), p_.data()}; }
-
     void take_outputs(const Course::Interval& interval, std::size_t sample, std::vector<double>& all) {
         Each t;
         t.fill(interval.start);
         find_pieces(t);
         set_inputs(interval.piece, t);
         if (m_.friction_) find_modes();
-        m_.outputs_.template evaluate_lanes<lanes>(arguments(x_.data()), y_.data());
+        outputs_->evaluate(x_.data(), u_.data(), y_.data());
         for (std::size_t l = 0; l < sets_; ++l) {
             for (std::size_t o = 0; o < m_.output_count_; ++o) {
                 all[(l * m_.output_count_ + o) * course_.samples + sample] = y_[o * lanes + l];
@@ -291,7 +293,7 @@ class FixedSteps::Run {
     // A step of each lane.
     void advance(const Each& start, const Each& length) {
         const auto slope = [&](std::size_t of, const double* where) {
-            m_.rates_.template evaluate_lanes<lanes>(arguments(where), &slopes_[of * n_ * lanes]);
+            rates_->evaluate(where, u_.data(), &slopes_[of * n_ * lanes]);
         };
         const auto move = [&](double share, std::size_t of) {
             for (std::size_t i = 0; i < n_; ++i) {
@@ -326,7 +328,7 @@ class FixedSteps::Run {
     // By how much the force that holds each lane exceeds the one at which it lets go, and to which mode.
     void find_holding() {
         std::array<double, 2 * lanes> force;
-        m_.friction_->holding.template evaluate_lanes<lanes>(arguments(x_.data()), force.data());
+        holding_->evaluate(x_.data(), u_.data(), force.data());
         for (std::size_t l = 0; l < lanes; ++l) {
             excess_[l] = std::abs(force[l]) - force[lanes + l];
             lets_go_to_[l] = force[l] > 0 ? 1 : 2;
@@ -424,12 +426,13 @@ class FixedSteps::Run {
     const Course& course_;
     std::size_t n_, mode_; // states; place of the mode in u
     std::vector<double> x_, stage_, slopes_, u_, p_, y_, delay_, behind_, before_;
+    std::optional<Tape::SideBySide<lanes>> rates_, outputs_, holding_;
     std::size_t sets_, piece_ = 0;
     Each first_, last_, excess_, lets_go_to_;
     bool are_inputs_set_ = false, look_anew_ = true; // what holds is to be found
 };
 
-// With the widest registers that the processor has, as Tape::evaluate_lanes().
+// With the widest registers that the processor has, as Tape::SideBySide.
 [[gnu::flatten]] TRIBODE_CLONES void FixedSteps::run_four(const Course& course, Sets sets, std::size_t substeps,
                                                           std::vector<double>& all) const {
     Run<4>(*this, course, sets).over(substeps, all);

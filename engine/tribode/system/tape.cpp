@@ -17,6 +17,7 @@
 #include <set>
 #include <tuple>
 #include <unordered_map>
+#include <unordered_set>
 #include <utility>
 
 namespace tribode {
@@ -31,6 +32,7 @@ constexpr std::uint32_t greater_code = sum_code + few + 2; // a < b: b, else a
 constexpr std::uint32_t block_code = sum_code + few + 3;   // the head of a block
 static_assert(block_code < 256);
 constexpr std::uint32_t bits_of_step = 2;
+constexpr std::size_t constant_part = 2; // of the inputs
 
 std::optional<BlockOperation> block_operation(std::uint32_t code) {
     switch (code) {
@@ -65,6 +67,7 @@ struct Instruction {
     std::vector<Summand> summands;
     std::size_t depth = 0; // those of one depth do not need one another
     std::size_t form = 0;  // the same where the same has been written with other variables and constants
+    bool is_constant = true;
 
     // In the places of the same number stand operands that correspond to one another where the form is the same.
     std::size_t slot_count() const { return operands.size() + 2 * summands.size(); }
@@ -78,7 +81,8 @@ struct Instruction {
 // What a tape does, as terms.
 class Program {
   public:
-    Program(const Expressions& graph, const std::vector<Term>& outputs) : graph_(graph) {
+    Program(const Expressions& graph, const std::vector<Term>& outputs, const std::unordered_set<Term>& constant_inputs)
+        : graph_(graph) {
         const auto order = graph.reachable(outputs);
         std::unordered_map<Term, bool> needed; // in a register of its own
         for (const Term term : order) {
@@ -104,6 +108,10 @@ class Program {
         std::reverse(leaves_.begin(), leaves_.end());
         std::reverse(code_.begin(), code_.end());
         std::unordered_map<Term, std::size_t> depth, form;
+        std::unordered_map<Term, bool> is_constant;
+        for (const Term leaf : leaves_) {
+            is_constant[leaf] = graph[leaf].op == Op::constant || constant_inputs.contains(leaf);
+        }
         std::map<std::vector<std::size_t>, std::size_t> forms; // by code and forms of the operands, as they come
         constexpr std::size_t constant = 1, variable = 2;
         const auto form_of = [&](const std::optional<Term>& operand) {
@@ -112,13 +120,19 @@ class Program {
             return graph[*operand].op == Op::constant ? constant : variable;
         };
         for (auto& made : code_) {
-            for (const Term operand : operands_of(made)) made.depth = std::max(made.depth, depth[operand]);
+            for (const Term operand : operands_of(made)) {
+                made.depth = std::max(made.depth, depth[operand]);
+                made.is_constant = made.is_constant && is_constant.at(operand);
+            }
+            is_constant[made.term] = made.is_constant;
             depth[made.term] = ++made.depth;
             std::vector<std::size_t> parts = {made.code, made.summands.size()};
             for (std::size_t i = 0; i < made.slot_count(); ++i) parts.push_back(form_of(made.slot(i)));
             form[made.term] = made.form = forms.try_emplace(parts, variable + 1 + forms.size()).first->second;
         }
-        const auto key = [](const Instruction& i) { return std::tuple(i.depth, i.code, i.summands.size(), i.form); };
+        const auto key = [](const Instruction& i) {
+            return std::tuple(!i.is_constant, i.depth, i.code, i.summands.size(), i.form);
+        };
         std::stable_sort(code_.begin(), code_.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
         order_leaves();
     }
@@ -138,7 +152,11 @@ class Program {
         std::vector<Term> ordered;
         std::set<Term> left(leaves_.begin(), leaves_.end());
         for (std::size_t i = 0, end = 0; i < code_.size(); i = end) {
-            while (end < code_.size() && code_[end].form == code_[i].form && code_[end].depth == code_[i].depth) ++end;
+            const auto is_like_it = [&](const Instruction& other) {
+                return other.form == code_[i].form && other.depth == code_[i].depth &&
+                       other.is_constant == code_[i].is_constant;
+            };
+            while (end < code_.size() && is_like_it(code_[end])) ++end;
             for (std::size_t slot = 0; slot < code_[i].slot_count(); ++slot) {
                 for (std::size_t k = i; k < end; ++k) {
                     const auto operand = code_[k].slot(slot);
@@ -245,14 +263,17 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
 
 Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std::vector<Term>& outputs,
            const Parts& parts) {
-    const Program program(graph, outputs);
     std::unordered_map<Term, std::uint32_t> place;
     std::unordered_map<Term, std::pair<std::uint32_t, std::uint32_t>> input_of; // its part, its place in it
-    std::uint32_t next = 1, part = 0, first = 0;                                // the place of the part's first input
+    std::unordered_set<Term> constant_inputs;
+    std::uint32_t next = 1, part = 0, first = 0; // the place of the part's first input
     for (std::uint32_t i = 0; i < inputs.size(); ++i) {
         while (i - first >= parts[part]) first += static_cast<std::uint32_t>(parts[part++]);
-        input_of.try_emplace(inputs[i], part, i - first);
+        if (input_of.try_emplace(inputs[i], part, i - first).second && part == constant_part) {
+            constant_inputs.insert(inputs[i]);
+        }
     }
+    const Program program(graph, outputs, constant_inputs);
     const auto is_constant = [&](Term leaf) { return graph[leaf].op == Op::constant; };
     for (part = 0; part < parts.size(); ++part) {
         for (const Term leaf : program.leaves()) {
@@ -296,6 +317,7 @@ Tape::Tape(const Expressions& graph, const std::vector<Term>& inputs, const std:
     }
     register_count_ = next;
     instruction_count_ = program.code().size();
+    constant_count_ = static_cast<std::size_t>(std::ranges::count_if(program.code(), &Instruction::is_constant));
     for (const Term output : outputs) outputs_.push_back(place[program.value_of(output)]);
     find_blocks();
 }
@@ -343,7 +365,7 @@ void Tape::find_blocks() {
             return step(next - 1, k) == step(i, k) && step(i, k) <= longest_step && slot(next, k) < first_result + i;
         };
         std::size_t end = i + 1;
-        for (; end < all.size() && all[end].head->code == all[i].head->code; ++end) {
+        for (; end < all.size() && end != constant_count_ && all[end].head->code == all[i].head->code; ++end) {
             for (std::size_t k = 0; k < slots; ++k) {
                 if (!goes_on(end, k)) return end;
             }
@@ -352,6 +374,7 @@ void Tape::find_blocks() {
     };
     std::vector<Cell> code;
     for (std::size_t i = 0, end = 0; i < all.size(); i = end) {
+        if (i == constant_count_) constant_code_ = code.size();
         const auto& [head, summands] = all[i];
         const bool is_sum = !summands.empty();
         const auto operation = block_operation(head->kind());
@@ -375,6 +398,7 @@ void Tape::find_blocks() {
             code.insert(code.end(), all[at].summands.begin(), all[at].summands.end());
         }
     }
+    if (all.size() == constant_count_) constant_code_ = code.size();
     code_ = std::move(code);
 }
 
@@ -403,105 +427,81 @@ void Tape::operate(const Cell& block, const Cell* first, const double* registers
     sum_in_blocks({summands.data(), length}, count, results);
 }
 
-template <std::size_t lanes, bool by_lane_functions>
-inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* outputs) const {
-    WorkSpace<double, 512 * (lanes > 1 ? 4 : 1)> memory(register_count_ * lanes + 1); // see operate_in_blocks()
-    double* registers = memory.data();
-    double* next = registers;
-    const auto fill = [&next](double value) {
-        for (std::size_t l = 0; l < lanes; ++l) *next++ = value;
-    };
-    fill(1);
-    const std::uint32_t* read = reads_.data();
-    for (std::size_t part = 0; part < read_counts_.size(); ++part) {
-        const double* input = inputs[part];
-        for (std::uint32_t count = read_counts_[part]; count > 0; --count) {
-            std::memcpy(next, input + std::size_t{*read++} * lanes, lanes * sizeof(double)); // in one move
-            next += lanes;
-        }
-    }
-    // A loop, because a call for a handful of numbers costs more than they do.
-    constexpr std::size_t handful = 16;
-    if (lanes == 1 && constants_.size() > handful) {
-        next = std::copy(constants_.begin(), constants_.end(), next);
-    } else {
-        for (const double value : constants_) fill(value);
-    }
+namespace {
 
-    // The results of all lanes before one is written: what is written is none of the operands.
-    const auto write = [&](const auto& value) {
-        double results[lanes];
-        for (std::size_t l = 0; l < lanes; ++l) results[l] = value(l);
-        for (std::size_t l = 0; l < lanes; ++l) *next++ = results[l];
+// Numbers of several sets of inputs, with operations as of one number.
+template <std::size_t lanes>
+struct Several {
+    using Type __attribute__((vector_size(lanes * sizeof(double)), may_alias)) = double;
+};
+template <>
+struct Several<1> {
+    using Type = double;
+};
+
+} // namespace
+
+// Carries out some of the instructions. `next`: the register of the first result.
+template <std::size_t lanes, bool by_lane_functions>
+inline void Tape::interpret(const Cell* at, const Cell* end, double* registers, double* next) const {
+    using Value = typename Several<lanes>::Type;
+    // By reference, as what a function that returns vectors does depends on the instructions it may use.
+    const auto value = [registers](std::uint32_t place) -> const Value& {
+        return *reinterpret_cast<const Value*>(registers + place * lanes);
     };
+    const auto result = [&next]() -> Value& {
+        auto& place = *reinterpret_cast<Value*>(next);
+        next += lanes;
+        return place;
+    };
+    const Value zeros = {}, ones = zeros + 1.0;
+    // Lane by lane. The results of all before one is written: what is written is none of the operands.
     const auto of_operands = [&](const Cell& cell, const auto& operation) {
         const double *a = registers + cell.a * lanes, *b = registers + cell.b * lanes, *c = registers + cell.c * lanes;
-        write([&](std::size_t l) { return static_cast<double>(operation(a[l], b[l], c[l])); });
-    };
-    const Cell* at = code_.data();
-    const auto product = [&](const Cell& summand, std::size_t l) {
-        return summand.factor() * registers[summand.b * lanes + l] * registers[summand.c * lanes + l];
-    };
-    const auto add_up = [&]<std::size_t... i>(std::index_sequence<i...>, std::size_t l) {
-        return (... + product(at[i], l));
+        double results[lanes];
+        for (std::size_t l = 0; l < lanes; ++l) results[l] = operation(a[l], b[l], c[l]);
+        for (std::size_t l = 0; l < lanes; ++l) *next++ = results[l];
     };
     // Of few summands written out: a loop over them would cost more than they do.
-    const auto sum = [&]<std::size_t... i>(std::index_sequence<i...> all) {
-        write([&](std::size_t l) { return add_up(all, l); });
-        at += sizeof...(i);
+    const auto sum = [&]<std::size_t... further>(std::index_sequence<further...>) {
+        Value total = at[0].factor() * value(at[0].b) * value(at[0].c);
+        ((total = total + at[1 + further].factor() * value(at[1 + further].b) * value(at[1 + further].c)), ...);
+        at += 1 + sizeof...(further);
+        result() = total;
     };
     const auto long_sum = [&](std::uint32_t length) {
-        const Cell* end = at + length;
-        double sums[lanes];
-        for (std::size_t l = 0; l < lanes; ++l) sums[l] = add_up(std::make_index_sequence<few>(), l);
-        for (at += few; end - at > 1; at += 2) {
-            for (std::size_t l = 0; l < lanes; ++l) sums[l] = sums[l] + product(at[0], l) + product(at[1], l);
-        }
-        if (at != end) {
-            for (std::size_t l = 0; l < lanes; ++l) sums[l] += product(*at, l);
-            ++at;
-        }
-        write([&](std::size_t l) { return sums[l]; });
+        const Cell* last = at + length;
+        Value total = at->factor() * value(at->b) * value(at->c);
+        for (++at; at != last; ++at) total = total + at->factor() * value(at->b) * value(at->c);
+        result() = total;
     };
-    const auto of_lanes = [&](const Cell& cell, const auto& function) {
-        function(registers + cell.a * lanes, next);
-        next += lanes;
+    const auto function = [&](const Cell& cell, const auto& of_lanes) {
+        if constexpr (by_lane_functions) {
+            of_lanes(registers + cell.a * lanes, next);
+            next += lanes;
+        } else {
+            of_operands(cell,
+                        [&](double a, double b, double c) { return apply(static_cast<Op>(cell.kind()), a, b, c); });
+        }
     };
     constexpr auto op = [](Op of) { return static_cast<std::uint32_t>(of); };
 
-    for (const Cell* const end = at + code_.size(); at != end;) {
+    while (at != end) {
         const Cell& cell = *at++;
-        if constexpr (by_lane_functions) {
-            switch (static_cast<Op>(cell.kind())) {
-            case Op::sin:
-                of_lanes(cell, [](const double* x, double* y) { lane_functions::sin<lanes>(x, y); });
-                continue;
-            case Op::cos:
-                of_lanes(cell, [](const double* x, double* y) { lane_functions::cos<lanes>(x, y); });
-                continue;
-            case Op::exp:
-                of_lanes(cell, [](const double* x, double* y) { lane_functions::exp<lanes>(x, y); });
-                continue;
-            case Op::tanh:
-                of_lanes(cell, [](const double* x, double* y) { lane_functions::tanh<lanes>(x, y); });
-                continue;
-            default: break;
-            }
-        }
         switch (cell.kind()) {
         case sum_code: long_sum(cell.a); break;
-        case sum_code + 1: sum(std::make_index_sequence<1>()); break;
-        case sum_code + 2: sum(std::make_index_sequence<2>()); break;
-        case sum_code + 3: sum(std::make_index_sequence<3>()); break;
-        case sum_code + 4: sum(std::make_index_sequence<4>()); break;
-        case sum_code + 5: sum(std::make_index_sequence<5>()); break;
-        case sum_code + 6: sum(std::make_index_sequence<6>()); break;
-        case sum_code + 7: sum(std::make_index_sequence<7>()); break;
-        case sum_code + 8: sum(std::make_index_sequence<8>()); break;
-        case sum_code + 9: sum(std::make_index_sequence<9>()); break;
-        case sum_code + 10: sum(std::make_index_sequence<10>()); break;
-        case sum_code + 11: sum(std::make_index_sequence<11>()); break;
-        case sum_code + 12: sum(std::make_index_sequence<12>()); break;
+        case sum_code + 1: sum(std::make_index_sequence<0>()); break;
+        case sum_code + 2: sum(std::make_index_sequence<1>()); break;
+        case sum_code + 3: sum(std::make_index_sequence<2>()); break;
+        case sum_code + 4: sum(std::make_index_sequence<3>()); break;
+        case sum_code + 5: sum(std::make_index_sequence<4>()); break;
+        case sum_code + 6: sum(std::make_index_sequence<5>()); break;
+        case sum_code + 7: sum(std::make_index_sequence<6>()); break;
+        case sum_code + 8: sum(std::make_index_sequence<7>()); break;
+        case sum_code + 9: sum(std::make_index_sequence<8>()); break;
+        case sum_code + 10: sum(std::make_index_sequence<9>()); break;
+        case sum_code + 11: sum(std::make_index_sequence<10>()); break;
+        case sum_code + 12: sum(std::make_index_sequence<11>()); break;
         case block_code:
             if constexpr (lanes == 1) { // else the instructions follow one by one
                 operate(cell, at, registers, next);
@@ -509,21 +509,41 @@ inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* 
                 at += std::size_t{cell.extra()} * (1 + at->summand_count());
             }
             break;
-        case lesser_code: of_operands(cell, [](double a, double b, double) { return a < b ? a : b; }); break;
-        case greater_code: of_operands(cell, [](double a, double b, double) { return a < b ? b : a; }); break;
-        case op(Op::add): of_operands(cell, [](double a, double b, double) { return a + b; }); break;
-        case op(Op::subtract): of_operands(cell, [](double a, double b, double) { return a - b; }); break;
-        case op(Op::multiply): of_operands(cell, [](double a, double b, double) { return a * b; }); break;
-        case op(Op::divide): of_operands(cell, [](double a, double b, double) { return a / b; }); break;
-        case op(Op::negate): of_operands(cell, [](double a, double, double) { return -a; }); break;
-        case op(Op::select): of_operands(cell, [](double a, double b, double c) { return a != 0 ? b : c; }); break;
-        case op(Op::less): of_operands(cell, [](double a, double b, double) { return a < b; }); break;
-        case op(Op::less_equal): of_operands(cell, [](double a, double b, double) { return a <= b; }); break;
-        case op(Op::equal): of_operands(cell, [](double a, double b, double) { return a == b; }); break;
-        case op(Op::all): of_operands(cell, [](double a, double b, double) { return a != 0 && b != 0; }); break;
-        case op(Op::any): of_operands(cell, [](double a, double b, double) { return a != 0 || b != 0; }); break;
-        case op(Op::logical_not): of_operands(cell, [](double a, double, double) { return a == 0; }); break;
+        case lesser_code: {
+            const Value &a = value(cell.a), &b = value(cell.b);
+            result() = a < b ? a : b;
+            break;
+        }
+        case greater_code: {
+            const Value &a = value(cell.a), &b = value(cell.b);
+            result() = a < b ? b : a;
+            break;
+        }
+        case op(Op::add): result() = value(cell.a) + value(cell.b); break;
+        case op(Op::subtract): result() = value(cell.a) - value(cell.b); break;
+        case op(Op::multiply): result() = value(cell.a) * value(cell.b); break;
+        case op(Op::divide): result() = value(cell.a) / value(cell.b); break;
+        case op(Op::negate): result() = -value(cell.a); break;
+        case op(Op::select): {
+            const Value &holds = value(cell.b), &fails = value(cell.c);
+            result() = value(cell.a) != 0.0 ? holds : fails;
+            break;
+        }
+        case op(Op::less): result() = value(cell.a) < value(cell.b) ? ones : zeros; break;
+        case op(Op::less_equal): result() = value(cell.a) <= value(cell.b) ? ones : zeros; break;
+        case op(Op::equal): result() = value(cell.a) == value(cell.b) ? ones : zeros; break;
+        case op(Op::logical_not): result() = value(cell.a) == 0.0 ? ones : zeros; break;
+        case op(Op::all):
+            of_operands(cell, [](double a, double b, double) { return a != 0 && b != 0 ? 1.0 : 0.0; });
+            break;
+        case op(Op::any):
+            of_operands(cell, [](double a, double b, double) { return a != 0 || b != 0 ? 1.0 : 0.0; });
+            break;
         case op(Op::floor): of_operands(cell, [](double a, double, double) { return std::floor(a); }); break;
+        case op(Op::sin): function(cell, [](const double* x, double* y) { lane_functions::sin<lanes>(x, y); }); break;
+        case op(Op::cos): function(cell, [](const double* x, double* y) { lane_functions::cos<lanes>(x, y); }); break;
+        case op(Op::exp): function(cell, [](const double* x, double* y) { lane_functions::exp<lanes>(x, y); }); break;
+        case op(Op::tanh): function(cell, [](const double* x, double* y) { lane_functions::tanh<lanes>(x, y); }); break;
         case op(Op::lookup):
             of_operands(cell, [&table = *tables_[cell.extra()]](double x, double y, double side) {
                 return table.value(x, y, static_cast<int>(side));
@@ -534,29 +554,102 @@ inline void Tape::interpret(const std::array<const double*, 3>& inputs, double* 
                         [&](double a, double b, double c) { return apply(static_cast<Op>(cell.kind()), a, b, c); });
         }
     }
-    for (std::size_t i = 0; i < outputs_.size(); ++i) {
-        for (std::size_t l = 0; l < lanes; ++l) outputs[i * lanes + l] = registers[outputs_[i] * lanes + l];
+}
+
+// The inputs of a part into the registers from `next`. Returns the register behind them.
+template <std::size_t lanes>
+inline double* Tape::read(std::size_t part, const double* inputs, double* next) const {
+    const std::uint32_t* place = reads_.data();
+    for (std::size_t before = 0; before < part; ++before) place += read_counts_[before];
+    for (std::uint32_t count = read_counts_[part]; count > 0; --count) {
+        std::memcpy(next, inputs + std::size_t{*place++} * lanes, lanes * sizeof(double)); // in one move
+        next += lanes;
+    }
+    return next;
+}
+
+template <std::size_t lanes>
+inline void Tape::write(const double* registers, double* outputs) const {
+    for (const std::uint32_t output : outputs_) {
+        std::memcpy(outputs, registers + output * lanes, lanes * sizeof(double));
+        outputs += lanes;
     }
 }
 
 void Tape::evaluate_one(const std::array<const double*, 3>& inputs, double* outputs) const {
-    interpret<1, false>(inputs, outputs);
+    WorkSpace<double, 512> memory(register_count_ + 1); // see operate_in_blocks()
+    double* registers = memory.data();
+    double* next = registers;
+    *next++ = 1;
+    for (std::size_t part = 0; part < inputs.size(); ++part) next = read<1>(part, inputs[part], next);
+    // A loop, because a call for a handful of numbers costs more than they do.
+    constexpr std::size_t handful = 16;
+    if (constants_.size() > handful) {
+        next = std::copy(constants_.begin(), constants_.end(), next);
+    } else {
+        for (const double value : constants_) *next++ = value;
+    }
+    interpret<1, false>(code_.data(), code_.data() + code_.size(), registers, next);
+    write<1>(registers, outputs);
 }
 
-void Tape::evaluate_single_lane(const std::array<const double*, 3>& inputs, double* outputs) const {
-    interpret<1, true>(inputs, outputs);
+template <std::size_t lanes>
+inline void Tape::prepare(const double* constant, double* registers) const {
+    const auto fill = [](double* to, double value) {
+        for (std::size_t l = 0; l < lanes; ++l) *to++ = value;
+        return to;
+    };
+    fill(registers, 1);
+    double* next = read<lanes>(constant_part, constant, registers + (1 + read_counts_[0] + read_counts_[1]) * lanes);
+    for (const double value : constants_) next = fill(next, value);
+    interpret<lanes, true>(code_.data(), code_.data() + constant_code_, registers, next);
+}
+
+template <std::size_t lanes>
+inline void Tape::go_on(const double* part0, const double* part1, double* registers, double* outputs) const {
+    read<lanes>(1, part1, read<lanes>(0, part0, registers + lanes));
+    const std::size_t first = 1 + reads_.size() + constants_.size() + constant_count_;
+    interpret<lanes, true>(code_.data() + constant_code_, code_.data() + code_.size(), registers,
+                           registers + first * lanes);
+    write<lanes>(registers, outputs);
 }
 
 // With the widest registers that the processor has; no operation is contracted, so the bits are the same on all of them.
-[[gnu::flatten]] TRIBODE_CLONES void Tape::evaluate_four(const std::array<const double*, 3>& inputs,
+[[gnu::flatten]] TRIBODE_CLONES void Tape::prepare_four(const double* constant, double* registers) const {
+    prepare<4>(constant, registers);
+}
+[[gnu::flatten]] TRIBODE_CLONES void Tape::prepare_eight(const double* constant, double* registers) const {
+    prepare<8>(constant, registers);
+}
+[[gnu::flatten]] TRIBODE_CLONES void Tape::evaluate_four(const double* part0, const double* part1, double* registers,
                                                          double* outputs) const {
-    interpret<4, true>(inputs, outputs);
+    go_on<4>(part0, part1, registers, outputs);
+}
+[[gnu::flatten]] TRIBODE_CLONES void Tape::evaluate_eight(const double* part0, const double* part1, double* registers,
+                                                          double* outputs) const {
+    go_on<8>(part0, part1, registers, outputs);
 }
 
-[[gnu::flatten]] TRIBODE_CLONES void Tape::evaluate_eight(const std::array<const double*, 3>& inputs,
-                                                          double* outputs) const {
-    interpret<8, true>(inputs, outputs);
+template <std::size_t lanes>
+Tape::SideBySide<lanes>::SideBySide(const Tape& tape, const double* constant)
+    : tape_(tape),
+      registers_(tape.register_count_ + 1) { // see operate_in_blocks()
+    if constexpr (lanes == 1) tape_.prepare<1>(constant, registers_.data()->of);
+    if constexpr (lanes == 4) tape_.prepare_four(constant, registers_.data()->of);
+    if constexpr (lanes == 8) tape_.prepare_eight(constant, registers_.data()->of);
 }
+
+template <std::size_t lanes>
+void Tape::SideBySide<lanes>::evaluate(const double* part0, const double* part1, double* outputs) {
+    double* registers = registers_.data()->of;
+    if constexpr (lanes == 1) tape_.go_on<1>(part0, part1, registers, outputs);
+    if constexpr (lanes == 4) tape_.evaluate_four(part0, part1, registers, outputs);
+    if constexpr (lanes == 8) tape_.evaluate_eight(part0, part1, registers, outputs);
+}
+
+template class Tape::SideBySide<1>;
+template class Tape::SideBySide<4>;
+template class Tape::SideBySide<8>;
 
 void Tape::enclose(const EnclosedInputs& inputs, std::span<Enclosure> outputs) const {
     WorkSpace<Enclosure, 256> memory(register_count_);
@@ -628,8 +721,10 @@ Tape Tape::part(std::span<const std::size_t> outputs) const {
         if (keeps()) part.constants_.push_back(value);
     }
     for (const auto& [head, summands] : all) {
+        const bool is_constant = present < 1 + reads_.size() + constants_.size() + constant_count_;
         if (!keeps()) continue;
         ++part.instruction_count_;
+        if (is_constant) ++part.constant_count_;
         part.code_.push_back(*head);
         Cell& kept = part.code_.back();
         if (summands.empty()) kept = {head->code, place[head->a], place[head->b], place[head->c]};

@@ -37,15 +37,24 @@ class Tape {
         function_(part(0), part(1), part(2), function_constants_.data(), outputs.data());
     }
 
-    // For several sets of inputs at once, 1, 4 or 8, to the same bits: value i of set l stands in place i * lanes + l, of the
-    // inputs as of the outputs. They are those of evaluate() but for sine, cosine, exp and tanh, see lane_functions.hpp.
+    // For several sets of inputs side by side, 1, 4 or 8, to the same bits: value i of set l stands in place i * lanes + l, of the
+    // inputs as of the outputs. They are those of evaluate() but for sine, cosine, exp and tanh, see lane_functions.hpp. The
+    // inputs of the third part are constant: what needs no others is computed once. The tape has to outlive it.
     template <std::size_t lanes>
-    void evaluate_lanes(const std::array<const double*, 3>& inputs, double* outputs) const {
+    class SideBySide {
         static_assert(lanes == 1 || lanes == 4 || lanes == 8);
-        if constexpr (lanes == 1) evaluate_single_lane(inputs, outputs);
-        if constexpr (lanes == 4) evaluate_four(inputs, outputs);
-        if constexpr (lanes == 8) evaluate_eight(inputs, outputs);
-    }
+
+      public:
+        SideBySide(const Tape& tape, const double* constant);
+        void evaluate(const double* part0, const double* part1, double* outputs);
+
+      private:
+        struct alignas(lanes * sizeof(double)) Register {
+            double of[lanes];
+        };
+        const Tape& tape_;
+        std::vector<Register> registers_;
+    };
 
     // Bounds of the outputs and their rates of change from those of the inputs, part by part, by interval arithmetic. The
     // inputs of the third part are constant.
@@ -72,14 +81,26 @@ class Tape {
     std::size_t instruction_count() const { return instruction_count_; }
 
   private:
-    template <std::size_t lanes, bool by_lane_functions>
-    void interpret(const std::array<const double*, 3>& inputs, double* outputs) const;
-    void evaluate_one(const std::array<const double*, 3>& inputs, double* outputs) const;
-    void evaluate_single_lane(const std::array<const double*, 3>& inputs, double* outputs) const;
-    void evaluate_four(const std::array<const double*, 3>& inputs, double* outputs) const;
-    void evaluate_eight(const std::array<const double*, 3>& inputs, double* outputs) const;
+    struct Cell;
 
-    // Registers: the number 1, the inputs that are read, constants, then the results of all instructions, in order.
+    template <std::size_t lanes, bool by_lane_functions>
+    void interpret(const Cell* begin, const Cell* end, double* registers, double* next) const;
+    template <std::size_t lanes>
+    double* read(std::size_t part, const double* inputs, double* next) const;
+    template <std::size_t lanes>
+    void write(const double* registers, double* outputs) const;
+    template <std::size_t lanes>
+    void prepare(const double* constant, double* registers) const;
+    template <std::size_t lanes>
+    void go_on(const double* part0, const double* part1, double* registers, double* outputs) const;
+    void evaluate_one(const std::array<const double*, 3>& inputs, double* outputs) const;
+    void prepare_four(const double* constant, double* registers) const;
+    void prepare_eight(const double* constant, double* registers) const;
+    void evaluate_four(const double* part0, const double* part1, double* registers, double* outputs) const;
+    void evaluate_eight(const double* part0, const double* part1, double* registers, double* outputs) const;
+
+    // Registers: the number 1, the inputs that are read, constants, then the results of all instructions, in order. Those that need
+    // none but constant inputs come first.
     static constexpr std::uint32_t one = 0;
 
     // What is done, one after the other: an operation with its operands; the head of a sum, which its summands follow, factor a b; or
@@ -120,7 +141,8 @@ class Tape {
     std::vector<double> constants_;
     std::size_t register_count_ = 1, instruction_count_ = 0;
     std::vector<Cell> code_;
-    std::vector<double> factors_; // of sums in blocks, those of the first summands first
+    std::size_t constant_count_ = 0, constant_code_ = 0; // of the instructions that come first, and their cells
+    std::vector<double> factors_;                        // of sums in blocks, those of the first summands first
     std::vector<std::shared_ptr<const LookupTable>> tables_;
     std::vector<TableSlopes> slopes_; // of each table
     std::vector<std::uint32_t> outputs_;

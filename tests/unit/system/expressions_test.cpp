@@ -202,7 +202,7 @@ TEST_F(ExpressionsTest, LanesAreTheSameBitsAsOneByOne) {
     const auto check = [&]<std::size_t lanes>(std::integral_constant<std::size_t, lanes>) {
         std::vector<double> given(inputs.size() * lanes), found(outputs.size() * lanes);
         for (std::size_t i = 0; i < given.size(); ++i) given[i] = std::sin(1.7 * static_cast<double>(i + lanes));
-        tape.evaluate_lanes<lanes>({given.data(), nullptr, nullptr}, found.data());
+        Tape::SideBySide<lanes>(tape, nullptr).evaluate(given.data(), nullptr, found.data());
         for (std::size_t l = 0; l < lanes; ++l) {
             std::vector<double> own(inputs.size()), one(outputs.size());
             for (std::size_t i = 0; i < own.size(); ++i) own[i] = given[i * lanes + l];
@@ -236,13 +236,13 @@ TEST_F(ExpressionsTest, FunctionsOfLanesAgreeWithTheCLibrary) {
         double worst = 0;
         for (std::size_t k = 0; k < arguments.size(); k += 8) {
             double found[8], of_four[8];
-            tape.evaluate_lanes<8>({&arguments[k], nullptr, nullptr}, found);
-            tape.evaluate_lanes<4>({&arguments[k], nullptr, nullptr}, of_four);
-            tape.evaluate_lanes<4>({&arguments[k + 4], nullptr, nullptr}, of_four + 4);
+            Tape::SideBySide<8>(tape, nullptr).evaluate(&arguments[k], nullptr, found);
+            Tape::SideBySide<4>(tape, nullptr).evaluate(&arguments[k], nullptr, of_four);
+            Tape::SideBySide<4>(tape, nullptr).evaluate(&arguments[k + 4], nullptr, of_four + 4);
             for (std::size_t l = 0; l < 8; ++l) {
                 const double wanted = apply(op, arguments[k + l], 0, 0);
                 double alone = 0;
-                tape.evaluate_lanes<1>({&arguments[k + l], nullptr, nullptr}, &alone);
+                Tape::SideBySide<1>(tape, nullptr).evaluate(&arguments[k + l], nullptr, &alone);
                 EXPECT_EQ(std::bit_cast<std::uint64_t>(found[l]), std::bit_cast<std::uint64_t>(of_four[l]));
                 EXPECT_EQ(std::bit_cast<std::uint64_t>(found[l]), std::bit_cast<std::uint64_t>(alone));
                 EXPECT_EQ(std::isfinite(found[l]), std::isfinite(wanted)) << arguments[k + l];

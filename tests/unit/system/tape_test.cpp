@@ -136,8 +136,47 @@ TEST(Tape, PartsAndLanesHaveTheBitsOfTheWhole) {
     constexpr std::size_t lanes = 4;
     std::vector<double> wide_inputs, wide(lanes * whole.size());
     for (const double value : inputs) wide_inputs.insert(wide_inputs.end(), lanes, value);
-    tape.evaluate_lanes<lanes>({wide_inputs.data(), nullptr, nullptr}, wide.data());
+    Tape::SideBySide<lanes>(tape, nullptr).evaluate(wide_inputs.data(), nullptr, wide.data());
     for (std::size_t i = 0; i < wide.size(); ++i) EXPECT_TRUE(are_same(wide[i], whole[i / lanes]));
+}
+
+// What needs constant inputs alone is computed once: also where it stands beside equal operations on others, and in a part.
+TEST(Tape, ConstantInputsOfLanesHaveTheBitsOfTheWhole) {
+    const Elements elements(13);
+    const std::size_t count = elements.inputs.size();
+    for (const std::size_t moving : {std::size_t{0}, count / 3, count / 2, count}) {
+        const std::size_t discrete = moving / 4, constant = count - moving;
+        Tape tape(elements.graph, elements.inputs, elements.outputs, {moving - discrete, discrete, constant});
+        for (const bool of_part : {false, true}) {
+            if (of_part) tape = tape.part(std::array<std::size_t, 5>{3, 40, 41, 90, elements.outputs.size() - 1});
+            constexpr std::size_t lanes = 8;
+            std::vector<double> wide(lanes * count), found(lanes * tape.output_count());
+            std::vector<std::vector<double>> inputs(lanes);
+            for (std::size_t l = 0; l < lanes; ++l) inputs[l] = random_inputs(count, l);
+            const auto spread = [&] {
+                for (std::size_t i = 0; i < lanes * count; ++i) wide[i] = inputs[i % lanes][i / lanes];
+            };
+            spread();
+            const double* given = wide.data();
+            Tape::SideBySide<lanes> side_by_side(tape, given + lanes * moving);
+            for (std::uint64_t seed = 20; seed < 23; ++seed) { // the others move
+                for (std::size_t l = 0; l < lanes; ++l) {
+                    const auto other = random_inputs(count, seed + l);
+                    std::copy_n(other.begin(), moving, inputs[l].begin());
+                }
+                spread();
+                side_by_side.evaluate(given, given + lanes * (moving - discrete), found.data());
+                for (std::size_t l = 0; l < lanes; ++l) {
+                    const std::span<const double> all = inputs[l];
+                    std::vector<double> one(tape.output_count());
+                    tape.evaluate(
+                        {all.first(moving - discrete), all.subspan(moving - discrete, discrete), all.last(constant)},
+                        one);
+                    for (std::size_t i = 0; i < one.size(); ++i) EXPECT_TRUE(are_same(found[i * lanes + l], one[i]));
+                }
+            }
+        }
+    }
 }
 
 TEST(Tape, BoundsOfElementsHoldTheirValues) {
