@@ -79,4 +79,18 @@ Eigen::VectorXd NormalEquations::times(const Eigen::VectorXd& x) const {
     return y;
 }
 
+Eigen::MatrixXd NormalEquations::matrix() const {
+    const Eigen::Index parameters = parameters_.rows();
+    Eigen::MatrixXd all = Eigen::MatrixXd::Zero(jacobian_.cols(), jacobian_.cols());
+    all.topLeftCorner(parameters, parameters) = parameters_;
+    Eigen::Index place = parameters;
+    for (const auto& [own, shared] : starts_) {
+        all.block(place, place, own.rows(), own.cols()) = own;
+        all.block(0, place, parameters, own.cols()) = shared;
+        all.block(place, 0, own.rows(), parameters) = shared.transpose();
+        place += own.rows();
+    }
+    return all;
+}
+
 } // namespace tribode

@@ -14,6 +14,7 @@ class NormalEquations {
 
     Eigen::VectorXd product(const Eigen::Ref<const Eigen::VectorXd>& errors) const; // j^T errors, of all rows
     Eigen::VectorXd times(const Eigen::VectorXd& x) const;                          // j^T j x, of all columns
+    Eigen::MatrixXd matrix() const;                                                 // j^T j
 
     // Of (j^T j + damping I) x = right. Start values are eliminated, record by record.
     Eigen::VectorXd damped_solution(double damping, const Eigen::VectorXd& right) const;

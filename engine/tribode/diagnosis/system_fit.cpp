@@ -30,12 +30,14 @@ constexpr double visible = 1e-3, max_step = 10;
 constexpr std::size_t max_growth = 64, samples_per_value = 10;
 // Factors of the damping that are tried side by side.
 constexpr std::array side_by_side = {1.0 / 25, 1.0 / 5, 1.0, 6.0, 36.0, 216.0, 1296.0, 7776.0};
-constexpr int stiff_iterations = 2, iterations_of_halved = 3;    // at least, in halved steps
-constexpr int iterations_of_all = 3;                             // over all samples, after a fit over some
+constexpr int stiff_iterations = 2, iterations_of_halved = 3; // at least, in halved steps
+constexpr int iterations_of_all = 3;                          // over all samples, after a fit over some
+constexpr int iterations_of_all_in_search = 1;
 constexpr double least_gain = 1e-6, least_gain_in_search = 1e-4; // of the squared errors, by an iteration
 constexpr double quick_gain = 0.5;      // what an iteration of a quick fit leaves of the squared errors
 constexpr double most_bent = 0.375;     // of a step, for what corrects it
 constexpr double as_good_a_step = 1.01; // of the squared errors of the best
+constexpr double near = 0.1;            // of the errors, between two ends of fits that are one
 constexpr double agreed = 4;            // times what is negligible: fixed steps and those of another solver
 
 } // namespace
@@ -120,6 +122,14 @@ void locate_jumps_in_time(Equations& equations) {
 }
 
 } // namespace
+
+bool FoundMinimum::is_near(const std::vector<double>& others) const {
+    const auto size = static_cast<Eigen::Index>(values.size());
+    if (curvature.rows() != size || others.size() != values.size()) return false;
+    const Eigen::VectorXd apart =
+        Eigen::Map<const Eigen::VectorXd>(others.data(), size) - Eigen::Map<const Eigen::VectorXd>(values.data(), size);
+    return apart.dot(curvature * apart) < near * near * sum;
+}
 
 SystemFit::SystemFit(const std::vector<SystemRecord>& records, std::vector<double> scale, Interpolation between,
                      std::vector<std::size_t> used)
@@ -408,11 +418,12 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
         // Most of the way over fewer samples, where steps of their length do. From there the noise of all samples moves the values
         // a little.
         if (LaneFit coarse = *lanes; coarse.thin_out(start)) {
-            const Result there = descend(model, start, 2 * iterations, ended, &coarse);
+            Result there = descend(model, start, 2 * iterations, ended, &coarse);
+            if (there.is_known) return there;
             const auto before = lanes->errors({start, there.values});
             if (sum_of_squares(before[1]) < sum_of_squares(before[0])) {
                 result.values = there.values;
-                iterations = std::min(iterations, iterations_of_all);
+                iterations = std::min(iterations, is_search_ ? iterations_of_all_in_search : iterations_of_all);
             }
         }
     }
@@ -420,6 +431,7 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
         const int before = result.iterations;
         result = descend(model, std::move(result.values), iterations - before, ended, &*lanes);
         result.iterations += before;
+        if (result.is_known) return result;
         if (result.errors.empty()) break;
         if (is_search_) {
             result.substeps = lanes->substeps();
@@ -462,6 +474,10 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
     for (const std::size_t end : rows_before()) ends.push_back(static_cast<Eigen::Index>(end));
     ends.erase(ends.begin());
     for (; result.iterations < iterations && !ended(); ++result.iterations) {
+        if (found_ && result.iterations > 0 && found_->is_near(result.values)) {
+            result.is_known = true;
+            break;
+        }
         Eigen::MatrixXd j = lanes ? lanes->jacobian(result.values, result.errors)
                                   : jacobian_by_runs(model, result.values, result.errors, &steps, ended);
         // Values may be of any unit: each column has norm one, and what keeps the matrix regular is a share of each.
@@ -473,6 +489,7 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
         const Eigen::Map<const Eigen::VectorXd> e(result.errors.data(), j.rows());
         const NormalEquations normal(j, static_cast<Eigen::Index>(model.parameters.size()), ends);
         const Eigen::VectorXd gradient = normal.product(e);
+        if (is_search_ && lanes) result.curvature = norm.asDiagonal() * normal.matrix() * norm.asDiagonal();
         const auto damped_solution = [&](double with_damping, const Eigen::VectorXd& right) {
             return normal.damped_solution(with_damping + 1e-12, right);
         };
@@ -579,7 +596,9 @@ SystemFit::Result SystemFit::fit_growing(const SystemModel& model, std::vector<d
     for (const std::size_t share : shares) {
         SystemFit part = *this;
         for (std::size_t& used : part.used_) used = used > 0 ? std::max<std::size_t>(2, used / share) : 0;
-        start = part.fit(model, std::move(start), iterations / 2, ended).values;
+        Result there = part.fit(model, std::move(start), iterations / 2, ended);
+        if (there.is_known) return there;
+        start = std::move(there.values);
     }
     return fit(model, std::move(start), iterations, ended);
 }

@@ -26,6 +26,16 @@ struct SystemTrace {
 
 class LaneFit;
 
+// Where a fit has ended, and how the errors move about it.
+struct FoundMinimum {
+    std::vector<double> values;
+    double sum = 0;            // of the squared errors
+    Eigen::MatrixXd curvature; // J^T J, of their Jacobian by the values; empty: not known
+
+    // Whether the errors at these values are, to first order, nearly the same.
+    bool is_near(const std::vector<double>& others) const;
+};
+
 // Fits values of models to records by full simulation: least squares of the outputs, each divided by `scale`, by
 // Levenberg and Marquardt's method: many sets of values side by side in fixed steps (LaneFit) where the equations allow it.
 class SystemFit {
@@ -69,6 +79,9 @@ class SystemFit {
     }
     bool is_search() const { return is_search_; }
 
+    // From here on a fit of this model that comes near these values gives up: it would end there once more. They must outlive it.
+    void look_elsewhere(const FoundMinimum& found) { found_ = &found; }
+
     using Ended = std::function<bool()>; // whether the time is over
 
     struct Result {
@@ -76,7 +89,9 @@ class SystemFit {
         std::vector<double> errors; // at the values; empty: no simulation succeeded
         double sum = std::numeric_limits<double>::infinity();
         int iterations = 0;
-        std::size_t substeps = 0; // of a sample, that were enough; 0: not known
+        std::size_t substeps = 0;  // of a sample, that were enough; 0: not known
+        Eigen::MatrixXd curvature; // of a search in fixed steps, on the way to the values: see FoundMinimum
+        bool is_known = false;     // it gave up, see look_elsewhere()
     };
     // Where `ended` says so the values are those reached by then.
     Result fit(const SystemModel& model, std::vector<double> start, int iterations, const Ended& ended) const;
@@ -125,6 +140,7 @@ class SystemFit {
     std::vector<std::size_t> used_;
     bool fixed_steps_only_ = false, is_search_ = false;
     std::size_t substeps_ = 0;
+    const FoundMinimum* found_ = nullptr;
 };
 
 } // namespace tribode

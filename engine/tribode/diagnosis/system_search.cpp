@@ -158,15 +158,17 @@ SystemErrors SystemSearch::errors() const {
 
 bool SystemSearch::fit(SystemCandidate& candidate) const { return fit(candidate, iterations); }
 
-bool SystemSearch::fit(SystemCandidate& candidate, int steps, bool growing) const {
+bool SystemSearch::fit(SystemCandidate& candidate, int steps, bool growing, const FoundMinimum* found) const {
     SystemFit part = fit_of(shown_, candidate.substeps);
+    if (found) part.look_elsewhere(*found);
     if (is_followed_ && FixedSteps::of(candidate.model.with(candidate.values))) part.keep_to_fixed_steps();
     const auto ended = [this] { return late(); };
     const auto result = growing ? part.fit_growing(candidate.model, candidate.values, steps, ended)
                                 : part.fit(candidate.model, candidate.values, steps, ended);
-    if (result.errors.empty()) return false;
+    if (result.errors.empty() || result.is_known) return false;
     candidate.values = result.values;
     candidate.fitted = result.errors;
+    candidate.curvature = result.curvature;
     candidate.substeps = result.substeps;
     candidate.predicted = fit_of(hidden_, candidate.substeps).errors(candidate.model, candidate.values);
     candidate.is_noise = false;
@@ -789,8 +791,17 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
             if (!late()) one(some[n]);
         });
     };
-    const auto improve = [&](std::size_t c, SystemCandidate other, int steps, bool growing) {
-        if (fit(other, steps, growing) && SystemFit::sum_of_squares(other.fitted) < sum(c)) found[c] = std::move(other);
+    const auto take_if_better = [&](std::size_t c, SystemCandidate& other) {
+        if (SystemFit::sum_of_squares(other.fitted) < sum(c)) found[c] = std::move(other);
+    };
+    const auto go_on_with = [&](std::size_t c, int steps) {
+        SystemCandidate further = found[c];
+        if (fit(further, steps)) take_if_better(c, further);
+    };
+    // From elsewhere, unless that leads to where it is.
+    const auto try_from = [&](std::size_t c, SystemCandidate other, int steps, bool growing) {
+        const FoundMinimum present{found[c].values, sum(c), found[c].curvature};
+        if (fit(other, steps, growing, &present)) take_if_better(c, other);
     };
     // The first ones of a sorted list, and further on the first ones of terms with one parameter each: after few iterations richer
     // terms are ahead, whatever is missing.
@@ -812,13 +823,13 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
     std::iota(all.begin(), all.end(), std::size_t{0});
     fit_each(all, "fitting", [&](std::size_t c) {
         start[c] = started(list[c], terms);
-        if (!late()) improve(c, start[c], first_iterations, false);
+        if (!late()) try_from(c, start[c], first_iterations, false);
         if (late() || list[c].is_followed || list[c].terms.terms.size() > 1 || found[c].is_noise) return;
-        if (auto other = sized(start[c])) improve(c, *std::move(other), first_iterations, true);
+        if (auto other = sized(start[c])) try_from(c, *std::move(other), first_iterations, true);
         if (found[c].is_noise || late()) return;
         auto given = with_given_values(start[c]);
         auto other = sized(given);
-        improve(c, other ? *std::move(other) : std::move(given), first_iterations, false);
+        try_from(c, other ? *std::move(other) : std::move(given), first_iterations, false);
     });
     // The best go on. Of the others those of which screening promised most, and which fell short of it, begin anew.
     auto sorted = all;
@@ -836,20 +847,20 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
                std::pair(!list[b].is_followed, -list[b].terms.explained);
     });
     begin_anew.resize(std::min(begin_anew.size(), grown));
-    fit_each(begin_anew, "fitting growing records to", [&](std::size_t c) { improve(c, start[c], iterations, true); });
+    fit_each(begin_anew, "fitting growing records to", [&](std::size_t c) { try_from(c, start[c], iterations, true); });
     fit_each(go_on, "fitting the best", [&](std::size_t c) {
         if (found[c].is_noise || found[c].predicted.empty()) return;
-        improve(c, found[c], iterations, false);
+        go_on_with(c, iterations);
         // Without the term the other values made up for it, and may have led into another minimum. So once more from the values
         // as they were given.
         if (found[c].is_noise || late()) return;
-        improve(c, with_given_values(found[c]), iterations, true);
+        try_from(c, with_given_values(found[c]), iterations, true);
     });
     // What promises most is followed to its minimum, in whatever valley of values it lies: a few percent decide.
     std::erase_if(sorted, [&](std::size_t c) { return found[c].predicted.empty() || found[c].is_noise; });
     std::ranges::stable_sort(sorted, {}, [&](std::size_t c) { return found[c].score(); });
     fit_each(first_of(sorted, polished, plain_polished), "fitting to the end",
-             [&](std::size_t c) { improve(c, found[c], last_iterations, false); });
+             [&](std::size_t c) { go_on_with(c, last_iterations); });
     std::erase_if(found, [](const SystemCandidate& c) { return c.predicted.empty(); });
     return found;
 }

@@ -18,6 +18,7 @@ struct SystemCandidate {
     std::vector<std::string> texts;
     std::vector<double> fitted;    // errors over what is shown
     std::vector<double> predicted; // over the rest
+    Eigen::MatrixXd curvature;     // of the fitted errors, where it is known: see FoundMinimum
     std::size_t library = 1;       // from how many terms these were chosen
     std::size_t substeps = 0;      // of a sample, that its simulation needs; 0: not known
     // Whether the fitted part leaves nothing but white noise, and the whole records, to which it is fitted then, too. What
@@ -98,7 +99,9 @@ class SystemSearch {
         made.begin_search(substeps);
         return made;
     }
-    bool fit(SystemCandidate& candidate, int iterations, bool growing = false) const;
+    // `found`: where this model ended before; false, too, where it ends there again.
+    bool fit(SystemCandidate& candidate, int iterations, bool growing = false,
+             const FoundMinimum* found = nullptr) const;
     void fit_whole(SystemCandidate& candidate, int iterations) const; // where white noise is all that is left then
     std::vector<SystemTerm> terms_beside(const SystemCandidate& current, bool with_nameless) const;
     SystemCandidate started(const Hypothesis& hypothesis, const std::vector<SystemTerm>& terms) const;
