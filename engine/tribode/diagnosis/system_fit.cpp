@@ -34,11 +34,13 @@ constexpr int stiff_iterations = 2, iterations_of_halved = 3; // at least, in ha
 constexpr int iterations_of_all = 3;                          // over all samples, after a fit over some
 constexpr int iterations_of_all_in_search = 1;
 constexpr double least_gain = 1e-6, least_gain_in_search = 1e-4; // of the squared errors, by an iteration
-constexpr double quick_gain = 0.5;      // what an iteration of a quick fit leaves of the squared errors
-constexpr double most_bent = 0.375;     // of a step, for what corrects it
-constexpr double as_good_a_step = 1.01; // of the squared errors of the best
-constexpr double near = 0.1;            // of the errors, between two ends of fits that are one
-constexpr double agreed = 4;            // times what is negligible: fixed steps and those of another solver
+constexpr double least_gain_of_part = 0.03;                      // where more of the records will be fitted
+constexpr double quick_gain = 0.5;         // what an iteration of a quick fit leaves of the squared errors
+constexpr double most_bent = 0.375;        // of a step, for what corrects it
+constexpr double as_good_a_step = 1.01;    // of the squared errors of the best
+constexpr double near = 0.1;               // of the errors, between two ends of fits that are one
+constexpr double differs_by_chance = 1.05; // of the mean squared errors, over some samples
+constexpr double agreed = 4;               // times what is negligible: fixed steps and those of another solver
 
 } // namespace
 
@@ -419,7 +421,7 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
         // a little.
         if (LaneFit coarse = *lanes; coarse.thin_out(start)) {
             Result there = descend(model, start, 2 * iterations, ended, &coarse);
-            if (there.is_known) return there;
+            if (there.gave_up) return there;
             const auto before = lanes->errors({start, there.values});
             if (sum_of_squares(before[1]) < sum_of_squares(before[0])) {
                 result.values = there.values;
@@ -431,7 +433,7 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
         const int before = result.iterations;
         result = descend(model, std::move(result.values), iterations - before, ended, &*lanes);
         result.iterations += before;
-        if (result.is_known) return result;
+        if (result.gave_up) return result;
         if (result.errors.empty()) break;
         if (is_search_) {
             result.substeps = lanes->substeps();
@@ -475,7 +477,7 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
     ends.erase(ends.begin());
     for (; result.iterations < iterations && !ended(); ++result.iterations) {
         if (found_ && result.iterations > 0 && found_->is_near(result.values)) {
-            result.is_known = true;
+            result.gave_up = true;
             break;
         }
         Eigen::MatrixXd j = lanes ? lanes->jacobian(result.values, result.errors)
@@ -579,7 +581,17 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
                 damping = improved ? std::max(damping / 5, 1e-9) : std::max(damping * 6, 1e-6);
             }
         }
-        if (!improved || before - result.sum < (is_search_ ? least_gain_in_search : least_gain) * before) break;
+        const double enough = is_part_ ? least_gain_of_part : is_search_ ? least_gain_in_search : least_gain;
+        const bool goes_on = improved && before - result.sum >= enough * before;
+        if (found_ && !is_part_) {
+            // Were each iteration that is left to gain what this one did.
+            const double least =
+                goes_on ? result.sum * std::pow(result.sum / before, iterations - 1 - result.iterations) : result.sum;
+            const auto mean = [](double sum, std::size_t errors) { return sum / static_cast<double>(errors); };
+            const double some = result.errors.size() == found_->errors ? 1 : differs_by_chance;
+            result.gave_up = mean(least, result.errors.size()) > some * mean(found_->sum, found_->errors);
+        }
+        if (!goes_on || result.gave_up) break;
     }
     return result;
 }
@@ -595,9 +607,10 @@ SystemFit::Result SystemFit::fit_growing(const SystemModel& model, std::vector<d
     }
     for (const std::size_t share : shares) {
         SystemFit part = *this;
+        part.is_part_ = true;
         for (std::size_t& used : part.used_) used = used > 0 ? std::max<std::size_t>(2, used / share) : 0;
         Result there = part.fit(model, std::move(start), iterations / 2, ended);
-        if (there.is_known) return there;
+        if (there.gave_up) return there;
         start = std::move(there.values);
     }
     return fit(model, std::move(start), iterations, ended);

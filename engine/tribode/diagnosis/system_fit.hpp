@@ -30,6 +30,7 @@ class LaneFit;
 struct FoundMinimum {
     std::vector<double> values;
     double sum = 0;            // of the squared errors
+    std::size_t errors = 0;    // how many
     Eigen::MatrixXd curvature; // J^T J, of their Jacobian by the values; empty: not known
 
     // Whether the errors at these values are, to first order, nearly the same.
@@ -79,7 +80,8 @@ class SystemFit {
     }
     bool is_search() const { return is_search_; }
 
-    // From here on a fit of this model that comes near these values gives up: it would end there once more. They must outlive it.
+    // From here on a fit of this model gives up that comes near these values, as it would end there once more, or whose errors will not
+    // become less than these. They must outlive it.
     void look_elsewhere(const FoundMinimum& found) { found_ = &found; }
 
     using Ended = std::function<bool()>; // whether the time is over
@@ -91,7 +93,7 @@ class SystemFit {
         int iterations = 0;
         std::size_t substeps = 0;  // of a sample, that were enough; 0: not known
         Eigen::MatrixXd curvature; // of a search in fixed steps, on the way to the values: see FoundMinimum
-        bool is_known = false;     // it gave up, see look_elsewhere()
+        bool gave_up = false;      // see look_elsewhere()
     };
     // Where `ended` says so the values are those reached by then.
     Result fit(const SystemModel& model, std::vector<double> start, int iterations, const Ended& ended) const;
@@ -141,6 +143,7 @@ class SystemFit {
     bool fixed_steps_only_ = false, is_search_ = false;
     std::size_t substeps_ = 0;
     const FoundMinimum* found_ = nullptr;
+    bool is_part_ = false; // the beginning of what will be fitted
 };
 
 } // namespace tribode

@@ -165,7 +165,7 @@ bool SystemSearch::fit(SystemCandidate& candidate, int steps, bool growing, cons
     const auto ended = [this] { return late(); };
     const auto result = growing ? part.fit_growing(candidate.model, candidate.values, steps, ended)
                                 : part.fit(candidate.model, candidate.values, steps, ended);
-    if (result.errors.empty() || result.is_known) return false;
+    if (result.errors.empty() || result.gave_up) return false;
     candidate.values = result.values;
     candidate.fitted = result.errors;
     candidate.curvature = result.curvature;
@@ -800,7 +800,7 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
     };
     // From elsewhere, unless that leads to where it is.
     const auto try_from = [&](std::size_t c, SystemCandidate other, int steps, bool growing) {
-        const FoundMinimum present{found[c].values, sum(c), found[c].curvature};
+        const FoundMinimum present{found[c].values, sum(c), found[c].fitted.size(), found[c].curvature};
         if (fit(other, steps, growing, &present)) take_if_better(c, other);
     };
     // The first ones of a sorted list, and further on the first ones of terms with one parameter each: after few iterations richer
