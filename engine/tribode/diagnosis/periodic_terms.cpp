@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 
 namespace tribode {
 
@@ -69,19 +70,26 @@ Periods periods(const TermLibrary& library, const TermTarget& target, const std:
         double power, frequency;
     };
     std::vector<Line> spectrum, peaks;
-    const std::size_t most = std::min(w.size() / 4, max_turns);
-    for (std::size_t n = per_turn / 2; n <= most * per_turn; ++n) {
+    const std::size_t most = std::min(w.size() / 4, max_turns), first = per_turn / 2;
+    // The angle of each value turns by the same from one frequency to the next.
+    std::vector<std::complex<double>> turned, turns;
+    for (const double value : w) {
+        const double angle = two_pi * value / (per_turn * span);
+        turned.push_back(std::polar(1.0, static_cast<double>(first) * angle));
+        turns.push_back(std::polar(1.0, angle));
+    }
+    for (std::size_t n = first; n <= most * per_turn; ++n) {
         const double frequency = static_cast<double>(n) / (per_turn * span);
         // Over levels that lie apart, as those of a staircase, a wave is whatever they are: the variable must pass through
         // it, through neighboring quarters of a turn.
         const Visited quarters = visited(ascending, n, span);
         const bool passes_through = 2 * quarters.beside_another >= quarters.all;
-        double s = 0, c = 0;
-        for (std::size_t k = 0; passes_through && k < w.size(); ++k) {
-            s += (e[k] - mean) * std::sin(two_pi * frequency * w[k]);
-            c += (e[k] - mean) * std::cos(two_pi * frequency * w[k]);
+        std::complex<double> sum = 0;
+        for (std::size_t k = 0; k < w.size(); ++k) {
+            if (passes_through) sum += (e[k] - mean) * turned[k];
+            turned[k] *= turns[k];
         }
-        spectrum.push_back({s * s + c * c, frequency});
+        spectrum.push_back({std::norm(sum), frequency});
     }
     for (std::size_t n = 1; n + 1 < spectrum.size(); ++n) {
         const double power = spectrum[n].power;

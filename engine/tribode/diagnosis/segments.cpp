@@ -11,6 +11,7 @@ namespace {
 constexpr std::size_t min_segment_samples = 20, samples_per_state = 6; // of a segment
 constexpr double near_noise = 1.5, near_output = 0.01; // rms, over the noise and over the outputs' deviation
 constexpr int start_iterations = 6, all_iterations = 6;
+constexpr double least_gain = 1e-3; // of the squared errors, by an iteration
 
 class Cutter {
   public:
@@ -52,7 +53,7 @@ class Cutter {
         made.values.assign(values_.begin(), values_.begin() + static_cast<std::ptrdiff_t>(model_.parameters.size()));
         made.values.insert(made.values.end(), starts.begin(), starts.end());
         const auto result =
-            made.fit(fit_.scale(), fit_.interpolation()).fit(made.model, made.values, all_iterations, ended_);
+            made.fit(fit_.scale(), fit_.interpolation(), 0).fit(made.model, made.values, all_iterations, ended_);
         if (result.errors.empty()) return std::nullopt;
         made.values = result.values;
         made.errors = result.errors;
@@ -117,11 +118,11 @@ class Cutter {
 
 } // namespace
 
-SystemFit Segments::fit(const std::vector<double>& scale, Interpolation between) const {
+SystemFit Segments::fit(const std::vector<double>& scale, Interpolation between, std::size_t of_sample) const {
     std::vector<std::size_t> all;
     for (const auto& record : records) all.push_back(record.size());
     SystemFit made{records, scale, between, all};
-    made.begin_search(substeps);
+    made.begin_search(of_sample, least_gain);
     return made;
 }
 

@@ -18,7 +18,8 @@ struct Segments {
 
     std::size_t substeps = 0; // of a sample, that were enough; 0: not known
 
-    SystemFit fit(const std::vector<double>& scale, Interpolation between) const;
+    // `of_sample`: so many steps of a sample are enough; 0: not known.
+    SystemFit fit(const std::vector<double>& scale, Interpolation between, std::size_t of_sample) const;
 
     std::vector<std::size_t> first_of; // of each record its first segment
 

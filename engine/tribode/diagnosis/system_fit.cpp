@@ -33,14 +33,13 @@ constexpr std::array side_by_side = {1.0 / 25, 1.0 / 5, 1.0, 6.0, 36.0, 216.0, 1
 constexpr int stiff_iterations = 2, iterations_of_halved = 3; // at least, in halved steps
 constexpr int iterations_of_all = 3;                          // over all samples, after a fit over some
 constexpr int iterations_of_all_in_search = 1;
-constexpr double least_gain = 1e-6, least_gain_in_search = 1e-4; // of the squared errors, by an iteration
-constexpr double least_gain_of_part = 0.03;                      // where more of the records will be fitted
-constexpr double quick_gain = 0.5;         // what an iteration of a quick fit leaves of the squared errors
-constexpr double most_bent = 0.375;        // of a step, for what corrects it
-constexpr double as_good_a_step = 1.01;    // of the squared errors of the best
-constexpr double near = 0.1;               // of the errors, between two ends of fits that are one
-constexpr double differs_by_chance = 1.05; // of the mean squared errors, over some samples
-constexpr double agreed = 4;               // times what is negligible: fixed steps and those of another solver
+constexpr double least_gain_of_part = 0.03; // where more of the records will be fitted
+constexpr double quick_gain = 0.5;          // what an iteration of a quick fit leaves of the squared errors
+constexpr double most_bent = 0.375;         // of a step, for what corrects it
+constexpr double as_good_a_step = 1.01;     // of the squared errors of the best
+constexpr double near = 0.1;                // of the errors, between two ends of fits that are one
+constexpr double differs_by_chance = 1.05;  // of the mean squared errors, over some samples
+constexpr double agreed = 4;                // times what is negligible: fixed steps and those of another solver
 
 } // namespace
 
@@ -581,8 +580,7 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
                 damping = improved ? std::max(damping / 5, 1e-9) : std::max(damping * 6, 1e-6);
             }
         }
-        const double enough = is_part_ ? least_gain_of_part : is_search_ ? least_gain_in_search : least_gain;
-        const bool goes_on = improved && before - result.sum >= enough * before;
+        const bool goes_on = improved && before - result.sum >= least_gain_ * before;
         if (found_ && !is_part_) {
             // Were each iteration that is left to gain what this one did.
             const double least =
@@ -608,6 +606,7 @@ SystemFit::Result SystemFit::fit_growing(const SystemModel& model, std::vector<d
     for (const std::size_t share : shares) {
         SystemFit part = *this;
         part.is_part_ = true;
+        part.least_gain_ = least_gain_of_part;
         for (std::size_t& used : part.used_) used = used > 0 ? std::max<std::size_t>(2, used / share) : 0;
         Result there = part.fit(model, std::move(start), iterations / 2, ended);
         if (there.gave_up) return there;

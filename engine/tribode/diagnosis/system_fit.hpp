@@ -73,10 +73,12 @@ class SystemFit {
 
     // From here on fits are those of a search, whose results are fitted once more: what fixed steps found is compared with halved ones
     // only, and not with a solver that controls its error, and errors may be off by a hundredth. `substeps`: so many of a sample
-    // are enough to begin with, or to simulate; 0: not known.
-    void begin_search(std::size_t substeps = 0) {
+    // are enough to begin with, or to simulate; 0: not known. A fit ends where an iteration gains less than `least_gain` of the
+    // squared errors.
+    void begin_search(std::size_t substeps = 0, double least_gain = 1e-4) {
         is_search_ = true;
         substeps_ = substeps;
+        least_gain_ = least_gain;
     }
     bool is_search() const { return is_search_; }
 
@@ -142,6 +144,7 @@ class SystemFit {
     std::vector<std::size_t> used_;
     bool fixed_steps_only_ = false, is_search_ = false;
     std::size_t substeps_ = 0;
+    double least_gain_ = 1e-6; // of the squared errors, by an iteration
     const FoundMinimum* found_ = nullptr;
     bool is_part_ = false; // the beginning of what will be fitted
 };

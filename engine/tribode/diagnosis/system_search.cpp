@@ -269,7 +269,7 @@ SystemCandidate SystemSearch::with_way_over_segments(SystemCandidate candidate) 
     double least = worth_another_way * rms_of_errors(segments->errors);
     for (const Interpolation between : all) {
         if (between == present) continue;
-        SystemFit fit_segments = segments->fit(scale_, between);
+        SystemFit fit_segments = segments->fit(scale_, between, segments->substeps);
         if (FixedSteps::of(candidate.model)) fit_segments.keep_to_fixed_steps();
         const auto result = fit_segments.fit(segments->model, segments->values, segment_iterations, late_);
         const double error = rms_of_errors(result.errors);
@@ -515,8 +515,7 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
     }
     const bool has_fixed_steps = FixedSteps::of(current.model).has_value();
     const auto fit_segments = [&](std::size_t substeps) {
-        SystemFit made = segments->fit(scale_, between_);
-        made.begin_search(substeps);
+        SystemFit made = segments->fit(scale_, between_, substeps);
         if (has_fixed_steps) made.keep_to_fixed_steps();
         return made;
     };
