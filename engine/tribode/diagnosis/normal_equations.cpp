@@ -25,14 +25,15 @@ NormalEquations::NormalEquations(const Eigen::MatrixXd& j, Eigen::Index paramete
     }
 }
 
-Eigen::VectorXd NormalEquations::product(const Eigen::Ref<const Eigen::VectorXd>& errors) const {
+Eigen::MatrixXd NormalEquations::product(const Eigen::Ref<const Eigen::MatrixXd>& errors) const {
     const Eigen::Index parameters = parameters_.rows();
-    Eigen::VectorXd y(jacobian_.cols());
-    y.head(parameters) = jacobian_.leftCols(parameters).transpose() * errors;
+    Eigen::MatrixXd y(jacobian_.cols(), errors.cols());
+    y.topRows(parameters).noalias() = jacobian_.leftCols(parameters).transpose() * errors;
     Eigen::Index row = 0, place = parameters;
     for (std::size_t r = 0; r < starts_.size(); ++r) {
         const Eigen::Index rows = ends_[r] - row, starts = starts_[r].own.rows();
-        y.segment(place, starts) = jacobian_.block(row, place, rows, starts).transpose() * errors.segment(row, rows);
+        y.middleRows(place, starts).noalias() =
+            jacobian_.block(row, place, rows, starts).transpose() * errors.middleRows(row, rows);
         row = ends_[r];
         place += starts;
     }

@@ -12,7 +12,7 @@ class NormalEquations {
     // has as many start values. Of one record, or of ends that do not go with the matrix, all columns count as parameters.
     NormalEquations(const Eigen::MatrixXd& jacobian, Eigen::Index parameters, const std::vector<Eigen::Index>& ends);
 
-    Eigen::VectorXd product(const Eigen::Ref<const Eigen::VectorXd>& errors) const; // j^T errors, of all rows
+    Eigen::MatrixXd product(const Eigen::Ref<const Eigen::MatrixXd>& errors) const; // j^T errors, of all rows
     Eigen::VectorXd times(const Eigen::VectorXd& x) const;                          // j^T j x, of all columns
     Eigen::MatrixXd matrix() const;                                                 // j^T j
 

@@ -536,15 +536,22 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
                     // [Transtrum 2012].
                     std::vector<std::vector<double>> bent;
                     std::vector<double> bent_dampings;
+                    Eigen::MatrixXd off(j.rows(), static_cast<Eigen::Index>(sets.size())); // from the errors here
+                    off.setZero();
                     for (std::size_t l = 0; l < sets.size(); ++l) {
                         if (errors[l].empty()) continue;
-                        const Eigen::Map<const Eigen::VectorXd> there(errors[l].data(), j.rows());
+                        off.col(static_cast<Eigen::Index>(l)) =
+                            Eigen::Map<const Eigen::VectorXd>(errors[l].data(), j.rows()) - e;
+                    }
+                    const Eigen::MatrixXd products = normal.product(off);
+                    for (std::size_t l = 0; l < sets.size(); ++l) {
+                        if (errors[l].empty()) continue;
                         Eigen::VectorXd step(norm.size());
                         for (Eigen::Index i = 0; i < step.size(); ++i) {
                             const auto place = static_cast<std::size_t>(i);
                             step[i] = (sets[l][place] - result.values[place]) * norm[i];
                         }
-                        const Eigen::VectorXd right = normal.product(there - e) + normal.times(step);
+                        const Eigen::VectorXd right = products.col(static_cast<Eigen::Index>(l)) + normal.times(step);
                         const Eigen::VectorXd bend = damped_solution(dampings[l], right);
                         if (!(bend.norm() < most_bent * step.norm())) continue;
                         bent.push_back(moved_by(step + bend));

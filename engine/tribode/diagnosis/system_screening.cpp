@@ -27,7 +27,7 @@ constexpr double told_apart = 1e-3; // of the effect of a probe, beside what fre
 class Screen {
   public:
     Screen(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
-           const std::vector<SystemTerm>& terms, const SystemFit& fit)
+           const std::vector<SystemTerm>& terms, const SystemFit& fit, TermEffects effects)
         : model_(model),
           values_(values),
           terms_(terms),
@@ -37,15 +37,17 @@ class Screen {
           stride_(std::max<std::size_t>(1, errors.size() / max_rows)),
           error_(thinned(errors)),
           basis_(free_directions(errors)),
-          open_(rest(error_)),
+          open_(error_ - basis_ * (basis_.transpose() * error_)),
+          added_(std::move(effects)),
           effect_(terms.size()) {
         careful_.begin_search();
+        added_.resize(terms.size());
     }
 
-    // The effect of each amplitude of a term at its start, less what free values can do.
+    // The effect of each amplitude of a term at its start.
     void simulate(std::size_t i) {
         const SystemTerm& term = terms_[i];
-        effect_[i] = Eigen::MatrixXd::Zero(error_.size(), static_cast<Eigen::Index>(term.amplitudes));
+        added_[i] = Eigen::MatrixXd::Zero(error_.size(), static_cast<Eigen::Index>(term.amplitudes));
         for (std::size_t a = 0; a < term.amplitudes; ++a) {
             // An effect far larger than the errors, such as that of a negative damping over a long record, says nothing to first
             // order about one as large as they are: then with less of the amplitude.
@@ -73,15 +75,21 @@ class Screen {
                     share *= 0.3 / excess;
                     continue;
                 }
-                // What free values do as well is not told apart from them.
-                const Eigen::VectorXd left = rest(moved);
-                if (left.norm() > told_apart * moved.norm()) {
-                    effect_[i].col(static_cast<Eigen::Index>(a)) = left / share;
-                }
+                added_[i].col(static_cast<Eigen::Index>(a)) = moved / share;
                 break;
             }
         }
     }
+
+    // Less what free values can do. What they do as well is not told apart from them.
+    void leave_out_free(std::size_t i) {
+        effect_[i] = added_[i] - basis_ * (basis_.transpose() * added_[i]);
+        for (Eigen::Index a = 0; a < effect_[i].cols(); ++a) {
+            if (!(effect_[i].col(a).norm() > told_apart * added_[i].col(a).norm())) effect_[i].col(a).setZero();
+        }
+    }
+
+    TermEffects take_effects() { return std::move(added_); }
 
     std::vector<ScreenedTerms> singles() {
         std::vector<ScreenedTerms> found;
@@ -262,8 +270,6 @@ class Screen {
         return basis_of(std::move(free));
     }
 
-    Eigen::VectorXd rest(const Eigen::VectorXd& v) const { return v - basis_ * (basis_.transpose() * v); }
-
     double solved(const Eigen::MatrixXd& columns, Eigen::VectorXd& coefficients) const {
         coefficients = Eigen::VectorXd::Zero(columns.cols());
         if (columns.cols() == 0 || !(columns.norm() > 0)) return 0;
@@ -319,9 +325,10 @@ class Screen {
     SystemFit careful_; // finds how short steps have to be
     std::size_t samples_, stride_;
     Eigen::VectorXd error_;
-    Eigen::MatrixXd basis_; // of what free values can do
-    Eigen::VectorXd open_;  // what they leave of the errors
-    std::vector<Eigen::MatrixXd> effect_;
+    Eigen::MatrixXd basis_;         // of what free values can do
+    Eigen::VectorXd open_;          // what they leave of the errors
+    TermEffects added_;             // by each term
+    TermEffects effect_;            // less what free values can do
     std::vector<double> explained_; // by each term alone
 };
 
@@ -332,9 +339,11 @@ namespace {
 Screen screen_of(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
                  const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
                  const std::function<bool()>& late) {
-    Screen screen(model, values, errors, terms, fit);
+    Screen screen(model, values, errors, terms, fit, {});
     for_each_index(terms.size(), control, fmt::format("screening {} terms", terms.size()), [&](std::size_t i) {
-        if (!late()) screen.simulate(i);
+        if (late()) return;
+        screen.simulate(i);
+        screen.leave_out_free(i);
     });
     return screen;
 }
@@ -348,6 +357,14 @@ std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std:
     return screen_of(model, values, errors, terms, fit, control, late).singles();
 }
 
+std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std::vector<double>& values,
+                                            const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
+                                            const SystemFit& fit, const TermEffects& effects) {
+    Screen screen(model, values, errors, terms, fit, effects);
+    for (std::size_t i = 0; i < terms.size(); ++i) screen.leave_out_free(i);
+    return screen.singles();
+}
+
 Screening screened_terms(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
                          const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
                          const std::function<bool()>& late) {
@@ -356,6 +373,7 @@ Screening screened_terms(const SystemModel& model, const std::vector<double>& va
     found.singles = screen.singles();
     found.pairs = screen.pairs(late);
     found.sums = screen.sums(late);
+    found.effects = screen.take_effects();
     return found;
 }
 

@@ -2,6 +2,8 @@
 #include "tribode/base/run_control.hpp"
 #include "tribode/diagnosis/system_terms.hpp"
 
+#include <Eigen/Core>
+
 #include <functional>
 #include <vector>
 
@@ -15,9 +17,13 @@ struct ScreenedTerms {
     bool is_alike = false;                   // what it explains is nearly what a better single one does
 };
 
+// Of each term, what its amplitudes add to the outputs, to first order, over their sizes: at the same samples as errors.
+using TermEffects = std::vector<Eigen::MatrixXd>;
+
 struct Screening {
     std::vector<ScreenedTerms> singles, pairs; // what explains most first
     std::vector<ScreenedTerms> sums;           // of two or three functions of the same two variables
+    TermEffects effects;
 };
 
 // What each term, and each two of them, would explain of the errors beside a move of all free values, to first order: each
@@ -33,5 +39,9 @@ std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std:
                                             const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
                                             const SystemFit& fit, const RunControl& control,
                                             const std::function<bool()>& late);
+// With effects that are known, as of a model whose motion is nearly the same.
+std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std::vector<double>& values,
+                                            const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
+                                            const SystemFit& fit, const TermEffects& effects);
 
 } // namespace tribode
