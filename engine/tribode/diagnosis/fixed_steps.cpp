@@ -1,4 +1,5 @@
 #include "tribode/diagnosis/fixed_steps.hpp"
+#include "tribode/base/aligned_vector.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/lanes.hpp"
 #include "tribode/system/contacts.hpp"
@@ -175,10 +176,17 @@ class FixedSteps::Run {
 
     void over(std::size_t substeps, std::vector<double>& all) {
         std::size_t sample = 0;
-        std::vector<double> cut((m_.delayed_.size() + 2) * lanes);
+        const bool is_together = m_.delayed_.empty() && !m_.friction_;
+        AlignedVector<double> cut((m_.delayed_.size() + 2) * lanes);
         for (const auto& interval : course_.intervals) {
             if (interval.is_sample) take_outputs(interval, sample++, all);
             if (!(interval.length > 0)) continue;
+            const auto steps = static_cast<std::size_t>(
+                std::max(1.0, std::ceil(static_cast<double>(substeps) * interval.length / course_.period - 1e-9)));
+            if (is_together) {
+                pass_together(interval, steps);
+                continue;
+            }
             // Where a delayed input changes within the interval, steps end too: in each lane somewhere else.
             const std::size_t parts = m_.delayed_.size() + 1;
             for (std::size_t l = 0; l < lanes; ++l) {
@@ -195,8 +203,6 @@ class FixedSteps::Run {
                 stops[parts] = interval.start + interval.length;
                 for (std::size_t i = 0; i <= parts; ++i) cut[i * lanes + l] = stops[i];
             }
-            const auto steps = static_cast<std::size_t>(
-                std::max(1.0, std::ceil(static_cast<double>(substeps) * interval.length / course_.period - 1e-9)));
             for (std::size_t part = 0; part < parts; ++part) {
                 pass(interval.piece, &cut[part * lanes], &cut[(part + 1) * lanes], steps);
             }
@@ -207,10 +213,14 @@ class FixedSteps::Run {
     using Each = std::array<double, lanes>;
 
     void take_outputs(const Course::Interval& interval, std::size_t sample, std::vector<double>& all) {
-        Each t;
-        t.fill(interval.start);
-        find_pieces(t);
-        set_inputs(interval.piece, t);
+        if (m_.delayed_.empty()) {
+            set_inputs(interval.piece, interval.start);
+        } else {
+            Each t;
+            t.fill(interval.start);
+            find_pieces(t);
+            set_inputs(interval.piece, t);
+        }
         if (m_.friction_) find_modes();
         outputs_->evaluate(x_.data(), u_.data(), y_.data());
         for (std::size_t l = 0; l < sets_; ++l) {
@@ -230,13 +240,25 @@ class FixedSteps::Run {
         }
     }
 
+    const std::array<double, 4>& piece_of(std::size_t input, double place) const {
+        const auto& pieces = course_.inputs[input];
+        return pieces[std::min(static_cast<std::size_t>(std::max(place, 0.0)), pieces.size() - 1)];
+    }
+
+    double start_of(std::size_t piece) const { return course_.begin + static_cast<double>(piece) * course_.period; }
+
+    // Of all lanes, at one instant, without delays.
+    void set_inputs(std::size_t piece, double t) {
+        std::fill_n(u_.begin(), lanes, t);
+        const double share = (t - start_of(piece)) / course_.period;
+        for (std::size_t i = 0; i < m_.input_count_; ++i) {
+            std::fill_n(&u_[(1 + i) * lanes], lanes, value_of(piece_of(i, static_cast<double>(piece)), share));
+        }
+    }
+
     void set_inputs(std::size_t piece, const Each& t) {
-        const auto piece_of = [&](std::size_t input, double place) -> const std::array<double, 4>& {
-            const auto& pieces = course_.inputs[input];
-            return pieces[std::min(static_cast<std::size_t>(std::max(place, 0.0)), pieces.size() - 1)];
-        };
         std::copy_n(t.begin(), lanes, u_.begin());
-        const double start = course_.begin + static_cast<double>(piece) * course_.period;
+        const double start = start_of(piece);
         for (std::size_t i = 0; i < m_.input_count_; ++i) {
             const auto& now = piece_of(i, static_cast<double>(piece));
             for (std::size_t l = 0; l < lanes; ++l) {
@@ -251,6 +273,19 @@ class FixedSteps::Run {
                 u_[(1 + m_.input_count_ + d) * lanes + l] =
                     place < 0 ? course_.inputs[input].front()[0] : value_of(piece_of(input, place), s);
             }
+        }
+    }
+
+    // All lanes from the start of an interval to its end.
+    void pass_together(const Course::Interval& interval, std::size_t steps) {
+        piece_ = interval.piece;
+        const double end = interval.start + interval.length, middle = 0.5 * (interval.start + end);
+        first_.fill(std::min(interval.start + same_instant * course_.period, middle));
+        last_.fill(std::max(end - same_instant * course_.period, middle));
+        are_inputs_set_ = false;
+        const double length = (end - interval.start) / static_cast<double>(steps);
+        for (std::size_t step = 0; step < steps; ++step) {
+            advance(interval.start + static_cast<double>(step) * length, length);
         }
     }
 
@@ -290,15 +325,30 @@ class FixedSteps::Run {
         }
     }
 
-    // A step of each lane.
-    void advance(const Each& start, const Each& length) {
+    void go_to(double start, double length, double share) {
+        const double t = std::clamp(start + share * length, first_[0], last_[0]);
+        if (course_.holds && are_inputs_set_) {
+            std::fill_n(u_.begin(), lanes, t);
+        } else {
+            set_inputs(piece_, t);
+            are_inputs_set_ = true;
+        }
+    }
+
+    static double of_lane(const Each& values, std::size_t l) { return values[l]; }
+    static double of_lane(double value, std::size_t) { return value; }
+
+    // A step of each lane, or of all: Each or a number.
+    template <class Time>
+    void advance(const Time& start, const Time& length) {
         const auto slope = [&](std::size_t of, const double* where) {
             rates_->evaluate(where, u_.data(), &slopes_[of * n_ * lanes]);
         };
         const auto move = [&](double share, std::size_t of) {
             for (std::size_t i = 0; i < n_; ++i) {
                 for (std::size_t l = 0; l < lanes; ++l) {
-                    stage_[i * lanes + l] = x_[i * lanes + l] + share * length[l] * slopes_[(of * n_ + i) * lanes + l];
+                    stage_[i * lanes + l] =
+                        x_[i * lanes + l] + share * of_lane(length, l) * slopes_[(of * n_ + i) * lanes + l];
                 }
             }
         };
@@ -315,7 +365,7 @@ class FixedSteps::Run {
         for (std::size_t i = 0; i < n_; ++i) {
             for (std::size_t l = 0; l < lanes; ++l) {
                 const auto of = [&](std::size_t s) { return slopes_[(s * n_ + i) * lanes + l]; };
-                x_[i * lanes + l] += length[l] / 6 * (of(0) + 2 * (of(1) + of(2)) + of(3));
+                x_[i * lanes + l] += of_lane(length, l) / 6 * (of(0) + 2 * (of(1) + of(2)) + of(3));
             }
         }
     }
@@ -356,7 +406,7 @@ class FixedSteps::Run {
                 go_to(start, left, 0);
                 find_modes();
             }
-            const std::vector<double>& before = before_ = x_;
+            const AlignedVector<double>& before = before_ = x_;
             const Each holding = excess_;
             std::array<bool, lanes> held;
             for (std::size_t l = 0; l < lanes; ++l) held[l] = mode(l) == 0;
@@ -425,7 +475,7 @@ class FixedSteps::Run {
     const FixedSteps& m_;
     const Course& course_;
     std::size_t n_, mode_; // states; place of the mode in u
-    std::vector<double> x_, stage_, slopes_, u_, p_, y_, delay_, behind_, before_;
+    AlignedVector<double> x_, stage_, slopes_, u_, p_, y_, delay_, behind_, before_;
     std::optional<Tape::SideBySide<lanes>> rates_, outputs_, holding_;
     std::size_t sets_, piece_ = 0;
     Each first_, last_, excess_, lets_go_to_;
