@@ -23,7 +23,10 @@ void expect_as_whole(const Eigen::MatrixXd& j, const NormalEquations& equations)
     const Eigen::VectorXd errors = Eigen::VectorXd::LinSpaced(j.rows(), -1, 2);
     const Eigen::VectorXd x = Eigen::VectorXd::LinSpaced(j.cols(), 3, -1);
     EXPECT_LT((equations.product(errors) - j.transpose() * errors).norm(), 1e-14);
+    const Eigen::MatrixXd several = Eigen::MatrixXd::Random(j.rows(), 3);
+    EXPECT_LT((equations.product(several) - j.transpose() * several).norm(), 1e-14);
     EXPECT_LT((equations.times(x) - whole * x).norm(), 1e-13);
+    EXPECT_LT((equations.matrix() - whole).norm(), 1e-14);
     for (const double damping : {1e-6, 0.3}) {
         Eigen::MatrixXd damped = whole;
         damped.diagonal().array() += damping;

@@ -244,6 +244,43 @@ TEST(SystemFit, AnOscillationIsFoundFromFarOffByGrowingParts) {
     EXPECT_NEAR(growing.values[0], 64, 1e-4);
 }
 
+// The same pendulum has many minima. Once one is known, a fit that leads there again gives up, as does one that leads to a worse one.
+TEST(SystemFit, AFitGivesUpWhereAnotherOneEnded) {
+    const TemporaryFolder folder;
+    SystemModel model = model_of(folder, R"(
+        parameters = { w2 = 64, size = 1 }, states = { x = 1, v = 0 },
+        der = function(s) return { x = s.v, v = -s.w2 * math.sin(s.x) - 0.05 * s.v } end,
+        outputs = function(s) return { y = s.size * s.x } end)");
+    model.starts.clear();
+    std::vector<SystemRecord> records = {record_of(2000, 0.03, {})};
+    const std::vector<std::size_t> whole = {2000};
+    const bool is_size_first = model.equations.parameters[0].name == "size";
+    const auto values = [&](double w2, double size) {
+        return is_size_first ? std::vector<double>{size, w2} : std::vector<double>{w2, size};
+    };
+    const auto trace =
+        SystemFit(records, {1}, Interpolation::hold, whole).simulate(model, values(64, 1), 0, records[0].size());
+    ASSERT_TRUE(trace);
+    records[0].outputs = trace->outputs;
+    SystemFit fit(records, {0.5}, Interpolation::hold, whole);
+    fit.begin_search();
+    const auto local = fit.fit(model, values(42, 1), 40, never);
+    const auto same = fit.fit(model, values(42.01, 1.2), 40, never);
+    ASSERT_GT(local.sum, 100);
+    ASSERT_NEAR(same.sum, local.sum, 1e-3 * local.sum);
+    const FoundMinimum found{local.values, local.sum, local.errors.size(), local.curvature};
+    EXPECT_TRUE(found.is_near(local.values));
+    EXPECT_FALSE(found.is_near(values(64, 1)));
+    fit.look_elsewhere(found);
+    EXPECT_TRUE(fit.fit(model, values(42.01, 1.2), 40, never).gave_up);
+    const auto best = fit.fit_growing(model, values(42, 1), 40, never);
+    EXPECT_FALSE(best.gave_up);
+    EXPECT_LT(best.sum, 1e-3);
+    const FoundMinimum right{best.values, best.sum, best.errors.size(), best.curvature};
+    fit.look_elsewhere(right);
+    EXPECT_TRUE(fit.fit(model, values(42, 1), 40, never).gave_up);
+}
+
 // Of two tanks the level of the lower one is measured. A loss of the upper one, its outflow and its inflow nearly make up for one
 // another, so the errors are least along a valley, which is bent: from what fits best without a loss, straight steps leave
 // half of them after 12 iterations, and need 40.
