@@ -4,6 +4,7 @@
 #include "tribode/diagnosis/system_comparison.hpp"
 #include "tribode/diagnosis/system_next_experiment.hpp"
 
+#include <algorithm>
 #include <optional>
 #include <string>
 #include <utility>
@@ -40,6 +41,13 @@ struct SystemEffect {
     std::vector<std::string> same_as;                   // kinds of terms that are the same in other words
     bool is_open = false;                               // not decided: less likely than something else, or chance
     std::string evidence;
+
+    // Of an open one: that it is none of these, but forces at random or something that the library lacks.
+    double probability_of_none() const {
+        double rest = is_open ? 1 - probability : 0;
+        for (const auto& [name, likely] : rivals) rest -= is_open ? likely : 0;
+        return std::max(rest, 0.0);
+    }
 };
 
 // What is left of the gap on the validation records without the effects that are open: nothing is open; at most three times the noise;

@@ -118,6 +118,9 @@ std::string system_diagnosis_text(const SystemDiagnosis& d) {
         for (const auto& [name, probability] : effect.rivals) {
             text += fmt::format("    or {}: {:.2f}\n", name, probability);
         }
+        if (effect.probability_of_none() > worth_a_line) {
+            text += fmt::format("    or {}: {:.2f}\n", none_of_these, effect.probability_of_none());
+        }
         for (const auto& name : effect.same_as) text += fmt::format("    the same as {}\n", name);
     }
     if (d.next_experiment) text += fmt::format("  next: {}\n", d.next_experiment->text);

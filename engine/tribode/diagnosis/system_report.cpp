@@ -16,6 +16,8 @@ namespace tribode {
 
 namespace {
 
+constexpr double may_be_chance = 0.5; // probability that an open term is none
+
 std::string label(const std::string& name, const std::string& unit) {
     return unit.empty() ? name : fmt::format("{} [{}]", name, unit);
 }
@@ -155,7 +157,8 @@ ReportSection what_is_missing(const SystemDiagnosis& d) {
             what.blocks.push_back(
                 Paragraph{fmt::format("The same in other words: {}.", fmt::join(effect.same_as, "; "))});
         }
-        if (effect.rivals.empty()) {
+        const bool may_be_none = effect.probability_of_none() > worth_a_line;
+        if (effect.rivals.empty() && !may_be_none) {
             what.blocks.push_back(
                 Paragraph{fmt::format("Probability {:.2f}; nothing else comes near.", effect.probability)});
             continue;
@@ -163,6 +166,10 @@ ReportSection what_is_missing(const SystemDiagnosis& d) {
         BulletList rivals;
         for (const auto& [name, probability] : effect.rivals) {
             rivals.items.push_back(fmt::format("{} with probability {:.2f}", name, probability));
+        }
+        if (may_be_none) {
+            rivals.items.push_back(
+                fmt::format("{} with probability {:.2f}", none_of_these, effect.probability_of_none()));
         }
         what.blocks.push_back(Paragraph{fmt::format("Probability {:.2f}. It could also be:", effect.probability)});
         what.blocks.push_back(rivals);
@@ -301,7 +308,9 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
     const std::string sizes = fmt::format(
         "The gap on the validation record decreases from {} to {} rms, noise leaves {}.",
         format_quantity(gap.before, unit, 3), format_quantity(gap.after, unit, 3), format_quantity(gap.floor, unit, 3));
+    const bool is_chance = d.verdict == "undecided" && d.effects.front().probability_of_none() > may_be_chance;
     const char* begin = d.verdict == "effect_found" ? "What is missing is"
+                        : is_chance                 ? "What suits the records best, though it may be chance, is"
                         : d.verdict == "undecided"  ? "Likeliest, but not decided by these records, is"
                         : d.verdict == "partial"    ? "A part of what is missing is"
                                                     : "Most of what is missing has not been found; a part is";
