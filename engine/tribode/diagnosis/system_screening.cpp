@@ -27,7 +27,7 @@ constexpr double told_apart = 1e-3; // of the effect of a probe, beside what fre
 class Screen {
   public:
     Screen(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
-           const std::vector<SystemTerm>& terms, const SystemFit& fit, TermEffects effects)
+           const std::vector<SystemTerm>& terms, const SystemFit& fit, TermEffects known)
         : model_(model),
           values_(values),
           terms_(terms),
@@ -38,16 +38,17 @@ class Screen {
           error_(thinned(errors)),
           basis_(free_directions(errors)),
           open_(error_ - basis_ * (basis_.transpose() * error_)),
-          added_(std::move(effects)),
+          simulated_(std::move(known)),
           effect_(terms.size()) {
         careful_.begin_search();
-        added_.resize(terms.size());
+        simulated_.resize(terms.size());
     }
 
     // The effect of each amplitude of a term at its start.
     void simulate(std::size_t i) {
         const SystemTerm& term = terms_[i];
-        added_[i] = Eigen::MatrixXd::Zero(error_.size(), static_cast<Eigen::Index>(term.amplitudes));
+        const auto amplitudes = static_cast<Eigen::Index>(term.amplitudes);
+        simulated_[i] = {Eigen::MatrixXd::Zero(error_.size(), amplitudes), Eigen::VectorXd::Ones(amplitudes)};
         for (std::size_t a = 0; a < term.amplitudes; ++a) {
             // An effect far larger than the errors, such as that of a negative damping over a long record, says nothing to first
             // order about one as large as they are: then with less of the amplitude.
@@ -75,21 +76,29 @@ class Screen {
                     share *= 0.3 / excess;
                     continue;
                 }
-                added_[i].col(static_cast<Eigen::Index>(a)) = moved / share;
+                simulated_[i].added.col(static_cast<Eigen::Index>(a)) = moved / share;
+                simulated_[i].probe[static_cast<Eigen::Index>(a)] = share;
                 break;
             }
         }
     }
 
+    bool is_known(std::size_t i) const {
+        const auto& [added, probe] = simulated_[i];
+        if (added.rows() != error_.size()) return false;
+        return (added.colwise().norm().transpose().array() * probe.array() <= too_large * error_.norm()).all();
+    }
+
     // Less what free values can do. What they do as well is not told apart from them.
     void leave_out_free(std::size_t i) {
-        effect_[i] = added_[i] - basis_ * (basis_.transpose() * added_[i]);
-        for (Eigen::Index a = 0; a < effect_[i].cols(); ++a) {
-            if (!(effect_[i].col(a).norm() > told_apart * added_[i].col(a).norm())) effect_[i].col(a).setZero();
+        const Eigen::MatrixXd& added = simulated_[i].added;
+        effect_[i] = added - basis_ * (basis_.transpose() * added);
+        for (Eigen::Index a = 0; a < added.cols(); ++a) {
+            if (!(effect_[i].col(a).norm() > told_apart * added.col(a).norm())) effect_[i].col(a).setZero();
         }
     }
 
-    TermEffects take_effects() { return std::move(added_); }
+    TermEffects take_effects() { return std::move(simulated_); }
 
     std::vector<ScreenedTerms> singles() {
         std::vector<ScreenedTerms> found;
@@ -325,11 +334,11 @@ class Screen {
     SystemFit careful_; // finds how short steps have to be
     std::size_t samples_, stride_;
     Eigen::VectorXd error_;
-    Eigen::MatrixXd basis_;         // of what free values can do
-    Eigen::VectorXd open_;          // what they leave of the errors
-    TermEffects added_;             // by each term
-    TermEffects effect_;            // less what free values can do
-    std::vector<double> explained_; // by each term alone
+    Eigen::MatrixXd basis_; // of what free values can do
+    Eigen::VectorXd open_;  // what they leave of the errors
+    TermEffects simulated_;
+    std::vector<Eigen::MatrixXd> effect_; // of each term, less what free values can do
+    std::vector<double> explained_;       // by each term alone
 };
 
 } // namespace
@@ -338,11 +347,11 @@ namespace {
 
 Screen screen_of(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
                  const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
-                 const std::function<bool()>& late) {
-    Screen screen(model, values, errors, terms, fit, {});
+                 const std::function<bool()>& late, TermEffects known) {
+    Screen screen(model, values, errors, terms, fit, std::move(known));
     for_each_index(terms.size(), control, fmt::format("screening {} terms", terms.size()), [&](std::size_t i) {
         if (late()) return;
-        screen.simulate(i);
+        if (!screen.is_known(i)) screen.simulate(i);
         screen.leave_out_free(i);
     });
     return screen;
@@ -353,22 +362,14 @@ Screen screen_of(const SystemModel& model, const std::vector<double>& values, co
 std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std::vector<double>& values,
                                             const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
                                             const SystemFit& fit, const RunControl& control,
-                                            const std::function<bool()>& late) {
-    return screen_of(model, values, errors, terms, fit, control, late).singles();
-}
-
-std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std::vector<double>& values,
-                                            const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
-                                            const SystemFit& fit, const TermEffects& effects) {
-    Screen screen(model, values, errors, terms, fit, effects);
-    for (std::size_t i = 0; i < terms.size(); ++i) screen.leave_out_free(i);
-    return screen.singles();
+                                            const std::function<bool()>& late, TermEffects known) {
+    return screen_of(model, values, errors, terms, fit, control, late, std::move(known)).singles();
 }
 
 Screening screened_terms(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
                          const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
                          const std::function<bool()>& late) {
-    Screen screen = screen_of(model, values, errors, terms, fit, control, late);
+    Screen screen = screen_of(model, values, errors, terms, fit, control, late, {});
     Screening found;
     found.singles = screen.singles();
     found.pairs = screen.pairs(late);

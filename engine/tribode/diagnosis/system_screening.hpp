@@ -17,8 +17,12 @@ struct ScreenedTerms {
     bool is_alike = false;                   // what it explains is nearly what a better single one does
 };
 
-// Of each term, what its amplitudes add to the outputs, to first order, over their sizes: at the same samples as errors.
-using TermEffects = std::vector<Eigen::MatrixXd>;
+// What the amplitudes of a term add to the outputs, to first order.
+struct TermEffect {
+    Eigen::MatrixXd added; // by each amplitude at its start, at the same samples as errors
+    Eigen::VectorXd probe; // share of the start with which it was simulated
+};
+using TermEffects = std::vector<TermEffect>; // of each term
 
 struct Screening {
     std::vector<ScreenedTerms> singles, pairs; // what explains most first
@@ -34,14 +38,10 @@ struct Screening {
 Screening screened_terms(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
                          const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
                          const std::function<bool()>& late);
-// The same of each term alone.
+// The same of each term alone. `known`: effects beside a model whose motion is nearly the same; terms whose probe is too large for the
+// errors here are simulated anew.
 std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std::vector<double>& values,
                                             const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
                                             const SystemFit& fit, const RunControl& control,
-                                            const std::function<bool()>& late);
-// With effects that are known, as of a model whose motion is nearly the same.
-std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std::vector<double>& values,
-                                            const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
-                                            const SystemFit& fit, const TermEffects& effects);
-
+                                            const std::function<bool()>& late, TermEffects known = {});
 } // namespace tribode

@@ -557,7 +557,7 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
     const auto longer = [&](const OnSegments& one) {
         std::vector<OnSegments> list;
         for (const auto& single : screened_singles(one.model, one.values, one.errors, terms, fit_segments(one.substeps),
-                                                   screening.effects)) {
+                                                   control_, late_, screening.effects)) {
             auto more = extended_on_segments(one, single, terms);
             if (!known.insert(forms_of(more.terms, terms)).second) continue;
             list.push_back(std::move(more));
