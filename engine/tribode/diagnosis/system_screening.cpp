@@ -83,10 +83,12 @@ class Screen {
         }
     }
 
+    // Whether its effects are known, and not of probes that were too large or could not be simulated.
     bool is_known(std::size_t i) const {
         const auto& [added, probe] = simulated_[i];
         if (added.rows() != error_.size()) return false;
-        return (added.colwise().norm().transpose().array() * probe.array() <= too_large * error_.norm()).all();
+        const Eigen::ArrayXd size = added.colwise().norm().transpose();
+        return (size > 0).all() && (size * probe.array() <= too_large * error_.norm()).all();
     }
 
     // Less what free values can do. What they do as well is not told apart from them.
