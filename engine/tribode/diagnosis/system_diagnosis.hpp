@@ -45,7 +45,7 @@ struct SystemEffect {
     // Of an open one: that it is none of these, but forces at random or something that the library lacks.
     double probability_of_none() const {
         double rest = is_open ? 1 - probability : 0;
-        for (const auto& [name, likely] : rivals) rest -= is_open ? likely : 0;
+        for (const auto& rival : rivals) rest -= is_open ? rival.second : 0;
         return std::max(rest, 0.0);
     }
 };

@@ -27,7 +27,7 @@ constexpr double told_apart = 1e-3; // of the effect of a probe, beside what fre
 class Screen {
   public:
     Screen(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
-           const std::vector<SystemTerm>& terms, const SystemFit& fit, TermEffects known)
+           const std::vector<SystemTerm>& terms, const SystemFit& fit)
         : model_(model),
           values_(values),
           terms_(terms),
@@ -37,18 +37,15 @@ class Screen {
           stride_(std::max<std::size_t>(1, errors.size() / max_rows)),
           error_(thinned(errors)),
           basis_(free_directions(errors)),
-          open_(error_ - basis_ * (basis_.transpose() * error_)),
-          simulated_(std::move(known)),
+          open_(rest(error_)),
           effect_(terms.size()) {
         careful_.begin_search();
-        simulated_.resize(terms.size());
     }
 
-    // The effect of each amplitude of a term at its start.
+    // The effect of each amplitude of a term at its start, less what free values can do.
     void simulate(std::size_t i) {
         const SystemTerm& term = terms_[i];
-        const auto amplitudes = static_cast<Eigen::Index>(term.amplitudes);
-        simulated_[i] = {Eigen::MatrixXd::Zero(error_.size(), amplitudes), Eigen::VectorXd::Ones(amplitudes)};
+        effect_[i] = Eigen::MatrixXd::Zero(error_.size(), static_cast<Eigen::Index>(term.amplitudes));
         for (std::size_t a = 0; a < term.amplitudes; ++a) {
             // An effect far larger than the errors, such as that of a negative damping over a long record, says nothing to first
             // order about one as large as they are: then with less of the amplitude.
@@ -76,31 +73,15 @@ class Screen {
                     share *= 0.3 / excess;
                     continue;
                 }
-                simulated_[i].added.col(static_cast<Eigen::Index>(a)) = moved / share;
-                simulated_[i].probe[static_cast<Eigen::Index>(a)] = share;
+                // What free values do as well is not told apart from them.
+                const Eigen::VectorXd left = rest(moved);
+                if (left.norm() > told_apart * moved.norm()) {
+                    effect_[i].col(static_cast<Eigen::Index>(a)) = left / share;
+                }
                 break;
             }
         }
     }
-
-    // Whether its effects are known, and not of probes that were too large or could not be simulated.
-    bool is_known(std::size_t i) const {
-        const auto& [added, probe] = simulated_[i];
-        if (added.rows() != error_.size()) return false;
-        const Eigen::ArrayXd size = added.colwise().norm().transpose();
-        return (size > 0).all() && (size * probe.array() <= too_large * error_.norm()).all();
-    }
-
-    // Less what free values can do. What they do as well is not told apart from them.
-    void leave_out_free(std::size_t i) {
-        const Eigen::MatrixXd& added = simulated_[i].added;
-        effect_[i] = added - basis_ * (basis_.transpose() * added);
-        for (Eigen::Index a = 0; a < added.cols(); ++a) {
-            if (!(effect_[i].col(a).norm() > told_apart * added.col(a).norm())) effect_[i].col(a).setZero();
-        }
-    }
-
-    TermEffects take_effects() { return std::move(simulated_); }
 
     std::vector<ScreenedTerms> singles() {
         std::vector<ScreenedTerms> found;
@@ -281,6 +262,8 @@ class Screen {
         return basis_of(std::move(free));
     }
 
+    Eigen::VectorXd rest(const Eigen::VectorXd& v) const { return v - basis_ * (basis_.transpose() * v); }
+
     double solved(const Eigen::MatrixXd& columns, Eigen::VectorXd& coefficients) const {
         coefficients = Eigen::VectorXd::Zero(columns.cols());
         if (columns.cols() == 0 || !(columns.norm() > 0)) return 0;
@@ -338,9 +321,8 @@ class Screen {
     Eigen::VectorXd error_;
     Eigen::MatrixXd basis_; // of what free values can do
     Eigen::VectorXd open_;  // what they leave of the errors
-    TermEffects simulated_;
-    std::vector<Eigen::MatrixXd> effect_; // of each term, less what free values can do
-    std::vector<double> explained_;       // by each term alone
+    std::vector<Eigen::MatrixXd> effect_;
+    std::vector<double> explained_; // by each term alone
 };
 
 } // namespace
@@ -349,12 +331,10 @@ namespace {
 
 Screen screen_of(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
                  const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
-                 const std::function<bool()>& late, TermEffects known) {
-    Screen screen(model, values, errors, terms, fit, std::move(known));
+                 const std::function<bool()>& late) {
+    Screen screen(model, values, errors, terms, fit);
     for_each_index(terms.size(), control, fmt::format("screening {} terms", terms.size()), [&](std::size_t i) {
-        if (late()) return;
-        if (!screen.is_known(i)) screen.simulate(i);
-        screen.leave_out_free(i);
+        if (!late()) screen.simulate(i);
     });
     return screen;
 }
@@ -364,19 +344,18 @@ Screen screen_of(const SystemModel& model, const std::vector<double>& values, co
 std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std::vector<double>& values,
                                             const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
                                             const SystemFit& fit, const RunControl& control,
-                                            const std::function<bool()>& late, TermEffects known) {
-    return screen_of(model, values, errors, terms, fit, control, late, std::move(known)).singles();
+                                            const std::function<bool()>& late) {
+    return screen_of(model, values, errors, terms, fit, control, late).singles();
 }
 
 Screening screened_terms(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
                          const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
                          const std::function<bool()>& late) {
-    Screen screen = screen_of(model, values, errors, terms, fit, control, late, {});
+    Screen screen = screen_of(model, values, errors, terms, fit, control, late);
     Screening found;
     found.singles = screen.singles();
     found.pairs = screen.pairs(late);
     found.sums = screen.sums(late);
-    found.effects = screen.take_effects();
     return found;
 }
 

@@ -2,8 +2,6 @@
 #include "tribode/base/run_control.hpp"
 #include "tribode/diagnosis/system_terms.hpp"
 
-#include <Eigen/Core>
-
 #include <functional>
 #include <vector>
 
@@ -17,17 +15,9 @@ struct ScreenedTerms {
     bool is_alike = false;                   // what it explains is nearly what a better single one does
 };
 
-// What the amplitudes of a term add to the outputs, to first order.
-struct TermEffect {
-    Eigen::MatrixXd added; // by each amplitude at its start, at the same samples as errors
-    Eigen::VectorXd probe; // share of the start with which it was simulated
-};
-using TermEffects = std::vector<TermEffect>; // of each term
-
 struct Screening {
     std::vector<ScreenedTerms> singles, pairs; // what explains most first
     std::vector<ScreenedTerms> sums;           // of two or three functions of the same two variables
-    TermEffects effects;
 };
 
 // What each term, and each two of them, would explain of the errors beside a move of all free values, to first order: each
@@ -38,10 +28,10 @@ struct Screening {
 Screening screened_terms(const SystemModel& model, const std::vector<double>& values, const std::vector<double>& errors,
                          const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
                          const std::function<bool()>& late);
-// The same of each term alone. `known`: effects beside a model whose motion is nearly the same; terms whose probe is too large for the
-// errors here are simulated anew.
+// The same of each term alone.
 std::vector<ScreenedTerms> screened_singles(const SystemModel& model, const std::vector<double>& values,
                                             const std::vector<double>& errors, const std::vector<SystemTerm>& terms,
                                             const SystemFit& fit, const RunControl& control,
-                                            const std::function<bool()>& late, TermEffects known = {});
+                                            const std::function<bool()>& late);
+
 } // namespace tribode

@@ -549,15 +549,12 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
                            .values = segments->values,
                            .errors = segments->errors,
                            .substeps = segments->substeps};
-    const Screening screening =
-        screened_terms(begin.model, begin.values, begin.errors, terms, fit_begin, control_, late_);
-    // The best further terms beside a sum, each form once, without the sums that are known. Over segments the motion is nearly that of
-    // the records, with whatever terms, and so are the effects of others.
+    // The best further terms beside a sum, each form once, without the sums that are known.
     std::set<std::set<std::string>> known;
     const auto longer = [&](const OnSegments& one) {
         std::vector<OnSegments> list;
-        for (const auto& single : screened_singles(one.model, one.values, one.errors, terms, fit_segments(one.substeps),
-                                                   control_, late_, screening.effects)) {
+        for (const auto& single :
+             screened_singles(one.model, one.values, one.errors, terms, fit_segments(one.substeps), control_, late_)) {
             auto more = extended_on_segments(one, single, terms);
             if (!known.insert(forms_of(more.terms, terms)).second) continue;
             list.push_back(std::move(more));
@@ -566,7 +563,8 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
         return list;
     };
     std::vector<OnSegments> list;
-    for (auto& some : chosen(screening, terms)) {
+    for (auto& some :
+         chosen(screened_terms(begin.model, begin.values, begin.errors, terms, fit_begin, control_, late_), terms)) {
         list.push_back(extended_on_segments(begin, some, terms));
         known.insert(forms_of(list.back().terms, terms));
     }
