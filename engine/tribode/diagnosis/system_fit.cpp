@@ -37,7 +37,7 @@ constexpr double least_gain_of_part = 0.03; // where more of the records will be
 constexpr double quick_gain = 0.5;          // what an iteration of a quick fit leaves of the squared errors
 constexpr double most_bent = 0.375;         // of a step, for what corrects it
 constexpr double as_good_a_step = 1.01;     // of the squared errors of the best
-constexpr double near = 0.1;                // of the errors, between two ends of fits that are one
+constexpr double near_known = 0.1;          // of the errors, between two ends of fits that are one
 constexpr double differs_by_chance = 1.05;  // of the mean squared errors, over some samples
 constexpr double agreed = 4;                // times what is negligible: fixed steps and those of another solver
 
@@ -129,7 +129,7 @@ bool FoundMinimum::is_near(const std::vector<double>& others) const {
     if (curvature.rows() != size || others.size() != values.size()) return false;
     const Eigen::VectorXd apart =
         Eigen::Map<const Eigen::VectorXd>(others.data(), size) - Eigen::Map<const Eigen::VectorXd>(values.data(), size);
-    return apart.dot(curvature * apart) < near * near * sum;
+    return apart.dot(curvature * apart) < near_known * near_known * sum;
 }
 
 SystemFit::SystemFit(const std::vector<SystemRecord>& records, std::vector<double> scale, Interpolation between,
