@@ -633,15 +633,15 @@ inline void Tape::go_on(const double* part0, const double* part1, double* regist
 template <std::size_t lanes>
 Tape::SideBySide<lanes>::SideBySide(const Tape& tape, const double* constant)
     : tape_(tape),
-      registers_(tape.register_count_ + 1) { // see operate_in_blocks()
-    if constexpr (lanes == 1) tape_.prepare<1>(constant, registers_.data()->of);
-    if constexpr (lanes == 4) tape_.prepare_four(constant, registers_.data()->of);
-    if constexpr (lanes == 8) tape_.prepare_eight(constant, registers_.data()->of);
+      registers_((tape.register_count_ + 1) * lanes) { // see operate_in_blocks()
+    if constexpr (lanes == 1) tape_.prepare<1>(constant, registers_.data());
+    if constexpr (lanes == 4) tape_.prepare_four(constant, registers_.data());
+    if constexpr (lanes == 8) tape_.prepare_eight(constant, registers_.data());
 }
 
 template <std::size_t lanes>
 void Tape::SideBySide<lanes>::evaluate(const double* part0, const double* part1, double* outputs) {
-    double* registers = registers_.data()->of;
+    double* registers = registers_.data();
     if constexpr (lanes == 1) tape_.go_on<1>(part0, part1, registers, outputs);
     if constexpr (lanes == 4) tape_.evaluate_four(part0, part1, registers, outputs);
     if constexpr (lanes == 8) tape_.evaluate_eight(part0, part1, registers, outputs);

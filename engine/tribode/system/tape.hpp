@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/base/aligned_vector.hpp"
 #include "tribode/system/block_operations.hpp"
 #include "tribode/system/enclosed_operations.hpp"
 #include "tribode/system/expressions.hpp"
@@ -45,15 +46,13 @@ class Tape {
         static_assert(lanes == 1 || lanes == 4 || lanes == 8);
 
       public:
+        // `constant`: the third part. What evaluate() takes are the other two.
         SideBySide(const Tape& tape, const double* constant);
         void evaluate(const double* part0, const double* part1, double* outputs);
 
       private:
-        struct alignas(lanes * sizeof(double)) Register {
-            double of[lanes];
-        };
         const Tape& tape_;
-        std::vector<Register> registers_;
+        AlignedVector<double> registers_;
     };
 
     // Bounds of the outputs and their rates of change from those of the inputs, part by part, by interval arithmetic. The
