@@ -184,10 +184,10 @@ double ExactIntegrator::find_crossing() {
         const auto row = matrices_->row(guard);
         if (row.empty()) return std::nullopt; // it does not move
         polynomial_[0] = guard_terms_[guard];
-        // Mostly it is so far above zero that it cannot get there.
+        // Mostly it is so far above zero that it cannot get there, up to rounding of the sums.
         double reach = 0;
         for (const auto& [column, value] : row) reach += std::abs(value) * travel_[column];
-        if (polynomial_[0] > reach) return std::nullopt;
+        if (polynomial_[0] > (1 + 1e-12) * reach) return std::nullopt;
         auto last = static_cast<std::size_t>(order_);
         const auto along = [&](const PreparedSteps::Entry& entry, std::size_t n) {
             return entry.value * terms_[n * height_ + entry.column];

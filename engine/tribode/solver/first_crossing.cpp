@@ -2,12 +2,14 @@
 
 #include <array>
 #include <cmath>
+#include <limits>
 
 namespace tribode {
 
 namespace {
 
 constexpr double none = no_crossing;
+constexpr int bisected = 8; // rounds of which one is a bisection
 
 // Of p_n in the first and second derivative at 1.
 struct Factors {
@@ -69,17 +71,19 @@ Derivatives derivatives(std::span<const double> p, double s) {
 
 // One root in [low, high], the polynomial positive before and negative after it.
 double close_in(std::span<const double> p, double low, double high) {
-    // Where the first three terms have it.
+    // Where the first three terms have it, falling.
     const double half = 0.5 * p[1], square = p.size() > 2 ? half * half - p[2] * p[0] : 0;
-    const double guess = square > 0 ? p[0] / (std::sqrt(square) - half) : low;
+    double guess = low;
+    if (square > 0) guess = half > 0 ? -(half + std::sqrt(square)) / p[2] : p[0] / (std::sqrt(square) - half);
     double s = guess > low && guess < high ? guess : 0.5 * (low + high);
     for (int round = 0; round < 100; ++round) {
         const auto [value, first, second] = derivatives(p, s);
         (value >= 0 ? low : high) = s;
         // Halley's method.
         const double next = s - 2 * value * first / (2 * first * first - value * second);
-        if (!(first < 0 && next > low && next < high)) {
-            if (next == low || next == high) return next;
+        // Where it does not fall, as at its top, the step leads nowhere; and a step may lead to where another one began.
+        const bool is_inside = first < 0 && next >= low && next <= high;
+        if (!is_inside || round % bisected == bisected - 1) {
             const double middle = 0.5 * (low + high);
             if (middle == low || middle == high) return middle;
             s = middle;
@@ -118,40 +122,60 @@ double search(std::span<const double> p, const Bernstein& b, double low, double 
     return first != none ? first : search(p, right, middle, high);
 }
 
-} // namespace
+// What a polynomial and its first two derivatives are in [0, 1].
+struct Sizes {
+    double end = 0;    // its value at 1
+    double others = 0; // its terms but the first differ from zero by at most these together,
+    double rest = 0, slope_rest = 0, curvature_rest = 0; // and from what its first terms have by these
+};
 
-double first_crossing_below_zero(std::span<const double> p) {
-    // p and its first two derivatives differ from what their first terms have by at most these.
-    double end = p[0], others = 0, rest = 0, slope_rest = 0, curvature_rest = 0;
-    for (std::size_t n = 1; n < p.size(); ++n) {
-        const double size = std::abs(p[n]);
-        end += p[n];
-        others += size;
-        if (n > 1) slope_rest += factors[n].of_slope * size;
-        if (n < 3) continue;
-        rest += size;
-        curvature_rest += factors[n].of_curvature * size;
-    }
-    if (p[0] > others) return none;
-    if (p[0] < 0) return 0;
+double first_crossing_before_end(std::span<const double> p, const Sizes& sizes) {
     constexpr double margin = 1 + 1e-12; // for rounding of these sums
     // On the way to its value at the end it neither rises nor falls in between.
-    const bool monotonous = p.size() > 1 && std::abs(p[1]) > slope_rest * margin;
+    const bool monotonous = p.size() > 1 && std::abs(p[1]) > sizes.slope_rest * margin;
     if (monotonous) {
         if (p[1] > 0) return none;
-        return p[0] == 0 ? 0 : end < 0 ? close_in(p, 0, 1) : none;
+        return p[0] == 0 ? 0 : sizes.end < 0 ? close_in(p, 0, 1) : none;
     }
     // Bent one way all along, from above zero (or rising from it) it comes to an end below zero by one crossing; to one above zero
     // by none where it is bent downwards, where it never falls, or where its lowest point is high enough.
     const bool begins_above = p.size() > 2 && (p[0] > 0 || p[1] > 0);
-    if (begins_above && 2 * std::abs(p[2]) > curvature_rest * margin) {
-        if (end < 0) return close_in(p, 0, 1);
+    if (begins_above && 2 * std::abs(p[2]) > sizes.curvature_rest * margin) {
+        if (sizes.end < 0) return close_in(p, 0, 1);
         if (p[2] < 0 || p[1] >= 0) return none;
         const double at = -p[1] / (2 * p[2]);
         const double lowest = at < 1 ? p[0] + 0.5 * p[1] * at : p[0] + p[1] + p[2];
-        if (lowest - rest > 1e-12 * others) return none;
+        if (lowest - sizes.rest > 1e-12 * sizes.others) return none;
     }
     return search(p, bernstein(p), 0, 1);
+}
+
+// Whether it falls at the end, and by more than one that touches zero there up to rounding.
+bool falls_at_end(std::span<const double> p, double size) {
+    double slope = 0;
+    for (std::size_t n = 1; n < p.size(); ++n) slope += factors[n].of_slope * p[n];
+    return slope < -1e-7 * size;
+}
+
+} // namespace
+
+double first_crossing_below_zero(std::span<const double> p) {
+    Sizes sizes{.end = p[0]};
+    for (std::size_t n = 1; n < p.size(); ++n) {
+        const double size = std::abs(p[n]);
+        sizes.end += p[n];
+        sizes.others += size;
+        if (n > 1) sizes.slope_rest += factors[n].of_slope * size;
+        if (n < 3) continue;
+        sizes.rest += size;
+        sizes.curvature_rest += factors[n].of_curvature * size;
+    }
+    constexpr double rounding = 4 * std::numeric_limits<double>::epsilon();
+    if (p[0] > (1 + rounding) * sizes.others) return none;
+    if (p[0] < 0) return 0;
+    const double first = first_crossing_before_end(p, sizes);
+    if (first != none || sizes.end > rounding * sizes.others) return first;
+    return falls_at_end(p, sizes.others) ? 1 : none;
 }
 
 } // namespace tribode

@@ -46,6 +46,7 @@ EquationSystem::EquationSystem(Equations equations) : equations_(std::move(equat
     put_in_parameters();
     assign_equations(equations_);
     hold_relations();
+    reads_conditions_ = find_conditions_read();
     differentiate_relations();
     mark_active();
     join_clocks();
@@ -186,6 +187,26 @@ void EquationSystem::keep_in_domain(const std::vector<Term>& order, Expressions:
         operands = graph.substitute(operands, others);
         held[term] = graph.make(node.op, operands[0], operands[1]);
     }
+}
+
+// Whether what events and clocks set, or conditions below no_event, have branches, or a function is called.
+bool EquationSystem::find_conditions_read() const {
+    const auto& graph = *equations_.graph;
+    std::vector<Term> read;
+    for (const Term term : graph.reachable(conditions_)) {
+        if (graph[term].op == Op::no_event) read.push_back(term);
+    }
+    for (const auto& when : equations_.whens) {
+        for (const auto& [target, value] : when.set) read.push_back(value);
+    }
+    for (const auto& clock : equations_.clocks) {
+        if (clock.function) return true;
+        for (const auto& [target, value] : clock.set) read.push_back(value);
+    }
+    return std::ranges::any_of(graph.reachable(read), [&](Term term) {
+        const Op op = graph[term].op;
+        return op == Op::less || op == Op::less_equal || op == Op::floor || op == Op::lookup;
+    });
 }
 
 // The terms of an ascending list that depend on t or x.
@@ -1223,7 +1244,34 @@ EventEffect EquationSystem::on_crossing(GuardId guard, SystemState& state, Event
     return on_crossings(std::span(&guard, 1), state, log);
 }
 
+// The instant of a crossing is known to rounding only, and conditions that are read as they are written must be those of after it:
+// the state moves on, by rounding, until its guards are below zero, or as many of them as come there.
+void EquationSystem::move_beyond(std::span<const GuardId> guards, SystemState& state) const {
+    using limits = std::numeric_limits<double>;
+    constexpr double most = 4096; // units in the last place of the time
+    const double t = state.t, unit = limits::epsilon() * std::abs(t) + limits::min();
+    const std::vector<double> x = state.x;
+    std::vector<double> rate(x.size()), margins(guard_count());
+    if (!rates(t, x, *state.discrete, rate)) return;
+    const auto move = [&](double later) {
+        state.t = t + later;
+        for (std::size_t i = 0; i < x.size(); ++i) state.x[i] = x[i] + later * rate[i];
+    };
+    double best = 0;
+    std::ptrdiff_t most_below = 0;
+    for (double ulps = 0; ulps <= most && most_below < std::ssize(guards); ulps = std::max(1.0, 2 * ulps)) {
+        move(ulps * unit);
+        this->guards(state.t, state.x, *state.discrete, margins);
+        const auto below = std::ranges::count_if(guards, [&](GuardId guard) { return margins[guard] < 0; });
+        if (below <= most_below) continue;
+        most_below = below;
+        best = ulps * unit;
+    }
+    move(best);
+}
+
 EventEffect EquationSystem::on_crossings(std::span<const GuardId> guards, SystemState& state, EventLog& log) const {
+    if (reads_conditions_) move_beyond(guards, state);
     if (equations_.sensitivities.empty()) return carry_out_crossings(guards, state, log);
     // The derivatives of the state at the event, whose time moves too, change as what is set; dx/dp = D x/dp - dx/dt dt/dp.
     const std::size_t n = equations_.own_states(), fired = log.size();

@@ -266,6 +266,7 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     void hold_relations();
     void differentiate_relations();
     Term add_counter(Term floor);
+    bool find_conditions_read() const;
     void keep_in_domain(const std::vector<Term>& order, Expressions::Replacement& held);
     void mark_active();
     void join_clocks();
@@ -304,6 +305,7 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     void take_anew(Instant& now, std::span<const std::size_t> written) const;
     void settle(Instant& now, std::vector<int>& fired) const;
     bool turn_back(Instant& now, std::span<const GuardId> guards) const;
+    void move_beyond(std::span<const GuardId> guards, SystemState& state) const;
     EventEffect carry_out_crossings(std::span<const GuardId> guards, SystemState& state, EventLog& log) const;
     EventShift shift_of(std::span<const GuardId> guards, const SystemState& state, std::span<const double> rates) const;
     Interval rate_ahead(Instant& now, std::size_t relation) const;
@@ -327,6 +329,7 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     std::vector<BoundedMargin> bounded_margins_; // of the relations; of none, where they are many
     // Of each place in inputs_: the relations whose margin depends on it; and those whose margin's rate of change does.
     std::vector<std::vector<std::size_t>> relations_of_, moved_relations_of_;
+    bool reads_conditions_ = false;      // as they are written, after a crossing
     std::vector<char> may_turn_;         // of each relation: whether a `when` writes one of these
     std::vector<char> moves_;            // of each place: whether it is a state or dx/dt depends on it
     std::vector<unsigned char> seen_by_; // of each place: what depends on it

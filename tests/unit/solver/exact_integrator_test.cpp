@@ -57,6 +57,27 @@ TEST(FirstCrossing, a_fall_right_in_the_middle_is_found_exactly) {
     EXPECT_DOUBLE_EQ(first_crossing_below_zero(with_roots({0.25, 0.5, 0.75}, -1)), 0.25); // rounding of the evaluation
 }
 
+TEST(FirstCrossing, from_zero_over_a_top_to_zero_falls_at_the_end_alone) {
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{0, 1, -1}), 1);
+    const double length = 2 * 0.7 / 1.2; // of a throw, which ends below zero by rounding
+    EXPECT_NEAR(first_crossing_below_zero(Polynomial{0, 0.7 * length, -0.6 * length * length}), 1, 1e-15);
+    std::mt19937 random(7);
+    for (int i = 0; i < 10000; ++i) {
+        const double speed = static_cast<double>(1 + random() % 100) / 10;
+        const double half = static_cast<double>(1 + random() % 100) / 20;
+        const double time = speed / half;
+        EXPECT_NEAR(first_crossing_below_zero(Polynomial{0, speed * time, -half * time * time}), 1, 1e-15);
+    }
+}
+
+TEST(FirstCrossing, one_that_falls_to_zero_at_the_end_crosses_there) {
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{1, -1}), 1);
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{0.1 + 0.2, -0.3}), 1); // 5e-17 above zero at the end
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{1, 0, -1}), 1);
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{1, -2, 1}), none); // it touches zero
+    EXPECT_EQ(first_crossing_below_zero(Polynomial{1, -1 + 1e-12}), none);
+}
+
 TEST(FirstCrossing, one_that_begins_below_zero_falls_at_once) {
     EXPECT_EQ(first_crossing_below_zero(Polynomial{-1e-300, 1}), 0);
     EXPECT_EQ(first_crossing_below_zero(Polynomial{-1, 0.5, 3}), 0);
@@ -87,11 +108,6 @@ TEST(FirstCrossing, touching_zero_from_above_is_no_fall) {
         p[0] += lift;
         EXPECT_GT(first_crossing_below_zero(p), 0.74) << lift;
     }
-}
-
-TEST(FirstCrossing, arriving_at_zero_at_the_end_is_no_fall) {
-    EXPECT_EQ(first_crossing_below_zero(Polynomial{1, -1}), none);
-    EXPECT_EQ(first_crossing_below_zero(Polynomial{1, 0, -1}), none);
 }
 
 // Below zero for a short while only, down to -depth: shorter than any scan would see.

@@ -118,6 +118,51 @@ TEST_P(EveryMethod, EventsThatFireOneAnotherForEverEndTheRun) {
     EXPECT_NEAR(outcome.t, 1, 1e-9);
 }
 
+TEST(EquationSystem, ACrossingAtASampleComesBeforeIt) {
+    Writer w;
+    const Term x = w.state("x", 0), u = w.discrete("u", 0), n = w.discrete("n", 0);
+    w.rate(0, w.number(1));
+    w.when(w.graph.make(Op::less_equal, w.number(1), x), {{u, w.number(7)}});
+    w.equations.clocks.push_back({"clock", 1, 0, {{n, u}}, std::nullopt});
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(Method::exact));
+    ASSERT_TRUE(run.advance_to(1).ok());
+    ASSERT_EQ(run.events().size(), 1u) << "also at the end";
+    EXPECT_EQ(run.events()[0].t, 1);
+    EXPECT_EQ(system.discrete(run.state())[1], 7);
+}
+
+// The instant of an event is known to rounding only; what it sets is of the side to which it leads.
+TEST_P(EveryMethod, WhatAnEventSetsHasTheBranchesOfAfterIt) {
+    for (const Op op : {Op::less, Op::less_equal}) {
+        Writer w;
+        const Term x = w.state("x", 0.1), y = w.state("y", 0), n = w.discrete("n", 0), m = w.discrete("m", 0);
+        const Term before = w.graph.make(op, w.equations.time, w.number(1));
+        const Term below = w.graph.make(op, x, w.number(0.7));
+        w.rate(0, w.number(0.3)).rate(1, w.where(before, w.number(1), w.where(below, w.number(2), w.number(3))));
+        w.when(w.graph.make(Op::logical_not, before), {{n, w.where(before, w.number(1), w.number(2))}});
+        w.when(w.graph.make(Op::logical_not, below), {{m, w.where(below, w.number(1), w.number(2))}});
+        const EquationSystem system(w.equations);
+        Simulator run(system, by(GetParam()));
+        ASSERT_TRUE(run.advance_to(3).ok());
+        EXPECT_EQ(system.discrete(run.state())[0], 2);
+        EXPECT_EQ(system.discrete(run.state())[1], 2);
+    }
+}
+
+TEST_P(EveryMethod, WhatAnEventAtTheVeryStartSetsHasTheBranchesOfAfterIt) {
+    Writer w;
+    const Term x = w.state("x", 0), n = w.discrete("n", 0);
+    const Term before = w.graph.make(Op::less_equal, w.equations.time, w.number(0));
+    w.rate(0, w.number(1));
+    w.when(w.graph.make(Op::logical_not, before), {{n, w.where(before, w.number(1), w.number(2))}});
+    w.when(w.less(w.number(0), x), {}); // at the same instant
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(1).ok());
+    EXPECT_EQ(system.discrete(run.state())[0], 2);
+}
+
 TEST_P(EveryMethod, AnEventAtTheVeryStartFires) {
     Writer w;
     const Term x = w.state("x", 0), n = w.discrete("n", 0);
