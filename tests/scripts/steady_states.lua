@@ -96,6 +96,26 @@ refused("lies beyond the event high", function()
 end)
 steady = tb.steady_state { system = tanks, inputs = { q = 2e-3 }, at = { h2 = 2, alarm = 1 } }
 assert(steady.conditions[1] == "high" and steady.start.alarm == 1)
+-- Derivatives that become small without end, or are small everywhere: x' = exp(-x) moves by one in each step of Newton's.
+local function only(start, rate) return tb.system { states = { x = start }, der = function(s) return { x = rate(s.x) } end } end
+refused("would move x by 1 yet", function() tb.steady_state { system = only(1, function(x) return math.exp(-x) end) } end)
+refused("no steady state is found", function()
+  tb.run_system { system = only(1, function(x) return math.exp(-x) end), start = "steady", duration_s = 1 }
+end)
+refused("would move x by", function() tb.steady_state { system = only(1, function(x) return 1 / (1 + x * x) end) } end)
+for _, start in ipairs { 298, 299, 300, 310 } do
+  refused("no steady state is found", function()
+    tb.steady_state { system = only(start, function(x) return 1e-10 * (2 + (x - 299) ^ 2) end) }
+  end)
+end
+local drift = tb.system { states = { x = 0, y = 0 },
+  der = function(s) return { x = 1e-10 * (s.x - 5), y = 1e-10 * (s.x - 6) } end }
+refused("most of all equations", function() tb.steady_state { system = drift, free = { "x" } } end)
+-- Slow ones, stiff ones, and those whose slope vanishes at rest have one.
+near(tb.steady_state { system = only(300, function(x) return 1e-10 * ((x - 299) ^ 2 - 4) end) }.start.x, 301, 1e-12)
+near(tb.steady_state { system = only(1, function(x) return 1e-10 * (5 - x) end) }.start.x, 5, 1e-12)
+near(tb.steady_state { system = only(1, function(x) return 1e12 * (1e3 - x * x * x) end) }.start.x, 10, 1e-12)
+near(tb.steady_state { system = only(3, function(x) return -(x - 1) ^ 3 end) }.start.x, 1, 1e-5)
 local wall = tb.system { states = { x = 0 }, der = function(s) return { x = 1 / s.x } end }
 refused("der(x)", function() tb.steady_state { system = wall } end)
 refused("3 variables are free", function() tb.steady_state { system = pendulum, free = { "angle", "speed", "M" } } end)

@@ -17,7 +17,8 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr int max_iterations = 200;
-constexpr double at_rest = 1e-9; // derivatives over their nominal values and their sizes, below which the point rests
+constexpr double at_rest = 1e-9;   // Newton's step over the variables, below which the point rests
+constexpr double rounding = 1e-14; // of a derivative over the sizes of its terms
 
 // The derivatives, their Jacobian and the conditions as functions of the free variables, all of them over their nominal
 // values.
@@ -63,6 +64,7 @@ class Problem {
             entries.insert(entries.end(), column.begin(), column.end());
         }
         jacobian_ = Tape(graph, symbols, entries);
+        find_terms(symbols, rates);
     }
 
     std::size_t rows() const { return rows_; }
@@ -94,6 +96,21 @@ class Problem {
         }
         return result;
     }
+    // Of the parts of each derivative that cancel at rest: its slopes times the values of the states and free variables. One
+    // where it depends on none of them.
+    VectorXd sizes(const VectorXd& z) const {
+        const auto values = point(z);
+        std::vector<double> slopes(terms_.size());
+        slopes_.evaluate({values}, slopes);
+        VectorXd result = VectorXd::Ones(static_cast<Index>(rows_));
+        for (const auto& term : terms_) result(static_cast<Index>(term.row)) = 0;
+        for (std::size_t k = 0; k < terms_.size(); ++k) {
+            const auto& [row, place, least] = terms_[k];
+            result(static_cast<Index>(row)) +=
+                std::abs(slopes[k]) * std::max(std::abs(values[place]), least) / equations_.states[row].nominal;
+        }
+        return result;
+    }
     std::vector<double> conditions(const VectorXd& z) const {
         std::vector<double> result(equations_.whens.size());
         conditions_.evaluate({point(z)}, result);
@@ -101,17 +118,42 @@ class Problem {
     }
 
   private:
+    void find_terms(const std::vector<Term>& symbols, const std::vector<Term>& rates) {
+        std::vector<Term> variables, slopes;
+        std::vector<Slope> of; // its row is to come
+        const auto add = [&](std::size_t place, double least) {
+            variables.push_back(symbols[place]);
+            of.push_back({0, place, least});
+        };
+        for (std::size_t i = 0; i < rows_; ++i) add(1 + i, equations_.states[i].nominal); // behind the time
+        for (std::size_t j = 0; j < columns_; ++j) {
+            if (places_[j] > rows_) add(places_[j], scale_[j]);
+        }
+        for (const auto& [row, column, term] : equations_.graph->jacobian(rates, variables)) {
+            terms_.push_back({row, of[column].place, of[column].least});
+            slopes.push_back(term);
+        }
+        slopes_ = Tape(*equations_.graph, symbols, slopes);
+    }
+
     std::vector<double> point(const VectorXd& z) const {
         std::vector<double> values = values_;
         for (std::size_t j = 0; j < columns_; ++j) values[places_[j]] = z(static_cast<Index>(j)) * scale_[j];
         return values;
     }
 
+    // Of a derivative by a variable, which counts as `least` at least.
+    struct Slope {
+        std::size_t row, place;
+        double least;
+    };
+
     const Equations& equations_;
     std::size_t rows_, columns_;
     std::vector<double> values_, scale_;
     std::vector<std::size_t> places_; // of the free variables among all values
-    Tape rates_, conditions_, jacobian_;
+    std::vector<Slope> terms_;
+    Tape rates_, conditions_, jacobian_, slopes_;
 };
 
 } // namespace
@@ -146,7 +188,8 @@ SteadyState find_steady_state(const Equations& equations, const OperatingPoint& 
         if (damping == 0) {
             step = jacobian.completeOrthogonalDecomposition().solve(-rates);
         } else {
-            const VectorXd weight = jacobian.colwise().squaredNorm().transpose().cwiseMax(1e-12);
+            const VectorXd square = jacobian.colwise().squaredNorm().transpose();
+            const VectorXd weight = square.cwiseMax(1e-12 * square.maxCoeff());
             const MatrixXd normal = jacobian.transpose() * jacobian + MatrixXd((damping * weight).asDiagonal());
             step = normal.ldlt().solve(-jacobian.transpose() * rates);
         }
@@ -165,23 +208,33 @@ SteadyState find_steady_state(const Equations& equations, const OperatingPoint& 
         if (settled) break;
         jacobian = problem.jacobian(z);
     }
-    // A derivative is a sum of terms that cancel: what rounding of the variables alone leaves of it counts as zero.
+    // At rest Newton's step vanishes beside the variables. That the derivatives are small does not say so: those of a slow
+    // system are everywhere, those of one that creeps on for ever become so.
     jacobian = problem.jacobian(z);
     for (Index i = 0; i < rates.size(); ++i) found.residual = std::max(found.residual, std::abs(rates(i)));
-    const auto rest_of = [&](Index i) {
-        double size = 0;
-        for (Index j = 0; j < jacobian.cols(); ++j) size += std::abs(jacobian(i, j) * z(j));
-        return std::abs(rates(i)) - at_rest * (std::isfinite(size) ? size : 0);
-    };
-    Index worst = 0;
-    for (Index i = 1; i < rates.size(); ++i) {
-        if (rest_of(i) > rest_of(worst)) worst = i;
+    VectorXd step = VectorXd::Zero(z.size()), blur = step, left = rates, size = VectorXd::Zero(rates.size());
+    if (jacobian.size() > 0 && jacobian.allFinite()) {
+        const auto decomposition = jacobian.completeOrthogonalDecomposition();
+        step = decomposition.solve(-rates);
+        left += jacobian * step; // what no step takes away
+        size = problem.sizes(z);
+        blur = decomposition.pseudoInverse().cwiseAbs() * rounding * size;
     }
-    if (rates.size() > 0 && rest_of(worst) > at_rest) {
-        const auto& state = equations.states[static_cast<std::size_t>(worst)];
-        fail(fmt::format("no steady state is found from these values: {} = {:.4g}{} remains, most of all equations, "
-                         "after {} iterations",
-                         state.equation_text(), rates(worst) * state.nominal, unit_of(state), found.iterations));
+    const auto fail_to_rest = [&](Index row, const std::string& why) {
+        const auto& state = equations.states[static_cast<std::size_t>(row)];
+        fail(fmt::format("no steady state is found from these values: {} = {:.4g}{} remains{}, after {} iterations",
+                         state.equation_text(), rates(row) * state.nominal, unit_of(state), why, found.iterations));
+    };
+    if (left.size() > 0) {
+        Index worst = 0;
+        if ((left.cwiseAbs() - at_rest * size).maxCoeff(&worst) > 0) fail_to_rest(worst, ", most of all equations");
+    }
+    for (Index j = 0; j < step.size(); ++j) {
+        if (std::abs(step(j)) <= at_rest * std::max(1.0, std::abs(z(j))) + blur(j)) continue;
+        Index row = 0;
+        jacobian.col(j).cwiseAbs().maxCoeff(&row);
+        fail_to_rest(row, fmt::format(" and would move {} by {:.4g} yet", graph.name(free[static_cast<std::size_t>(j)]),
+                                      problem.values_at(step)[static_cast<std::size_t>(j)]));
     }
     // Only where every free variable has its place is the point one of its own.
     if (jacobian.cols() > 0) {
