@@ -116,11 +116,12 @@ void EquationSystem::hold_relations() {
 
     const auto order = graph.reachable(roots, false);
     const auto moving = moving_terms(order);
-    // The same relation may stand below no_event and elsewhere; there it stays as it is.
+    // The same relation may stand below no_event and elsewhere; there it stays as it is. An equality is no event either: whether
+    // an operand rests at the edge of a domain, beyond an event too, is seen from its value.
     Expressions::Replacement held;
     for (const Term term : order) {
         const auto node = graph[term];
-        if (node.op == Op::no_event) held[term] = term;
+        if (node.op == Op::no_event || node.op == Op::equal) held[term] = term;
         if (node.op == Op::floor && moving.contains(term)) {
             held[term] = add_counter(term);
             continue;

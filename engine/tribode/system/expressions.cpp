@@ -321,6 +321,15 @@ Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
     const auto [op, a, b, c, value] = node;
     const auto number = [&](double of) { return constant(of); };
     const auto square = [&](Term x) { return make(Op::multiply, x, x); };
+    // The slope has no limit at the edge of the domain. Where the operand rests there, in a branch, the derivative is zero and
+    // not zero times infinity.
+    const auto unless_at_rest = [&](Term derivative) {
+        if (nodes_[da].op == Op::constant && !is_constant(da, 0)) return derivative;
+        return make(Op::select, make(Op::equal, da, number(0)), number(0), derivative);
+    };
+    const auto slope_of_arc = [&] {
+        return unless_at_rest(make(Op::divide, da, make(Op::sqrt, make(Op::subtract, number(1), square(a)))));
+    };
     switch (op) {
     case Op::add: return make(Op::add, da, db);
     case Op::subtract: return make(Op::subtract, da, db);
@@ -330,18 +339,21 @@ Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
         return make(Op::divide, make(Op::subtract, da, make(Op::multiply, term, db)), b);
     case Op::negate: return make(Op::negate, da);
     case Op::power: {
-        // b a^(b-1) da + a^b log(a) db; the second part only where the exponent varies.
-        const Term base_part =
+        // b a^(b-1) da + a^b log(a) db; the second part only where the exponent varies, and where the power does not vanish.
+        Term base_part =
             make(Op::multiply, make(Op::multiply, b, make(Op::power, a, make(Op::subtract, b, number(1)))), da);
+        const bool is_steep = nodes_[b].op != Op::constant || (nodes_[b].value > 0 && nodes_[b].value < 1);
+        if (is_steep) base_part = unless_at_rest(base_part);
         if (is_constant(db, 0)) return base_part;
-        return make(Op::add, base_part, make(Op::multiply, make(Op::multiply, term, make(Op::log, a)), db));
+        const Term logarithm = make(Op::multiply, term, make(Op::log, a));
+        return make(Op::add, base_part,
+                    make(Op::multiply, make(Op::select, make(Op::equal, term, number(0)), number(0), logarithm), db));
     }
     case Op::sin: return make(Op::multiply, make(Op::cos, a), da);
     case Op::cos: return make(Op::negate, make(Op::multiply, make(Op::sin, a), da));
     case Op::tan: return make(Op::multiply, make(Op::add, number(1), square(term)), da);
-    case Op::asin: return make(Op::divide, da, make(Op::sqrt, make(Op::subtract, number(1), square(a))));
-    case Op::acos:
-        return make(Op::negate, make(Op::divide, da, make(Op::sqrt, make(Op::subtract, number(1), square(a)))));
+    case Op::asin: return slope_of_arc();
+    case Op::acos: return make(Op::negate, slope_of_arc());
     case Op::atan: return make(Op::divide, da, make(Op::add, number(1), square(a)));
     case Op::atan2:
         return make(Op::divide, make(Op::subtract, make(Op::multiply, b, da), make(Op::multiply, a, db)),
@@ -349,12 +361,7 @@ Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
     case Op::tanh: return make(Op::multiply, make(Op::subtract, number(1), square(term)), da);
     case Op::exp: return make(Op::multiply, term, da);
     case Op::log: return make(Op::divide, da, a);
-    case Op::sqrt: {
-        // Where the argument rests at zero, in a branch, the slope is zero and no quotient of zeros.
-        const Term slope = make(Op::divide, da, make(Op::multiply, number(2), term));
-        if (nodes_[da].op == Op::constant) return slope;
-        return make(Op::select, make(Op::equal, da, number(0)), number(0), slope);
-    }
+    case Op::sqrt: return unless_at_rest(make(Op::divide, da, make(Op::multiply, number(2), term)));
     case Op::select: return make(Op::select, a, db, dc);
     case Op::lookup:
         return make(Op::add, make(Op::multiply, slope(term, 0), da),

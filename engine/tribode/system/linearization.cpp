@@ -2,6 +2,7 @@
 #include "tribode/base/error.hpp"
 #include "tribode/system/equation_system.hpp"
 #include "tribode/system/input_delays.hpp"
+#include "tribode/system/message_text.hpp"
 #include "tribode/system/tape.hpp"
 
 #include <Eigen/Dense>
@@ -22,7 +23,7 @@ using Eigen::MatrixXd;
 // Values and derivatives of terms at one point.
 class Local {
   public:
-    Local(const Equations& equations, const OperatingPoint& point) : graph_(*equations.graph) {
+    Local(const Equations& equations, const OperatingPoint& point) : name_(equations.name), graph_(*equations.graph) {
         const auto add = [&](Term symbol, double value) {
             symbols_.push_back(symbol);
             values_.push_back(value);
@@ -40,7 +41,8 @@ class Local {
         return result;
     }
 
-    // (terms x variables); what rounds is taken by its mean slope, a remainder by that between its jumps.
+    // (terms x variables); what rounds is taken by its mean slope, a remainder by that between its jumps. Throws InputError
+    // where a slope is not a finite number.
     MatrixXd jacobian(std::vector<Term> terms, const std::vector<Term>& variables) const {
         while (true) {
             Expressions::Replacement operands;
@@ -56,6 +58,9 @@ class Local {
             const auto column = values(graph_.derivatives(terms, variables[j]));
             for (std::size_t i = 0; i < column.size(); ++i) {
                 matrix(static_cast<Index>(i), static_cast<Index>(j)) = column[i];
+                if (std::isfinite(column[i])) continue;
+                throw InputError(fmt::format("{}: the slope of {} by {} is not a finite number at this point", name_,
+                                             shortened(graph_.text(terms[i])), graph_.name(variables[j])));
             }
         }
         return matrix;
@@ -102,6 +107,7 @@ class Local {
         return found;
     }
 
+    const std::string& name_;
     Expressions& graph_;
     std::vector<Term> symbols_;
     std::vector<double> values_;

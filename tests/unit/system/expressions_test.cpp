@@ -84,6 +84,23 @@ TEST_F(ExpressionsTest, AKinkHasTheDerivativeOfItsSide) {
     EXPECT_EQ(value(slope, 3, 0), 1);
 }
 
+TEST_F(ExpressionsTest, WhatRestsAtTheEdgeOfADomainHasTheDerivativeZero) {
+    const Term above = graph.make(Op::less, number(1), x), clamped = graph.make(Op::select, above, number(1), x);
+    for (const Op op : {Op::asin, Op::acos}) {
+        const Term slope = graph.derivatives(std::vector{graph.make(op, clamped)}, x)[0];
+        EXPECT_EQ(value(slope, 2, 0), 0);
+        EXPECT_NEAR(value(slope, 0.6, 0), op == Op::asin ? 1.25 : -1.25, 1e-15);
+        EXPECT_TRUE(std::isinf(value(slope, 1, 0)));
+    }
+    const Term left = graph.make(Op::subtract, number(1), clamped);
+    EXPECT_EQ(value(graph.derivatives(std::vector{graph.make(Op::power, left, number(0.5))}, x)[0], 2, 0), 0);
+    // x^y by y, at x = 0: it goes to zero with x^y.
+    const Term by_exponent = graph.derivatives(std::vector{graph.make(Op::power, x, y)}, y)[0];
+    EXPECT_EQ(value(by_exponent, 0, 1.5), 0);
+    EXPECT_DOUBLE_EQ(value(by_exponent, 4, 1.5), 8 * std::log(4.0));
+    EXPECT_FALSE(std::isfinite(value(by_exponent, 0, 0)));
+}
+
 // The complex step x + ih gives Im f / h without a difference of near numbers: exact to rounding at h = 1e-100.
 TEST_F(ExpressionsTest, DerivativesOfRandomGraphsAreThoseOfTheComplexStep) {
     constexpr double h = 1e-100;

@@ -38,6 +38,24 @@ TEST(Linearization, APointThatDoesNotRestIsSaidSo) {
     EXPECT_NEAR(linearize(w.equations, {0, {0.5, 0}, {}}).rate_left, 2, 1e-15);
 }
 
+// der(x) = -x + asin(min(x, 1)): at x = 2 the arc rests at its edge; at x = 1 it has no slope.
+TEST(Linearization, AnArcAtTheEdgeOfItsDomainIsConstantOrRefused) {
+    Writer w;
+    const Term x = w.state("x", 0), one = w.number(1);
+    const Term arc = w.graph.make(Op::asin, w.where(w.less(one, x), one, x));
+    w.rate(0, w.subtract(arc, x));
+    const Linearization linear = linearize(w.equations, {0, {2}, {}});
+    EXPECT_EQ(linear.a(0, 0), -1);
+    EXPECT_TRUE(linear.is_stable());
+    try {
+        linearize(w.equations, {0, {1}, {}});
+        FAIL() << "a slope without an end is to be refused";
+    } catch (const InputError& problem) {
+        EXPECT_NE(std::string(problem.what()).find("by x is not a finite number at this point"), std::string::npos)
+            << problem.what();
+    }
+}
+
 // der(x) = a x + u, u := -k x at each T: x[k+1] = (e^{aT} - k (e^{aT} - 1)/a) x[k].
 TEST(Linearization, TheSampledControllerIsPartOfTheLoop) {
     constexpr double a = 1, k = 3, T = 0.1;
