@@ -196,6 +196,15 @@ for _, root in ipairs { function(h) return math.sqrt(math.max(h, 0)) end, functi
   -- Empty at T, with d T/d y(0) = 1/1.25, after which it falls by 1/4 a second.
   derivative("y.start", 1e-6, 0.2, { system = tank, duration_s = 4 })
 end
+-- A branch that jumps on the relation of a magnitude: 4 in place of 1 behind x = 0.
+for _, case in ipairs { { math.sqrt, math.sqrt(5) - math.sqrt(2) }, { function(u) return u ^ 3 end, 117 } } do
+  local jump = tb.system { states = { x = -1, y = 0 }, der = function(s)
+    return { x = 1, y = case[1](math.abs(s.x) + tb.where(tb.less(s.x, 0), 1, 4)) }
+  end }
+  for _, solver in ipairs { "erk", "adams", "bdf" } do
+    derivative("x.start", 1e-6 * case[2], case[2], { system = jump, duration_s = 2, solver = solver })
+  end
+end
 
 refused("sensitivities[1] = \"TT\", must be a parameter", function()
   tb.run_system { system = lag, duration_s = 1, sensitivities = { "TT" } }

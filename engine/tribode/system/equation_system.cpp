@@ -171,7 +171,8 @@ Term EquationSystem::add_counter(Term floor) {
 }
 
 // Below a function with a limited domain, a branch that goes on continuously, as those of max, min and abs, follows its
-// operands at once: sqrt(max(h, 0)) has a value wherever a step leads.
+// operands at once: sqrt(max(h, 0)) has a value wherever a step leads. Other branches on the same relation keep the held one,
+// by which they jump at the event and not before.
 void EquationSystem::keep_in_domain(const std::vector<Term>& order, Expressions::Replacement& held) {
     auto& graph = *equations_.graph;
     for (const Term term : order) {
@@ -179,13 +180,17 @@ void EquationSystem::keep_in_domain(const std::vector<Term>& order, Expressions:
         const bool limited = node.op == Op::sqrt || node.op == Op::log || node.op == Op::asin || node.op == Op::acos ||
                              node.op == Op::power;
         if (!limited) continue;
-        Expressions::Replacement others = held;
+        Expressions::Replacement following = held;
         for (const Term below : graph.reachable(std::span(&node.a, 1), false)) {
-            if (graph.is_continuous(below)) others.erase(graph[below].a);
+            if (!graph.is_continuous(below)) continue;
+            const auto branch = graph[below];
+            const auto relation = graph[branch.a];
+            const auto operands = graph.substitute(std::vector{relation.a, relation.b, branch.b, branch.c}, following);
+            const Term now = graph.make(relation.op, operands[0], operands[1]);
+            following[below] = graph.make(Op::select, now, operands[2], operands[3]);
         }
-        if (others.size() == held.size()) continue;
-        std::vector<Term> operands = {node.a, node.b};
-        operands = graph.substitute(operands, others);
+        if (following.size() == held.size()) continue;
+        const auto operands = graph.substitute(std::vector{node.a, node.b}, following);
         held[term] = graph.make(node.op, operands[0], operands[1]);
     }
 }
