@@ -206,6 +206,24 @@ for _, case in ipairs { { math.sqrt, math.sqrt(5) - math.sqrt(2) }, { function(u
   end
 end
 
+-- The cut of atan(y, x), half a turn from x > 0, and a pole of tan: the integral of f(x(0) + t) has the derivative
+-- f(x(0) + 1) - f(x(0)).
+for _, solver in ipairs { "erk", "adams", "bdf" } do
+  local function angle(x) return math.atan(math.sin(x), math.cos(x)) end
+  local function limited_tan(x) return tb.tanh(math.tan(x)) end
+  for start, f in pairs { [3] = angle, [1] = limited_tan } do
+    local turning = tb.system { states = { x = start, y = 0 }, der = function(s) return { x = 1, y = f(s.x) } end }
+    derivative("x.start", 1e-6, f(start + 1) - f(start), { system = turning, duration_s = 1, solver = solver })
+    refused("stands below no_event", function()
+      local unseen = tb.system { states = { x = start }, der = function(s) return { x = 1 + tb.no_event(f(s.x)) } end }
+      tb.run_system { system = unseen, duration_s = 1, sensitivities = { "x.start" } }
+    end)
+  end
+  local run = tb.run_system { system = tb.system { states = { x = 3, y = 0 },
+    der = function(s) return { x = 1, y = angle(s.x) } end }, duration_s = 1, solver = solver }
+  assert(math.abs(run.final.y - (3.5 - 2 * math.pi * (4 - math.pi))) < 1e-7, solver)
+end
+
 refused("sensitivities[1] = \"TT\", must be a parameter", function()
   tb.run_system { system = lag, duration_s = 1, sensitivities = { "TT" } }
 end)

@@ -1,6 +1,7 @@
 #include "tribode/system/equation_system.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/system/algebraic_equations.hpp"
+#include "tribode/system/function_jumps.hpp"
 #include "tribode/system/message_text.hpp"
 #include "tribode/system/work_space.hpp"
 
@@ -119,22 +120,24 @@ void EquationSystem::hold_relations() {
     // The same relation may stand below no_event and elsewhere; there it stays as it is. An equality is no event either: whether
     // an operand rests at the edge of a domain, beyond an event too, is seen from its value.
     Expressions::Replacement held;
-    for (const Term term : order) {
-        const auto node = graph[term];
-        if (node.op == Op::no_event || node.op == Op::equal) held[term] = term;
-        if (node.op == Op::floor && moving.contains(term)) {
-            held[term] = add_counter(term);
-            continue;
-        }
-        const bool relation = node.op == Op::less || node.op == Op::less_equal;
-        if (!relation || !moving.contains(term)) continue;
+    const auto hold = [&](Term relation) {
+        if (held.contains(relation)) return;
+        const auto node = graph[relation];
         Relation made;
-        made.text = shortened(graph.text(term));
+        made.text = shortened(graph.text(relation));
         made.held = graph.variable("(" + made.text + ")");
         made.margin = graph.make(Op::subtract, node.b, node.a);
         made.strict = node.op == Op::less;
-        held[term] = made.held;
+        held[relation] = made.held;
         relations_.push_back(std::move(made));
+    };
+    for (const Term term : order) {
+        const auto node = graph[term];
+        if (node.op == Op::no_event || node.op == Op::equal) held[term] = term;
+        if (!moving.contains(term)) continue;
+        if (node.op == Op::floor) held[term] = add_counter(term);
+        if (node.op == Op::less || node.op == Op::less_equal) hold(term);
+        if (const auto jump = jump_of(graph, node.op, node.a, node.b); jump && moving.contains(node.a)) hold(*jump);
     }
     keep_in_domain(order, held);
     roots = graph.substitute(roots, held);
@@ -172,11 +175,15 @@ Term EquationSystem::add_counter(Term floor) {
 
 // Below a function with a limited domain, a branch that goes on continuously, as those of max, min and abs, follows its
 // operands at once: sqrt(max(h, 0)) has a value wherever a step leads. Other branches on the same relation keep the held one,
-// by which they jump at the event and not before.
+// by which they jump at the event and not before. So does a function that jumps by itself.
 void EquationSystem::keep_in_domain(const std::vector<Term>& order, Expressions::Replacement& held) {
     auto& graph = *equations_.graph;
     for (const Term term : order) {
         const auto node = graph[term];
+        if (const auto jump = jump_of(graph, node.op, node.a, node.b); jump && held.contains(*jump)) {
+            const auto operands = graph.substitute(std::vector{node.a, node.b}, held);
+            held[term] = without_jump(graph, node.op, operands[0], operands[1], held.at(*jump));
+        }
         const bool limited = node.op == Op::sqrt || node.op == Op::log || node.op == Op::asin || node.op == Op::acos ||
                              node.op == Op::power;
         if (!limited) continue;
@@ -554,11 +561,12 @@ void EquationSystem::recognize_affine() {
                 const Op op = graph[term].op;
                 const bool jumps = op == Op::less || op == Op::less_equal || op == Op::equal || op == Op::floor;
                 const bool has_pieces = op == Op::lookup && !graph.table_of(term)->is_one_polynomial();
-                if ((!jumps && !has_pieces) || !moves(term)) continue;
-                why_not_affine_ = has_pieces ? fmt::format("{} has the table {}, of many polynomials", name(row),
-                                                           shortened(graph.text(term)))
-                                             : fmt::format("{} jumps with {}, which is no event", name(row),
-                                                           shortened(graph.text(term)));
+                const bool is_angle = op == Op::tan || op == Op::atan2; // with its jumps
+                if ((!jumps && !has_pieces && !is_angle) || !moves(term)) continue;
+                const std::string text = shortened(graph.text(term));
+                why_not_affine_ = has_pieces ? fmt::format("{} has the table {}, of many polynomials", name(row), text)
+                                  : is_angle ? fmt::format("{} has {}, which is not linear", name(row), text)
+                                             : fmt::format("{} jumps with {}, which is no event", name(row), text);
                 break;
             }
         }

@@ -1,6 +1,7 @@
 #include "tribode/system/sensitivities.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
+#include "tribode/system/function_jumps.hpp"
 #include "tribode/system/message_text.hpp"
 
 #include <algorithm>
@@ -107,8 +108,9 @@ class Variations {
             if (count > 2 && !(harmless && node.op == Op::lookup)) uses.emplace_back(node.c, term);
         }
         for (const auto& [term, parent] : uses) {
-            const Op op = graph_[term].op;
-            const bool jumps = op == Op::less || op == Op::less_equal || op == Op::equal || op == Op::floor;
+            const auto node = graph_[term];
+            const bool jumps = node.op == Op::less || node.op == Op::less_equal || node.op == Op::equal ||
+                               node.op == Op::floor || jump_of(graph_, node.op, node.a, node.b);
             if (!jumps || !moves(term)) continue;
             throw InputError(
                 fmt::format("{}: a run has no sensitivities where {} stands below no_event, because it may "
