@@ -247,6 +247,44 @@ for _, der in ipairs {
   local ok, text = pcall(system_of(der))
   assert(not ok and text:find "systems.lua:%d+: tb.system: der takes a branch on the value", text)
 end
+-- Functions of the script that decide, constants of the script by their names, and tables without a key of 0 or 1.
+local constants, REVERSE <const>, held = { REVERSE = 4.5 }, 5.5, 6.5
+local function ratio(gear)
+  if gear == 3 then return 1 elseif gear == 2 then return 2 end
+  return 4
+end
+local ratios = { [2] = 5, [7] = 6 }
+for _, der in ipairs {
+  function(s) return { x = ratio(s.x), y = 0 } end,
+  function(s) return { x = 2 * math.max(ratio(s.y), s.x), y = 0 } end,
+  function(s) return { x = s.x == constants.REVERSE and 1 or 2, y = 0 } end,
+  function(s) return { x = s.x == REVERSE and 1 or 2, y = 0 } end,
+  function(s) return { x = s.x == held and 1 or 2, y = 0 } end,
+  function(s) return { x = s.x == 1 and s.y == 2 and 1 or 2, y = 0 } end,
+  function(s) return { x = ratios[s.x] or 7, y = 0 } end,
+  function(s) return { x = ({ [3] = 5, [4] = 6 })[s.x] or 7, y = 0 } end,
+} do
+  local ok, text = pcall(system_of(der))
+  assert(not ok and text:find "systems.lua:%d+: tb.system: der takes a branch on the value", text)
+end
+local helper_line = debug.traceback():match "systems.lua:(%d+)" - 17
+refused("systems.lua:" .. helper_line .. ": tb.system: der takes a branch", system_of(function(s)
+  return { x = ratio(s.x), y = 0 }
+end))
+-- So is an input that is a function of the time.
+local driven = tb.system { inputs = { u = 0 }, states = { x = 0 }, der = function(s) return { x = s.u } end }
+local function driven_by(u) return tb.run_system { system = driven, duration_s = 10, inputs = { u = u } } end
+for _, u in ipairs {
+  function(t) return math.floor(t) % 2 == 0 and 1 or -1 end,
+  function(t) if math.floor(t) == 3 then return 100 end return 0 end,
+  function(t) return ratios[math.floor(t)] or 0 end,
+  function(t) return ratio(t) end,
+} do
+  refused("tb.run_system: inputs.u takes a branch on the value", function() driven_by(u) end)
+end
+assert(math.abs(driven_by(function(t) return 1 - 2 * (math.floor(t) % 2) end).final.x) < 1e-9)
+assert(math.abs(driven_by(math.sin).final.x - (1 - math.cos(10))) < 1e-7)
+assert(driven_by(function() return ratio(3) end).final.x == 10)
 -- A variable by itself is true in Lua, whatever its value, in a run as while it is recorded.
 assert(tb.run_system { system = system_of(function(s) return { x = s.x and 3 or 4, y = 0 } end)(),
   duration_s = 1 }.final.x == 4)

@@ -199,6 +199,7 @@ void EquationRecorder::add(const std::string& name, Term term, const std::string
 
 // The same table for each function. [-0, +1]
 void EquationRecorder::push_symbols() {
+    if (argument_ == Argument::value) return push_symbol(lua_, scope_.terms.front());
     if (symbols_table_ == LUA_NOREF) {
         push_scope(lua_, scope_, [&](std::size_t i) { push_symbol(lua_, scope_.terms[i]); });
         symbols_table_ = luaL_ref(lua_, LUA_REGISTRYINDEX);
@@ -244,16 +245,20 @@ static void read_through(lua_State* lua, const std::function<double(std::size_t)
     lua_remove(lua, table);
 }
 
-// The table of numbers_, the same for each function. [-0, +1]
+void EquationRecorder::make_numbers() {
+    if (numbers_) return;
+    numbers_ = std::make_shared<Numbers>();
+    if (argument_ == Argument::value) return;
+    push_all(lua_, scope_, [&](std::size_t i) { lua_pushinteger(lua_, static_cast<lua_Integer>(i)); });
+    read_through(lua_, [numbers = numbers_](std::size_t i) { return numbers->read(i); });
+    numbers_table_ = luaL_ref(lua_, LUA_REGISTRYINDEX);
+    push_all(lua_, scope_, [&](std::size_t i) { lua_pushnumber(lua_, numbers_->value(i)); });
+    first_table_ = luaL_ref(lua_, LUA_REGISTRYINDEX);
+}
+
+// The argument with numbers_: the same table for each function. [-0, +1]
 void EquationRecorder::push_numbers() {
-    if (numbers_table_ == LUA_NOREF) {
-        numbers_ = std::make_shared<Numbers>();
-        push_all(lua_, scope_, [&](std::size_t i) { lua_pushinteger(lua_, static_cast<lua_Integer>(i)); });
-        read_through(lua_, [numbers = numbers_](std::size_t i) { return numbers->read(i); });
-        numbers_table_ = luaL_ref(lua_, LUA_REGISTRYINDEX);
-        push_all(lua_, scope_, [&](std::size_t i) { lua_pushnumber(lua_, numbers_->value(i)); });
-        first_table_ = luaL_ref(lua_, LUA_REGISTRYINDEX);
-    }
+    if (argument_ == Argument::value) return lua_pushnumber(lua_, numbers_->read(0));
     lua_rawgeti(lua_, LUA_REGISTRYINDEX, numbers_table_);
 }
 
@@ -268,9 +273,11 @@ std::vector<Recorded> EquationRecorder::record(const std::string& what, bool sin
     push_symbols();
     {
         const CalledFor here(symbols_, Symbols::State::recording);
-        call_with_hint(
-            lua_, 1, 1, "nil value (field '?')",
-            "; a table that is indexed by a symbolic value gives nil, tb.table1 takes values over an abscissa");
+        called_.watch([&] {
+            call_with_hint(
+                lua_, 1, 1, "nil value (field '?')",
+                "; a table that is indexed by a symbolic value gives nil, tb.table1 takes values over an abscissa");
+        });
     }
     std::vector<Recorded> recorded = returned(what, line, single);
     lua_pop(lua_, 1);
@@ -427,7 +434,7 @@ bool EquationRecorder::is_at_jump(Term root, const std::vector<Term>& inputs, co
 }
 
 // Calls the function on numbers and compares: at random points, and at points at which one variable, all of them, or an
-// expression have a value that a comparison in the function may name. Variables are those that the terms depend on and those
+// expression have a value that a comparison in a function of the script may name. Variables are those that the terms depend on and those
 // that the function has read so far: a branch may read further ones.
 void EquationRecorder::compare(int function, const std::vector<Recorded>& recorded, const std::string& what,
                                const std::string& line, bool single) {
@@ -437,16 +444,16 @@ void EquationRecorder::compare(int function, const std::vector<Recorded>& record
     std::erase_if(inputs, [&](Term term) { return !place_.contains(term); }); // refused by the tape
     const Tape tape(graph_, inputs, terms);
     std::vector<double> point(inputs.size()), values(terms.size());
-    push_numbers();
-    const int numbers_table = lua_gettop(lua_);
+    make_numbers();
     Numbers& numbers = *numbers_;
     numbers.forget();
     for (const Term term : inputs) numbers.add(place_.at(term));
-    const auto check_on = [&](int table) {
+    // With the argument that is on top of the stack. [-1, +0]
+    const auto check_on_top = [&] {
         for (std::size_t i = 0; i < inputs.size(); ++i) point[i] = numbers.value(place_.at(inputs[i]));
         tape.evaluate({point}, values);
         lua_pushvalue(lua_, function);
-        lua_pushvalue(lua_, table);
+        lua_insert(lua_, -2);
         // What fails on numbers, fails for reasons of the point.
         if (lua_pcall(lua_, 1, 1, 0) != LUA_OK) return lua_pop(lua_, 1);
         for (std::size_t i = 0; i < recorded.size(); ++i) {
@@ -457,17 +464,21 @@ void EquationRecorder::compare(int function, const std::vector<Recorded>& record
             // Where large numbers cancel, sums taken in another order differ by more.
             if (same || (direct && std::abs(*direct - values[i]) < 1e-9)) continue;
             if (is_at_jump(recorded[i].term, inputs, point)) continue;
-            refuse_branch(function, what, line);
+            refuse_branch(what, line);
         }
         lua_pop(lua_, 1);
     };
-    const auto check = [&] { check_on(numbers_table); };
+    const auto check = [&] {
+        push_numbers();
+        check_on_top();
+    };
     // The first point in a table of numbers, which next() and pairs() go through as others do not.
     constexpr std::uint64_t random_points = 20;
     numbers.draw(0);
-    lua_rawgeti(lua_, LUA_REGISTRYINDEX, first_table_);
-    check_on(lua_gettop(lua_));
-    lua_pop(lua_, 1);
+    if (argument_ == Argument::table) {
+        lua_rawgeti(lua_, LUA_REGISTRYINDEX, first_table_);
+        check_on_top();
+    }
     for (std::uint64_t draw = 0; draw < random_points; ++draw) {
         numbers.draw(draw);
         check();
@@ -476,7 +487,8 @@ void EquationRecorder::compare(int function, const std::vector<Recorded>& record
     const std::size_t count = std::max<std::size_t>(numbers.known().size(), 1);
     const std::size_t most = std::clamp<std::size_t>(200'000 / count, 10, 500);
     const std::size_t stride = (count + most - 1) / most;
-    for (const double value : compared_numbers(function)) {
+    const auto compared = called_.numbers();
+    for (const double value : compared) {
         numbers.draw(0);
         numbers.set_all(value);
         check();
@@ -486,20 +498,37 @@ void EquationRecorder::compare(int function, const std::vector<Recorded>& record
             check();
         }
     }
-    // What is compared for equality may be an expression: points at which one of this scope has such a value.
-    const bool is_equality = compares_for_equality(function);
-    std::vector<double> all(is_equality ? scope_.terms.size() : 0);
-    for (const Term term : is_equality ? expressions_of_scope() : std::vector<Term>()) {
-        const Tape expression(graph_, scope_.terms, {term});
-        for (const double value : compared_numbers(function)) {
-            for (std::size_t i = 0; i < all.size(); ++i) all[i] = static_cast<double>(i % 7) / 4 - 0.5;
-            if (!move_to(expression, value, all)) continue;
-            numbers.draw(0);
-            numbers.set_all(all);
-            check();
+    if (!called_.compare_for_equality()) return;
+    std::vector<double> all(scope_.terms.size());
+    const auto check_at_all = [&] {
+        numbers.draw(0);
+        numbers.set_all(all);
+        check();
+    };
+    // Two comparisons may decide together.
+    const auto known = numbers.known();
+    const std::size_t pairs = known.size() * (known.size() - 1) / 2 * compared.size() * compared.size();
+    constexpr std::size_t most_pairs = 2000;
+    for (std::size_t i = 0; i < known.size() && pairs <= most_pairs; ++i) {
+        for (std::size_t j = 0; j < i; ++j) {
+            for (const double a : compared) {
+                for (const double b : compared) {
+                    std::ranges::fill(all, 0.5);
+                    all[known[i]] = a;
+                    all[known[j]] = b;
+                    check_at_all();
+                }
+            }
         }
     }
-    lua_pop(lua_, 1);
+    // What is compared for equality may be an expression: points at which one of this scope has such a value.
+    for (const Term term : expressions_of_scope()) {
+        const Tape expression(graph_, scope_.terms, {term});
+        for (const double value : compared) {
+            for (std::size_t i = 0; i < all.size(); ++i) all[i] = static_cast<double>(i % 7) / 4 - 0.5;
+            if (move_to(expression, value, all)) check_at_all();
+        }
+    }
 }
 
 // The newest expressions, not too many, that are made of the variables of the scope alone.
@@ -518,79 +547,8 @@ std::vector<Term> EquationRecorder::expressions_of_scope() const {
     return list;
 }
 
-bool EquationRecorder::compares_for_equality(int function) const {
-    int first = 0;
-    const auto lines = source_of(function, first);
-    return std::any_of(lines.begin(), lines.end(), [](const std::string& line) {
-        return line.find("==") != std::string::npos || line.find("~=") != std::string::npos;
-    });
-}
-
-// The text of the function, line by line; empty where it is not from a file that the script was loaded from.
-std::vector<std::string> EquationRecorder::source_of(int function, int& first_line) const {
-    lua_Debug info;
-    lua_pushvalue(lua_, function);
-    lua_getinfo(lua_, ">S", &info);
-    first_line = info.linedefined;
-    std::vector<std::string> lines;
-    const ScriptHost& host = host_of(lua_);
-    if (info.source[0] != '@') return lines;
-    if (!host.access.allow_all && !host.loaded_files.contains(info.source + 1)) return lines;
-    std::FILE* file = std::fopen(info.source + 1, "r");
-    if (!file) return lines;
-    std::string line;
-    int number = 1;
-    for (int c = std::fgetc(file); c != EOF && number <= info.lastlinedefined; c = std::fgetc(file)) {
-        if (c != '\n') {
-            line += static_cast<char>(c);
-            continue;
-        }
-        if (number++ >= info.linedefined) lines.push_back(line);
-        line.clear();
-    }
-    std::fclose(file);
-    return lines;
-}
-
-// Zero, one, and the numbers that stand in lines of the function with a comparison for equality.
-std::vector<double> EquationRecorder::compared_numbers(int function) const {
-    std::set<double> numbers = {0, 1};
-    int first = 0;
-    for (const auto& line : source_of(function, first)) {
-        if (line.find("==") == std::string::npos && line.find("~=") == std::string::npos) continue;
-        for (std::size_t i = 0; i < line.size();) {
-            const auto c = static_cast<unsigned char>(line[i]);
-            const bool inside_name = i > 0 && (std::isalnum(static_cast<unsigned char>(line[i - 1])) ||
-                                               line[i - 1] == '_' || line[i - 1] == '.');
-            char* end = nullptr;
-            const double value = std::isdigit(c) && !inside_name ? std::strtod(line.c_str() + i, &end) : 0;
-            if (!end || end == line.c_str() + i) {
-                ++i;
-                continue;
-            }
-            numbers.insert(value);
-            if (numbers.size() < 20) numbers.insert(-value);
-            i = static_cast<std::size_t>(end - line.c_str());
-        }
-    }
-    return {numbers.begin(), numbers.end()};
-}
-
-void EquationRecorder::refuse_branch(int function, const std::string& what, const std::string& line) const {
-    // The first line that decides something is the one to look at.
-    int first = 0;
-    std::string place = line;
-    const auto lines = source_of(function, first);
-    for (std::size_t i = 0; i < lines.size(); ++i) {
-        const std::string padded = " " + lines[i] + " ";
-        const auto has = [&](const char* text) { return padded.find(text) != std::string::npos; };
-        if (!has("==") && !has("~=") && !has(" if ") && !has(" and ") && !has(" or ") && !has(" not ") &&
-            !has(" while ")) {
-            continue;
-        }
-        place = line.substr(0, line.rfind(':', line.size() - 3)) + fmt::format(":{}: ", first + static_cast<int>(i));
-        break;
-    }
+void EquationRecorder::refuse_branch(const std::string& what, const std::string& line) const {
+    const std::string place = called_.deciding_line().value_or(line);
     throw InputError(fmt::format("{}{} takes a branch on the value of a variable (==, if, and, or, not), which is not "
                                  "recorded; tb.where(tb.less(a, b), x, y) takes a branch in an equation, a `when` "
                                  "changes it at an event",

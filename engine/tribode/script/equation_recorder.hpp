@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/script/called_functions.hpp"
 #include "tribode/script/symbols.hpp"
 #include "tribode/system/units.hpp"
 
@@ -51,11 +52,16 @@ void require_unit(const Recorded& entry, const Dimension& wanted, const char* wh
 // these say something else than what was recorded, it has a branch that cannot be, and is refused.
 class EquationRecorder {
   public:
-    EquationRecorder(lua_State* lua, Symbols& symbols)
+    // What the functions take: a table of all variables, or the only variable by itself.
+    enum class Argument { table, value };
+
+    EquationRecorder(lua_State* lua, Symbols& symbols, Argument argument = Argument::table)
         : lua_(lua),
           symbols_(symbols),
+          argument_(argument),
           graph_(*symbols.graph),
-          units_(graph_) {}
+          units_(graph_),
+          called_(lua) {}
 
     ~EquationRecorder();
     EquationRecorder(const EquationRecorder&) = delete;
@@ -76,6 +82,7 @@ class EquationRecorder {
     class Numbers;
 
     void push_symbols();
+    void make_numbers();
     void push_numbers();
     void add_returned(int index, const std::string& name, const std::string& place, std::vector<Recorded>& list);
     void check_units(Recorded& entry, const std::string& what);
@@ -84,17 +91,16 @@ class EquationRecorder {
     std::optional<double> number_returned(int result, const Recorded& entry, bool single) const;
     void compare(int function, const std::vector<Recorded>& recorded, const std::string& what, const std::string& line,
                  bool single);
-    std::vector<std::string> source_of(int function, int& first_line) const;
-    std::vector<double> compared_numbers(int function) const;
     bool is_at_jump(Term root, const std::vector<Term>& inputs, const std::vector<double>& point) const;
-    bool compares_for_equality(int function) const;
     std::vector<Term> expressions_of_scope() const;
-    [[noreturn]] void refuse_branch(int function, const std::string& what, const std::string& line) const;
+    [[noreturn]] void refuse_branch(const std::string& what, const std::string& line) const;
 
     lua_State* lua_;
     Symbols& symbols_;
+    Argument argument_;
     Expressions& graph_;
     Units units_;
+    CalledFunctions called_; // of the function that is recorded
     Scope scope_;
     std::unordered_map<Term, std::size_t> place_; // in the scope
     std::map<std::string, std::size_t> vectors_;  // their sizes

@@ -883,15 +883,10 @@ const Equations* system_at(lua_State* lua, int index) {
 }
 
 Term record_input(lua_State* lua, int index, const std::shared_ptr<Symbols>& symbols, const std::string& what) {
+    EquationRecorder recorder(lua, *symbols, EquationRecorder::Argument::value);
+    recorder.add("t", symbols->time, "");
     lua_pushvalue(lua, index);
-    push_symbol(lua, symbols->time);
-    {
-        const CalledFor here(*symbols, Symbols::State::recording);
-        lua_call(lua, 1, 1);
-    }
-    const Term term = term_at(lua, -1, *symbols->graph, what);
-    lua_pop(lua, 1);
-    return term;
+    return recorder.record(what, true).front().term;
 }
 
 } // namespace tribode
