@@ -201,6 +201,21 @@ assert(not run.ok)
 assert(run.message:find "der%(x%) %(.*systems.lua:%d+%) is not a finite number at t = 0.66666", run.message)
 assert(run.t_end < 2 / 3 + 1e-6)
 
+-- `exact` begins with steps as short as the fastest decay, however short that is.
+for _, k in ipairs { 1e9, 1e10, 1e12 } do
+  for _, start in ipairs { 0, 1000 } do
+    run = tb.run_system {
+      system = tb.system { states = { x = 0, y = 0 },
+        der = function(s) return { x = -k * (s.x - 1), y = s.x - s.y } end },
+      start_time_s = start,
+      duration_s = 1,
+    }
+    assert(run.ok and run.solver == "exact", run.message)
+    assert(math.abs(run.final.x - 1) < 1e-15)
+    assert(math.abs(run.final.y - (1 - math.exp(-1) - math.exp(-1) / (k - 1))) < 1e-12)
+  end
+end
+
 -- Each method names the equation without a value, and where.
 for _, solver in ipairs { "erk", "adams", "bdf", "fixed" } do
   run = tb.run_system {

@@ -215,9 +215,10 @@ Integrator::Progress ExactIntegrator::step(double t_stop) {
     const Prepared* prepared = pattern_ ? prepared_for(*pattern_, whole) : nullptr;
     if (prepared && propagate(*prepared->step)) return stop(whole, whole, t_stop, whole - prepared->h);
     double h = whole;
+    // Down to rounding: a first step may be as short as the fastest decay, those that are prepared after it are not.
     while (!expand(h)) {
         h /= 2;
-        if (h > 1e-9 * whole) continue;
+        if (h > 0x1p-60 * whole) continue;
         return fail(not_finite_in({term(1), size_}, t0_));
     }
     sum_columns(terms_.data(), order_, height_, end_.data(), travel_.data());
