@@ -84,6 +84,7 @@ std::vector<std::vector<double>> outputs_of_rows(Equations equations, const Syst
         std::erase_if(equations.inputs, [&](const auto& one) { return one.symbol == inputs[i].symbol; });
         equations.discrete.push_back({inputs[i].name, inputs[i].unit, inputs[i].value, inputs[i].symbol, {}});
     }
+    close_contacts(equations);
     const EquationSystem system(std::move(equations));
     SystemState state = system.initial_state();
     std::vector<double> y(system.equations().outputs.size());

@@ -2,7 +2,6 @@
 #include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/script/table_fields.hpp"
-#include "tribode/system/contacts.hpp"
 #include "tribode/system/tape.hpp"
 
 #include <algorithm>
@@ -240,14 +239,14 @@ Term ReadyParts::level(const Part& part) const {
 }
 
 // The force of a flank: it presses where that is not against its side.
-Term ReadyParts::pressed(const Part& part, const Equations& made, double side) const {
+Term ReadyParts::pressed(const Part& part, double side) const {
     const Term reach =
         graph_.make(Op::subtract, part["distance"], graph_.make(Op::multiply, graph_.constant(side), half_width(part)));
     return graph_.make(Op::add, graph_.make(Op::multiply, part["stiffness"], reach),
-                       graph_.make(Op::multiply, part["damping"], rate_of(made, part["distance"])));
+                       graph_.make(Op::multiply, part["damping"], graph_.make(Op::rate, part["distance"])));
 }
 
-void ReadyParts::define(const Equations& made, std::unordered_map<Term, Term>& definition) const {
+void ReadyParts::define(std::unordered_map<Term, Term>& definition) const {
     const auto by_mode = [&](const Part& part, Term first, Term second, Term third) {
         const auto in = [&](double mode) { return graph_.make(Op::equal, part.mode, graph_.constant(mode)); };
         return graph_.make(Op::select, in(1), second, graph_.make(Op::select, in(2), third, first));
@@ -270,9 +269,7 @@ void ReadyParts::define(const Equations& made, std::unordered_map<Term, Term>& d
                 part["level"], negative(part["level"]));
             break;
         case Law::relay: output = by_mode(part, part["low"], part["high"], part["low"]); break;
-        case Law::backlash:
-            output = by_mode(part, graph_.constant(0), pressed(part, made, 1), pressed(part, made, -1));
-            break;
+        case Law::backlash: output = by_mode(part, graph_.constant(0), pressed(part, 1), pressed(part, -1)); break;
         }
     }
 }
@@ -328,16 +325,17 @@ void ReadyParts::close_play(const Part& part, Equations& made, std::vector<Equat
     for (auto& discrete : made.discrete) {
         if (discrete.symbol == part.held) discrete.start = value_at_start(input, made);
     }
-    const Term rate = rate_of(made, input);
-    if (graph_.is_constant(rate, 0)) { // it moves by jumps alone
-        add(whens, takes, less(part.held, ahead), {{part.held, ahead}});
-        add(whens, takes, less(behind, part.held), {{part.held, behind}});
-        return;
-    }
+    // What moves by jumps alone takes it along and is at rest.
+    const Term rate = graph_.make(Op::rate, input), rests = graph_.make(Op::equal, rate, zero);
+    const auto mode_unless_at_rest = [&](double value) {
+        return std::pair(part.mode, graph_.make(Op::select, rests, zero, graph_.constant(value)));
+    };
     // A little beyond, so that rounding does not take it back at a reversal.
     const Term beyond = graph_.make(Op::multiply, graph_.constant(1e-14), half_width(part));
-    add(whens, takes, all(in_mode(part, 0), less(graph_.make(Op::add, part.held, beyond), ahead)), {mode(1)});
-    add(whens, takes, all(in_mode(part, 0), less(behind, graph_.make(Op::subtract, part.held, beyond))), {mode(2)});
+    add(whens, takes, all(in_mode(part, 0), less(graph_.make(Op::add, part.held, beyond), ahead)),
+        {{part.held, ahead}, mode_unless_at_rest(1)});
+    add(whens, takes, all(in_mode(part, 0), less(behind, graph_.make(Op::subtract, part.held, beyond))),
+        {{part.held, behind}, mode_unless_at_rest(2)});
     add(whens, leaves, all(in_mode(part, 1), less(rate, zero)), {{part.held, ahead}, mode(0)});
     add(whens, leaves, all(in_mode(part, 2), less(zero, rate)), {{part.held, behind}, mode(0)});
 }
@@ -352,14 +350,14 @@ void ReadyParts::close_relay(const Part& part, std::vector<Equations::When>& whe
 }
 
 // The damper lets go before the spring does: it touches where it is closed and would press.
-void ReadyParts::close_backlash(const Part& part, const Equations& made, std::vector<Equations::When>& whens) {
+void ReadyParts::close_backlash(const Part& part, std::vector<Equations::When>& whens) {
     const Term zero = graph_.constant(0), half = half_width(part);
     const auto all = [&](Term a, Term b) { return graph_.make(Op::all, a, b); };
     const auto less = [&](Term a, Term b) { return graph_.make(Op::less, a, b); };
     const auto open = in_mode(part, 0);
     const bool damped = !graph_.is_constant(part["damping"], 0);
     for (const double side : {1.0, -1.0}) {
-        const Term force = pressed(part, made, side);
+        const Term force = pressed(part, side);
         const auto beyond = [&](Term a, Term b) { return side > 0 ? less(b, a) : less(a, b); };
         const Term limit = side > 0 ? half : graph_.make(Op::negate, half);
         const Term closed = beyond(part["distance"], limit);
@@ -400,7 +398,7 @@ void ReadyParts::close(Equations& made, const Expressions::Replacement& known) {
         using Law = Kind::Law;
         if (part.kind->law == Law::play || part.kind->law == Law::maxwell) close_play(part, made, whens);
         if (part.kind->law == Law::relay) close_relay(part, whens);
-        if (part.kind->law == Law::backlash) close_backlash(part, made, whens);
+        if (part.kind->law == Law::backlash) close_backlash(part, whens);
     }
     made.whens.insert(made.whens.begin(), whens.begin(), whens.end());
 }

@@ -29,7 +29,7 @@ class ReadyParts {
     void record(EquationRecorder& recorder);
 
     // The outputs that follow from variables and rates of change at once.
-    void define(const Equations& made, std::unordered_map<Term, Term>& definition) const;
+    void define(std::unordered_map<Term, Term>& definition) const;
 
     // The outputs that do not, and the events, once all parts are connected: `known` is what was put in for their variables.
     void close(Equations& made, const Expressions::Replacement& known);
@@ -56,8 +56,8 @@ class ReadyParts {
     void check(const Part& part, const Equations& made) const;
     void close_play(const Part& part, Equations& made, std::vector<Equations::When>& whens);
     void close_relay(const Part& part, std::vector<Equations::When>& whens);
-    void close_backlash(const Part& part, const Equations& made, std::vector<Equations::When>& whens);
-    Term pressed(const Part& part, const Equations& made, double side) const;
+    void close_backlash(const Part& part, std::vector<Equations::When>& whens);
+    Term pressed(const Part& part, double side) const;
     Term level(const Part& part) const;
 
     lua_State* lua_;

@@ -7,6 +7,7 @@
 #include "tribode/script/system_options.hpp"
 #include "tribode/script/system_reader.hpp"
 #include "tribode/script/value.hpp"
+#include "tribode/system/contacts.hpp"
 #include "tribode/system/sensitivities.hpp"
 #include "tribode/system/steady_state.hpp"
 
@@ -183,7 +184,7 @@ int variables_in_script(const ScriptContext&, lua_State* lua) {
 }
 
 int run_in_script(const ScriptContext& script, lua_State* lua) {
-    Equations equations = system_of(lua, "tb.run_system");
+    Equations equations = given_system(lua, "tb.run_system");
     const Json options = plain_options(lua, {"system", "inputs"}, "tb.run_system: options");
     FieldReader fields(options, "tb.run_system");
     SystemRunOptions run_with = run_options(fields);
@@ -199,6 +200,7 @@ int run_in_script(const ScriptContext& script, lua_State* lua) {
     std::vector<std::string> inputs;
     for (const auto& input : equations.inputs) inputs.push_back(input.name);
     read_inputs(lua, equations, script.symbols, run_with.start, "tb.run_system");
+    close_contacts(equations);
     read_start(options, equations, inputs, run_with.start);
     equations = with_sensitivities(std::move(equations), sensitivities);
     run_with.fingerprint = equations.fingerprint();

@@ -730,7 +730,7 @@ class Reader {
             lua_getfield(lua_, index_, "connect");
             for (const auto& entry : recorder_.record("tb.system: connect", false)) connect(entry);
         }
-        ready_.define(made_, definition_);
+        ready_.define(definition_);
         Expressions::Replacement known;
         std::vector<Term> chain;
         for (const auto& [variable, term] : std::map<Term, Term>(definition_.begin(), definition_.end())) {

@@ -1,5 +1,6 @@
 #include "tribode/system/contacts.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/system/message_text.hpp"
 #include "tribode/system/tape.hpp"
 
 #include <algorithm>
@@ -9,6 +10,9 @@
 
 namespace tribode {
 
+namespace {
+
+// How a term changes by time, along the equations.
 Term rate_of(const Equations& equations, Term term) {
     auto& graph = *equations.graph;
     Term sum = graph.derivatives(std::span(&term, 1), equations.time)[0];
@@ -23,7 +27,28 @@ Term rate_of(const Equations& equations, Term term) {
     return sum;
 }
 
-namespace {
+// Puts in what the rates of change are, which may be of terms with rates of change themselves.
+void take_out_rates(Equations& equations) {
+    auto& graph = *equations.graph;
+    for (std::size_t round = 0;; ++round) {
+        Expressions::Replacement known;
+        for (const Term term : graph.reachable(equations.terms())) {
+            const auto node = graph[term];
+            if (node.op != Op::rate) continue;
+            const auto below = graph.reachable(std::span(&node.a, 1));
+            const bool is_innermost =
+                std::ranges::none_of(below, [&](Term other) { return graph[other].op == Op::rate; });
+            if (is_innermost) known[term] = rate_of(equations, node.a);
+        }
+        if (known.empty()) return;
+        // One that is that of a state's rate of change, and so on, has as many states above it at most.
+        if (round > equations.states.size()) {
+            throw InputError(fmt::format("{}: {} needs itself: a ready part acts on what its rate of change depends on",
+                                         equations.name, shortened(graph.text(known.begin()->first))));
+        }
+        equations.replace(known);
+    }
+}
 
 using Contact = Equations::Contact;
 
@@ -364,6 +389,7 @@ class Closing {
 } // namespace
 
 void close_contacts(Equations& equations) {
+    take_out_rates(equations);
     if (equations.contacts.empty()) return;
     // How an algebraic variable goes with a force is not known here.
     const auto depends = [&](Term term, Term variable) {

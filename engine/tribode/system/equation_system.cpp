@@ -41,7 +41,8 @@ EquationSystem::EquationSystem(Equations equations) : equations_(std::move(equat
         }
     }
     for (const Term term : equations_.graph->reachable(equations_.terms())) {
-        if ((*equations_.graph)[term].op != Op::delay) continue;
+        const Op op = (*equations_.graph)[term].op;
+        if (op != Op::delay && op != Op::rate) continue;
         throw InputError(fmt::format("{}: {} is still to be taken out", equations_.name, equations_.graph->text(term)));
     }
     put_in_parameters();

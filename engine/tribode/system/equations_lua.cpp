@@ -115,6 +115,7 @@ class Body {
         case Op::logical_not: return call("tb.negation");
         case Op::select: return fmt::format("tb.where({}, {}, {})", a(), b(), of(node.c));
         case Op::no_event: return call("tb.no_event");
+        case Op::rate:
         case Op::lookup: break;
         }
         throw InputError("a table of values in an equation has no text in Lua yet");

@@ -41,6 +41,7 @@ int operand_count(Op op) {
     case Op::log:
     case Op::sqrt:
     case Op::floor:
+    case Op::rate:
     case Op::logical_not:
     case Op::no_event: break;
     }
@@ -80,6 +81,7 @@ double apply(Op op, double a, double b, double c) {
     case Op::logical_not: return a == 0;
     case Op::select: return a != 0 ? b : c;
     case Op::delay:
+    case Op::rate:
     case Op::no_event: break;
     }
     return a;
@@ -227,6 +229,9 @@ Term Expressions::make(Op op, Term a, Term b, Term c) {
     case Op::delay:
         if (is_number(a) || is(b, 0)) return a;
         break;
+    case Op::rate:
+        if (is_number(a)) return constant(0);
+        break;
     case Op::select:
         if (is_number(a)) return number(a) != 0 ? b : c;
         if (b == c) return b;
@@ -367,6 +372,7 @@ Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
         return make(Op::add, make(Op::multiply, slope(term, 0), da),
                     is_constant(db, 0) ? constant(0) : make(Op::multiply, slope(term, 1), db));
     case Op::delay: return make(Op::delay, da, b);
+    case Op::rate: return make(Op::rate, da);
     case Op::no_event: return make(Op::no_event, da);
     case Op::constant:
     case Op::variable:
@@ -526,6 +532,7 @@ Notation notation_of(Op op) {
     case Op::select: return {"where", 0};
     case Op::lookup: return {"table", 0};
     case Op::delay: return {"delay", 0};
+    case Op::rate: return {"rate", 0};
     case Op::no_event: return {"no_event", 0};
     case Op::constant:
     case Op::variable: break;

@@ -46,7 +46,8 @@ enum class Op : std::uint8_t {
     any,         // a or b
     logical_not, // not a
     select,      // a != 0: b, else c
-    no_event     // a; relations below it are no events (see EquationSystem)
+    no_event,    // a; relations below it are no events (see EquationSystem)
+    rate         // how a changes by time along the equations: to be taken out before a run (see close_contacts)
 };
 
 // How many operands an operation has.

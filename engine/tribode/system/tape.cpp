@@ -25,7 +25,7 @@ namespace tribode {
 namespace {
 
 // Kinds of cells beside those of Op. A sum: sum_code; of few summands, n, sum_code + n, so that it is written out.
-constexpr auto sum_code = static_cast<std::uint32_t>(Op::no_event) + 1;
+constexpr auto sum_code = static_cast<std::uint32_t>(Op::rate) + 1;
 constexpr std::uint32_t few = 12;
 constexpr std::uint32_t lesser_code = sum_code + few + 1;  // a < b: a, else b
 constexpr std::uint32_t greater_code = sum_code + few + 2; // a < b: b, else a
@@ -776,6 +776,7 @@ std::string c_text(Op op, const std::string& a, const std::string& b, const std:
     case Op::variable:
     case Op::lookup:
     case Op::delay:
+    case Op::rate:
     case Op::no_event: break;
     }
     return a;

@@ -269,6 +269,13 @@ Dimension Units::combined(Term term) const {
                                          to_text(at(node.b))));
         }
         return at(node.a);
+    case Op::rate: {
+        const Dimension a = at(node.a);
+        if (!a) return std::nullopt;
+        Powers rate = *a;
+        multiply(rate, *dimension_of("s"), -1);
+        return rate;
+    }
     case Op::negate:
     case Op::floor:
     case Op::no_event: return at(node.a);
