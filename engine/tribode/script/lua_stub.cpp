@@ -253,6 +253,7 @@ const std::map<std::string_view, std::string_view> result_types = {
     {"parts.relay", "tribode.part"},
     {"delay", "tribode.value"},
     {"no_event", "tribode.value"},
+    {"before", "tribode.value"},
     {"tanh", "tribode.value"},
     {"where", "tribode.value"},
     {"all", "tribode.truth"},

@@ -162,6 +162,13 @@ int without_event(const Graph& symbols, lua_State* lua) {
     return 1;
 }
 
+// tb.before(x): what x was when the instant of an event began.
+int at_beginning(const Graph& symbols, lua_State* lua) {
+    auto& graph = *symbols->graph;
+    push_number_or_symbol(lua, graph, graph.make(Op::before, value_at(lua, 1, graph, "tb.before")));
+    return 1;
+}
+
 // tb.delay(x, seconds): while equations are tried out on numbers, x.
 int delayed(const Graph& symbols, lua_State* lua) {
     auto& graph = *symbols->graph;
@@ -373,6 +380,7 @@ void add_symbols(LuaState& lua, const std::shared_ptr<Symbols>& symbols) {
     });
     lua.add_stack_function("where", [symbols](lua_State* state) { return choose(symbols, state); });
     lua.add_stack_function("no_event", [symbols](lua_State* state) { return without_event(symbols, state); });
+    lua.add_stack_function("before", [symbols](lua_State* state) { return at_beginning(symbols, state); });
     lua.add_stack_function("delay", [symbols](lua_State* state) { return delayed(symbols, state); });
     lua.add_stack_function("tanh", arithmetic(symbols, Op::tanh, "tb.tanh"));
 }

@@ -359,6 +359,7 @@ const std::vector<LuaFunction>& system_functions() {
             {"negation", {}, "`tb.negation(a)`", "the opposite condition, in the same way"},
             {"where", {}, "`tb.where(condition, a, b)`", "one of two values"},
             {"no_event", {}, "`tb.no_event(x)`", "a value whose conditions are not events"},
+            {"before", {}, "`tb.before(x)`", "the value of x when the instant of an event began"},
             {"tanh",
              {},
              "`tb.tanh(x)`",

@@ -288,7 +288,7 @@ class Closing {
         return set;
     }
 
-    // What makes velocities jump says which way friction goes then: it must not take a jump through zero for a stop.
+    // What sets velocities says which way friction goes then, so that this is no event of its own.
     void slip_on(Equations::Assignments& set) {
         const Expressions::Replacement after(set.begin(), set.end());
         for (std::size_t i = 0; i < contacts_.size(); ++i) {
@@ -324,7 +324,13 @@ class Closing {
             const Motion& motion = motions_[i];
             const Term v = motion.velocity, zero = number(0), struck = number(resolved * motion.scale);
             if (contact.law == Contact::Law::friction) {
-                const Term stick = in_mode(contact, 0);
+                const Term stick = in_mode(contact, 0), before = graph_.make(Op::before, v);
+                // What has come to the other side by a jump, of whatever, slips on there and has not stopped.
+                const Term back = graph_.make(Op::subtract, before, v);
+                add(contact, "slips", all(in_mode(contact, 1), all(jumped(v, negative(struck)), jumped(struck, back))),
+                    {}, 2);
+                add(contact, "slips", all(in_mode(contact, 2), all(jumped(struck, v), jumped(back, negative(struck)))),
+                    {}, 1);
                 // Where more parts hold a motion than it has freedoms, one of them may slip while the others hold.
                 const Term still = number(held_.size() < contacts_.size() ? closed * motion.scale : 0);
                 add(contact, "sticks", all(in_mode(contact, 1), less(v, negative(still))), impulse(i, zero, true), 0);

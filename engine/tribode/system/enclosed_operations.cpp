@@ -240,6 +240,7 @@ Enclosure apply(Op op, const Enclosure& a, const Enclosure& b, const Enclosure& 
     case Op::lookup: // look_up() has its table
     case Op::delay:
     case Op::rate:
+    case Op::before:
     case Op::no_event: break;
     }
     return a;

@@ -47,6 +47,7 @@ EquationSystem::EquationSystem(Equations equations) : equations_(std::move(equat
     }
     put_in_parameters();
     assign_equations(equations_);
+    keep_what_was_before();
     hold_relations();
     reads_conditions_ = find_conditions_read();
     differentiate_relations();
@@ -104,9 +105,24 @@ void EquationSystem::differentiate_relations() {
     for (std::size_t i = 0; i < relations_.size(); ++i) relations_[i].margin = margins[i];
     std::vector<Term> operands;
     for (const auto& counter : counters_) operands.push_back(counter.operand);
+    for (const auto& before : befores_) operands.push_back(before.of);
     put_in(operands);
     for (std::size_t i = 0; i < counters_.size(); ++i) counters_[i].operand = operands[i];
+    for (std::size_t i = 0; i < befores_.size(); ++i) befores_[i].of = operands[counters_.size() + i];
     equations_.replace(differentiated_);
+}
+
+// Puts a variable in the place of each term below `before`.
+void EquationSystem::keep_what_was_before() {
+    auto& graph = *equations_.graph;
+    Expressions::Replacement kept;
+    for (const Term term : graph.reachable(equations_.terms())) {
+        if (graph[term].op != Op::before) continue;
+        const Term of = graph.substitute(std::vector{graph[term].a}, kept)[0];
+        befores_.push_back({graph.variable(shortened(graph.text(term))), of});
+        kept[term] = befores_.back().held;
+    }
+    if (!kept.empty()) equations_.replace(kept);
 }
 
 // Finds the relations that are events and puts a held value in the place of each.
@@ -148,9 +164,13 @@ void EquationSystem::hold_relations() {
     std::vector<Term> margins;
     for (const auto& relation : relations_) margins.push_back(relation.margin);
     for (const auto& counter : counters_) margins.push_back(counter.operand);
+    for (const auto& before : befores_) margins.push_back(before.of);
     margins = graph.substitute(margins, held);
     for (std::size_t i = 0; i < relations_.size(); ++i) relations_[i].margin = margins[i];
     for (std::size_t i = 0; i < counters_.size(); ++i) counters_[i].operand = margins[relations_.size() + i];
+    for (std::size_t i = 0; i < befores_.size(); ++i) {
+        befores_[i].of = margins[relations_.size() + counters_.size() + i];
+    }
 }
 
 // A floor that is an event, and the relations at which it changes. Its held value.
@@ -331,6 +351,7 @@ void EquationSystem::join_clocks() {
         watched.push_back(relation.margin);
         watched.push_back(relation.active);
     }
+    for (const auto& before : befores_) watched.push_back(before.of);
     const auto of_motion = graph.variables_of(moving), of_events = graph.variables_of(watched);
     const auto in_conditions = graph.variables_of(conditions_);
     const auto is_in = [](const std::vector<Term>& variables, Term term) {
@@ -397,6 +418,7 @@ void EquationSystem::make_tapes() {
     for (const auto& discrete : equations_.discrete) inputs_.push_back(discrete.symbol);
     for (const auto& relation : relations_) inputs_.push_back(relation.held);
     for (const auto& counter : counters_) inputs_.push_back(counter.held);
+    for (const auto& before : befores_) inputs_.push_back(before.held);
 
     rate_ = tape_of(rates_);
     for (auto& rate : relation_rates_) rate.tape = tape_of(rate.terms);
@@ -420,6 +442,9 @@ void EquationSystem::make_tapes() {
     terms.clear();
     for (const auto& counter : counters_) terms.push_back(counter.operand);
     counted_ = tape_of(terms);
+    terms.clear();
+    for (const auto& before : befores_) terms.push_back(before.of);
+    before_ = tape_of(terms);
     for (const auto& when : equations_.whens) when_updates_.push_back(update_of(when.name, when.set));
     for (const auto& clock : equations_.clocks) {
         clock_updates_.push_back(update_of(clock.name, clock.set));
@@ -648,7 +673,7 @@ SystemState EquationSystem::start_values(double t) const {
     std::vector<double> x;
     for (const auto& state : equations_.states) x.push_back(state.start);
     for (const auto& discrete : equations_.discrete) values->values.push_back(discrete.start);
-    values->values.resize(counter_value_place(counters_.size()));
+    values->values.resize(before_value_place(befores_.size()));
     values->conditions.resize(conditions_.size());
     values->slack.resize(relations_.size());
     values->active.resize(relations_.size());
@@ -691,6 +716,8 @@ SystemState EquationSystem::initial_state(double t) const {
         take_anew(now, {});
         find_active(state);
     }
+    std::vector<std::size_t> changed;
+    begin_instant(state, changed);
     condition_.evaluate({std::span(&state.t, 1), state.x, memory.values}, memory.conditions);
     for (std::size_t i = 0; i < conditions_.size(); ++i) {
         if (!equations_.whens[i].at_start || memory.conditions[i] == 0) continue;
@@ -938,6 +965,20 @@ EquationSystem::Instant& EquationSystem::instant_of(SystemState& state) const {
     now.moved = false;
     now.uncertain.assign(state.x.size(), 0);
     return now;
+}
+
+// Takes what is before the instant; the places in inputs_ of what has changed since the last one.
+void EquationSystem::begin_instant(SystemState& state, std::vector<std::size_t>& changed) const {
+    if (befores_.empty()) return;
+    auto& values = static_cast<Memory&>(*state.discrete).values;
+    WorkSpace<double, usual_size> memory_of_found(befores_.size());
+    const std::span<double> found(memory_of_found.data(), befores_.size());
+    before_.evaluate({std::span(&state.t, 1), state.x, values}, found);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+        double& value = values[before_value_place(i)];
+        if (value != found[i]) changed.push_back(1 + equations_.states.size() + before_value_place(i));
+        value = found[i];
+    }
 }
 
 void EquationSystem::mark_written(Instant& now, std::size_t place) const {
@@ -1392,6 +1433,8 @@ EventEffect EquationSystem::carry_out_crossings(std::span<const GuardId> guards,
     const bool may_turn = std::any_of(guards.begin(), guards.end(), [&](GuardId i) { return may_turn_[i] != 0; });
     look(now);
     if (may_turn) enclose_margins(now, state.t, state.x, true, guards);
+    begin_instant(state, places);
+    for (const std::size_t place : places) mark_written(now, place);
     for (const GuardId i : guards) {
         const bool holds = now.memory->values[value_place(i)] == 0;
         // Below zero by rounding, while the motion leads away: that is no crossing.
@@ -1429,6 +1472,8 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
     }
     std::vector<double> looked(to_events ? relations_.size() : 0);
     if (to_events) guard_.evaluate({std::span(&state.t, 1), state.x, memory.values}, looked);
+    std::vector<std::size_t> targets;
+    if (to_events) begin_instant(state, targets);
     const Update& update = clock_updates_[clock];
     bool changed = carry_out(update, state);
     const auto& call = calls_[clock];
@@ -1448,7 +1493,7 @@ EventEffect EquationSystem::on_sample(ClockId clock, long k, SystemState& state)
         Instant& now = instant_of(state);
         now.margins = looked;
         if (!uncertain.empty()) now.uncertain = uncertain;
-        std::vector<std::size_t> targets = update.targets;
+        targets.insert(targets.end(), update.targets.begin(), update.targets.end());
         if (call) targets.insert(targets.end(), call->targets.begin(), call->targets.end());
         take_anew(now, targets);
         settle(now, memory.fired);

@@ -24,6 +24,9 @@ namespace tribode {
 // the operand goes beyond the next whole number, falls where it goes below its own, and is taken anew where a reset
 // changes the operand.
 //
+// What was before. A term below `before` is the value that it had when the present instant began: before a sample sets anything
+// or relations change. So an event can tell whether something has come to where it is by a jump, whatever has made it jump.
+//
 // An event. The order of things at one instant is:
 //
 //     the relations whose guards crossed change, all together
@@ -182,7 +185,8 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     };
 
     struct Memory final : DiscreteValues<Memory> {
-        std::vector<double> values;     // discrete variables; what is held of each relation, 1 or 0; the counters
+        // Discrete variables; what is held of each relation, 1 or 0; the counters; what was before.
+        std::vector<double> values;
         std::vector<double> conditions; // of each `when`, as last seen
         std::vector<double> active;     // of each relation, whether it matters now
         // Of each relation, how far it was beyond its zero when it was taken, by rounding: its guard is that much higher, so
@@ -215,6 +219,11 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     struct Counter {
         Term held = 0;    // a variable
         Term operand = 0; // of the floor
+    };
+
+    struct Before {
+        Term held = 0; // a variable
+        Term of = 0;
     };
 
     // A matrix of terms without its zeros, column by column.
@@ -263,6 +272,7 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     };
 
     void put_in_parameters();
+    void keep_what_was_before();
     void hold_relations();
     void differentiate_relations();
     Term add_counter(Term floor);
@@ -288,7 +298,9 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     std::size_t held_place(std::size_t relation) const { return 1 + equations_.states.size() + value_place(relation); }
     std::size_t value_place(std::size_t relation) const { return equations_.discrete.size() + relation; } // in values
     std::size_t counter_value_place(std::size_t counter) const { return value_place(relations_.size()) + counter; }
+    std::size_t before_value_place(std::size_t before) const { return counter_value_place(counters_.size()) + before; }
     Instant& instant_of(SystemState& state) const;
+    void begin_instant(SystemState& state, std::vector<std::size_t>& changed) const;
     void look(Instant& now) const;
     void mark_written(Instant& now, std::size_t place) const;
     void keep_active(Instant& now) const;
@@ -321,11 +333,13 @@ class EquationSystem final : public HybridSystem, public PiecewiseAffine {
     std::vector<SampleClock> clocks_;
     std::vector<Relation> relations_;
     std::vector<Counter> counters_;
+    std::vector<Before> befores_;
     std::vector<Term> rates_, conditions_, guard_terms_;
     std::vector<Term> inputs_; // of every tape: t, x, values of the memory
     Tape rate_, output_, condition_;
     Tape guard_, active_;                        // of each relation: its margin, whether it matters
     Tape counted_;                               // of each counter: its operand
+    Tape before_;                                // of each `before`: its operand
     std::vector<BoundedMargin> bounded_margins_; // of the relations; of none, where they are many
     // Of each place in inputs_: the relations whose margin depends on it; and those whose margin's rate of change does.
     std::vector<std::vector<std::size_t>> relations_of_, moved_relations_of_;

@@ -14,8 +14,8 @@ constexpr std::array op_names = {"constant", "variable", "add",        "subtract
                                  "power",    "sin",      "cos",        "tan",      "asin",     "acos",   "atan",
                                  "atan2",    "tanh",     "exp",        "log",      "sqrt",     "floor",  "lookup",
                                  "delay",    "less",     "less_equal", "equal",    "all",      "any",    "not",
-                                 "select",   "no_event", "rate"};
-static_assert(op_names.size() == static_cast<std::size_t>(Op::rate) + 1);
+                                 "select",   "no_event", "rate",       "before"};
+static_assert(op_names.size() == static_cast<std::size_t>(Op::before) + 1);
 
 Op op_named(const std::string& name) {
     for (std::size_t i = 0; i < op_names.size(); ++i) {

@@ -114,6 +114,7 @@ class Body {
         case Op::any: return call2("tb.any");
         case Op::logical_not: return call("tb.negation");
         case Op::select: return fmt::format("tb.where({}, {}, {})", a(), b(), of(node.c));
+        case Op::before: return call("tb.before");
         case Op::no_event: return call("tb.no_event");
         case Op::rate:
         case Op::lookup: break;

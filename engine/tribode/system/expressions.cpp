@@ -42,6 +42,7 @@ int operand_count(Op op) {
     case Op::sqrt:
     case Op::floor:
     case Op::rate:
+    case Op::before:
     case Op::logical_not:
     case Op::no_event: break;
     }
@@ -82,6 +83,7 @@ double apply(Op op, double a, double b, double c) {
     case Op::select: return a != 0 ? b : c;
     case Op::delay:
     case Op::rate:
+    case Op::before:
     case Op::no_event: break;
     }
     return a;
@@ -232,6 +234,9 @@ Term Expressions::make(Op op, Term a, Term b, Term c) {
     case Op::rate:
         if (is_number(a)) return constant(0);
         break;
+    case Op::before:
+        if (is_number(a)) return a;
+        break;
     case Op::select:
         if (is_number(a)) return number(a) != 0 ? b : c;
         if (b == c) return b;
@@ -373,6 +378,7 @@ Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
                     is_constant(db, 0) ? constant(0) : make(Op::multiply, slope(term, 1), db));
     case Op::delay: return make(Op::delay, da, b);
     case Op::rate: return make(Op::rate, da);
+    case Op::before: return make(Op::before, da);
     case Op::no_event: return make(Op::no_event, da);
     case Op::constant:
     case Op::variable:
@@ -533,6 +539,7 @@ Notation notation_of(Op op) {
     case Op::lookup: return {"table", 0};
     case Op::delay: return {"delay", 0};
     case Op::rate: return {"rate", 0};
+    case Op::before: return {"before", 0};
     case Op::no_event: return {"no_event", 0};
     case Op::constant:
     case Op::variable: break;

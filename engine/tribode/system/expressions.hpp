@@ -47,7 +47,8 @@ enum class Op : std::uint8_t {
     logical_not, // not a
     select,      // a != 0: b, else c
     no_event,    // a; relations below it are no events (see EquationSystem)
-    rate         // how a changes by time along the equations: to be taken out before a run (see close_contacts)
+    rate,        // how a changes by time along the equations: to be taken out before a run (see close_contacts)
+    before       // a when the present instant began (see EquationSystem); evaluated, it is a
 };
 
 // How many operands an operation has.

@@ -25,7 +25,7 @@ namespace tribode {
 namespace {
 
 // Kinds of cells beside those of Op. A sum: sum_code; of few summands, n, sum_code + n, so that it is written out.
-constexpr auto sum_code = static_cast<std::uint32_t>(Op::rate) + 1;
+constexpr auto sum_code = static_cast<std::uint32_t>(Op::before) + 1;
 constexpr std::uint32_t few = 12;
 constexpr std::uint32_t lesser_code = sum_code + few + 1;  // a < b: a, else b
 constexpr std::uint32_t greater_code = sum_code + few + 2; // a < b: b, else a
@@ -142,7 +142,11 @@ class Program {
 
     // The term of the same value that is no mere name for another.
     Term value_of(Term term) const {
-        while (graph_[term].op == Op::no_event || graph_[term].op == Op::delay) term = graph_[term].a;
+        const auto is_name = [&] {
+            const Op op = graph_[term].op;
+            return op == Op::no_event || op == Op::delay || op == Op::before;
+        };
+        while (is_name()) term = graph_[term].a;
         return term;
     }
 
@@ -777,6 +781,7 @@ std::string c_text(Op op, const std::string& a, const std::string& b, const std:
     case Op::lookup:
     case Op::delay:
     case Op::rate:
+    case Op::before:
     case Op::no_event: break;
     }
     return a;

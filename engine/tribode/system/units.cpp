@@ -278,6 +278,7 @@ Dimension Units::combined(Term term) const {
     }
     case Op::negate:
     case Op::floor:
+    case Op::before:
     case Op::no_event: return at(node.a);
     case Op::all:
     case Op::any:

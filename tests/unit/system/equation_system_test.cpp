@@ -402,6 +402,23 @@ TEST_P(EveryMethod, ARateThatIsNeverFiniteIsNamedAtTheStart) {
 }
 
 // All right sides are the values before the event: two states change places.
+// A belt that turns round at 0.5, on which x = t moves with t - 1 before and t + 1 behind.
+TEST_P(EveryMethod, AnEventKnowsWhatATermWasBeforeTheInstant) {
+    Writer w;
+    const Term x = w.state("x", 0), y = w.state("y", 0), jumped_from = w.discrete("jumped_from", 9);
+    const Term belt = w.where(w.less(w.equations.time, w.number(0.5)), w.number(1), w.number(-1));
+    const Term v = w.subtract(x, belt), before = w.graph.make(Op::before, v);
+    w.rate(0, w.number(1)).rate(1, belt);
+    w.when(w.graph.make(Op::no_event, w.less(w.number(1), w.subtract(v, before))), {{jumped_from, before}});
+    w.when(w.less(w.number(0.7), x), {}); // an instant at which nothing jumps
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    ASSERT_TRUE(run.advance_to(1).ok());
+    ASSERT_EQ(run.events().size(), 2u);
+    EXPECT_NEAR(run.events()[0].t, 0.5, 1e-12);
+    EXPECT_NEAR(system.discrete(run.state())[0], -0.5, 1e-9);
+}
+
 TEST_P(EveryMethod, NewValuesAreMadeOfThoseBeforeTheEvent) {
     Writer w;
     const Term x = w.state("x", 1), y = w.state("y", 7), n = w.discrete("n", 0);

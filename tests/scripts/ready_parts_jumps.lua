@@ -1,0 +1,87 @@
+-- Ready parts and what jumps while they slip or rest, by whatever it does: an input, a clock, a function that a clock calls, a
+-- `when`, the time. Against closed forms.
+local tb = require "tribode"
+
+local function near(found, wanted, what)
+  assert(math.abs(found - wanted) <= 1e-6, string.format("%s: %.17g, not %.17g", what, found, wanted))
+end
+
+-- Each of these makes something jump from `from` to `to` at `at`; `build` gets the value, as a function of s.
+local ways = { "time", "floor", "samples", "function", "clock", "call", "when" }
+local function jumping(way, from, to, at, build)
+  local d = { inputs = {}, discrete = {} }
+  local value
+  if way == "time" then
+    value = function(s) return tb.where(tb.less(s.t, at), from, to) end
+  elseif way == "floor" then
+    value = function(s) return from + (to - from) * math.min(math.floor(s.t / at), 1) end
+  elseif way == "samples" or way == "function" then
+    d.inputs.u = from
+    value = function(s) return s.u end
+  else
+    d.discrete.d = from
+    value = function(s) return s.d end
+    local function set() return { d = to } end
+    if way == "when" then
+      d.when = { { name = "jump", condition = function(s) return tb.greater_equal(s.t, at) end, set = set } }
+    else
+      d.sample = { { period_s = 100, offset_s = at, [way == "call" and "call" or "set"] = set } }
+    end
+  end
+  for key, entry in pairs(build(value)) do d[key] = entry end
+  local inputs = way == "samples" and { u = { sample_time_s = at, values = { from, to } } }
+    or way == "function" and { u = function(t) return tb.where(tb.less(t, at), from, to) end } or nil
+  return tb.system(d), inputs
+end
+local function each(from, to, at, duration_s, solvers, build, check)
+  for _, way in ipairs(ways) do
+    local system, inputs = jumping(way, from, to, at, build)
+    for _, solver in ipairs(solvers) do
+      local run = tb.run_system { system = system, inputs = inputs, duration_s = duration_s, solver = solver }
+      local what = string.format("%s, %s", way, solver)
+      assert(run.ok, what .. ": " .. run.message)
+      check(run, what)
+    end
+  end
+end
+
+-- ---- dry friction -------------------------------------------------------------------------------------------------
+
+-- A block (m = 1, level 1) slips on a belt with -0.5 as that turns round at 0.5 s, from 1 to -1: it slips on, now with 1.5, and
+-- sticks at 2 s: x = 1/8 + 3/4 - 9/8 - 1.
+each(1, -1, 0.5, 3, { "exact", "erk", "bdf" }, function(belt)
+  return { states = { x = 0, v = 0 },
+    parts = { f = tb.parts.coulomb { velocity = function(s) return s.v - belt(s) end, level = 1 } },
+    der = function(s) return { x = s.v, v = -s.f.force } end }
+end, function(run, what)
+  near(run.final.x, -1.25, what)
+  local last = run.events[#run.events]
+  assert(last.name == "f.sticks", what)
+  near(last.t, 2, what)
+end)
+
+-- Its own velocity is turned round at 0.5 s by a function: from 1.5 to -1.5, so that it sticks at 2 s where it was at -1/4.
+local turned = tb.system {
+  states = { x = 0, v = 2 },
+  parts = { f = tb.parts.coulomb { velocity = "v", level = 1 } },
+  der = function(s) return { x = s.v, v = -s.f.force } end,
+  sample = { { period_s = 100, offset_s = 0.5, call = function(s) return { v = -s.v } end } },
+}
+for _, solver in ipairs { "exact", "erk", "bdf" } do
+  near(tb.run_system { system = turned, duration_s = 5, solver = solver }.final.x, -0.25, solver)
+end
+
+-- On a belt whose speed is measured, and alternates, no more than the level acts: dv is 2 in a second at most.
+local values = {}
+for i = 1, 40 do values[i] = i % 4 < 2 and 0.5 or -0.5 end
+local measured = tb.system {
+  inputs = { belt = 0 },
+  states = { x = 0, v = 0 },
+  parts = { f = tb.parts.coulomb { velocity = function(s) return s.v - s.belt end, level = 4 } },
+  der = function(s) return { x = s.v, v = -s.f.force / 2 } end,
+}
+for _, solver in ipairs { "exact", "erk" } do
+  local run = tb.run_system { system = measured, duration_s = 4, solver = solver, output_step_s = 0.001,
+    inputs = { belt = { sample_time_s = 0.1, values = values } } }
+  for i = 2, #run.t do assert(math.abs(run.values.v[i] - run.values.v[i - 1]) < 0.0020001, solver) end
+end
