@@ -85,3 +85,21 @@ for _, solver in ipairs { "exact", "erk" } do
     inputs = { belt = { sample_time_s = 0.1, values = values } } }
   for i = 2, #run.t do assert(math.abs(run.values.v[i] - run.values.v[i - 1]) < 0.0020001, solver) end
 end
+
+-- ---- impact -------------------------------------------------------------------------------------------------------
+
+-- A ball rests on a shelf that is pulled away at 1 s: it falls 2 m, and rests there from 1 + sqrt(0.4) s on.
+each(0, -2, 1, 3, { "erk", "bdf" }, function(shelf)
+  return { states = { h = 0, v = 0 },
+    parts = { f = tb.parts.impact { gap = function(s) return s.h - shelf(s) end, restitution = 0 } },
+    der = function(s) return { h = s.v, v = -10 + s.f.force } end }
+end, function(run, what)
+  near(run.final.h, -2, what)
+  near(run.events[#run.events].t, 1 + math.sqrt(0.4), what)
+end)
+-- And one on a shelf that is pushed up is lifted.
+each(0, 0.5, 1, 2, { "erk", "bdf" }, function(shelf)
+  return { states = { h = 0, v = 0 },
+    parts = { f = tb.parts.impact { gap = function(s) return s.h - shelf(s) end, restitution = 0 } },
+    der = function(s) return { h = s.v, v = -10 + s.f.force } end }
+end, function(run, what) near(run.final.h, 0.5, what) end)

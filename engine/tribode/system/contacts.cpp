@@ -73,7 +73,7 @@ class Closing {
     }
 
   private:
-    static constexpr double resolved = 1e-11; // of a velocity: above it something has struck what was held
+    static constexpr double resolved = 1e-11; // of a velocity or a gap: above it something has made it jump
 
     // What the forces do to a contact's velocity.
     struct Motion {
@@ -362,6 +362,12 @@ class Closing {
             add(contact, "impact", all(hit, graph_.make(Op::logical_not, jumped(back, rest_speed))), impulse(i, back),
                 0);
             add(contact, "rests", hit, impulse(i, zero), 1);
+            // The gap is closed, up to rounding and the tolerances, unless something has made it jump.
+            const Term gap = contact.quantity, far = number(resolved * motion.gap_scale);
+            const Term opened = graph_.make(Op::subtract, gap, graph_.make(Op::before, gap));
+            add(contact, "leaves", all(rest, all(jumped(far, gap), jumped(far, opened))), {}, 0);
+            add(contact, "rests", all(rest, all(jumped(gap, negative(far)), jumped(opened, negative(far)))),
+                impulse(i, zero), 1);
             add(contact, "leaves", all(rest, jumped(struck, v)), {}, 0);
             add(contact, "leaves", all(rest, less(contact.force, zero)), {}, 0);
         }
