@@ -103,3 +103,30 @@ each(0, 0.5, 1, 2, { "erk", "bdf" }, function(shelf)
     parts = { f = tb.parts.impact { gap = function(s) return s.h - shelf(s) end, restitution = 0 } },
     der = function(s) return { h = s.v, v = -10 + s.f.force } end }
 end, function(run, what) near(run.final.h, 0.5, what) end)
+
+-- ---- play ---------------------------------------------------------------------------------------------------------
+
+-- Play, and a Maxwell element in slip, whose position t jumps by J at 1 s: what they drag stays where it was, unless the jump
+-- goes beyond it on the other side.
+for _, J in ipairs { 0.2, -0.2, -0.8, -2 } do
+  local held, dragged = 0, 0
+  for _, x in ipairs { 1, 1 + J, 1.1 + J } do
+    held = math.min(math.max(held, x - 0.5), x + 0.5)
+    dragged = math.min(math.max(dragged, x - 0.3), x + 0.3)
+  end
+  each(0, J, 1, 1.1, { "exact", "erk" }, function(jump)
+    local function position(s) return s.x + jump(s) end
+    return { states = { x = 0 }, der = function() return { x = 1 } end,
+      parts = { m = tb.parts.maxwell { position = position, stiffness = 10, level = 5 },
+        p = tb.parts.play { input = position, width = 0.6 } } }
+  end, function(run, what)
+    near(run.values["m.force"][#run.t], 10 * (1.1 + J - held), what .. J)
+    near(run.values["p.output"][#run.t], dragged, what .. J)
+  end)
+end
+-- Mirrored: x = -t, which jumps by 0.2 at 1 s.
+each(0, 0.2, 1, 1.1, { "exact", "erk" }, function(jump)
+  local function position(s) return s.x + jump(s) end
+  return { states = { x = 0 }, der = function() return { x = -1 } end,
+    parts = { m = tb.parts.maxwell { position = position, stiffness = 10, level = 5 } } }
+end, function(run, what) near(run.values["m.force"][#run.t], -4, what) end)

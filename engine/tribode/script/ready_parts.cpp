@@ -336,6 +336,16 @@ void ReadyParts::close_play(const Part& part, Equations& made, std::vector<Equat
         {{part.held, ahead}, mode_unless_at_rest(1)});
     add(whens, takes, all(in_mode(part, 0), less(behind, graph_.make(Op::subtract, part.held, beyond))),
         {{part.held, behind}, mode_unless_at_rest(2)});
+    // A jump back leaves it where it was.
+    const auto before = [&](Term edge) { return graph_.make(Op::before, edge); };
+    const auto fell = [&](Term from, Term to) {
+        const Term size = graph_.make(Op::select, less(from, zero), graph_.make(Op::negate, from), from);
+        const Term scale = graph_.make(Op::add, half_width(part), size);
+        const Term rounding = graph_.make(Op::multiply, graph_.constant(1e-12), scale);
+        return graph_.make(Op::no_event, less(graph_.make(Op::add, to, rounding), from));
+    };
+    add(whens, leaves, all(in_mode(part, 1), fell(before(ahead), ahead)), {{part.held, before(ahead)}, mode(0)});
+    add(whens, leaves, all(in_mode(part, 2), fell(behind, before(behind))), {{part.held, before(behind)}, mode(0)});
     add(whens, leaves, all(in_mode(part, 1), less(rate, zero)), {{part.held, ahead}, mode(0)});
     add(whens, leaves, all(in_mode(part, 2), less(zero, rate)), {{part.held, behind}, mode(0)});
 }
