@@ -340,6 +340,29 @@ TEST_F(SystemDiagnosis, TheSystemItselfSaysWhatIsFree) {
                     {"free[1]", "\"gg\"", "STATE.start"});
 }
 
+TEST_F(SystemDiagnosis, WhatIsFoundMayBeFittedAgainToo) {
+    measure("s.v * math.abs(s.v)");
+    folder.write("free.lua", model("0", R"(free = { "g", "d" })"));
+    const auto ending =
+        diagnose({"--system", "free.lua", "--data", "records/ident.csv", "--validate", "records/valid.csv",
+                  "--max-effects", "1", "--budget", "1e6", "-o", "out", "--quiet"});
+    ASSERT_EQ(ending.exit_code, 0) << ending.err;
+    const Json found = Json::parse(text_of(folder / "out/diagnosis.json"));
+    ASSERT_EQ(found["effects"].size(), 1u);
+    const auto text = text_of(folder / "out/system.lua");
+    for (const auto& [name, value] : found["effects"][0]["parameters"].items()) {
+        EXPECT_NE(text.find(fmt::format("free = {{ \"g\", \"d\", \"{}\"", name)), std::string::npos) << text;
+        break;
+    }
+}
+
+TEST_F(SystemDiagnosis, ARecordThatIsGivenTwiceIsRefused) {
+    measure("0");
+    expect_sentence(diagnose({"--system", "model.lua", "--data", "records/ident.csv", "--validate", "records/ident.csv",
+                              "-o", "out", "--quiet"}),
+                    2, {"records/ident.csv", "same content"});
+}
+
 TEST_F(SystemDiagnosis, ColumnsOfOtherNamesAndUnits) {
     measure("0");
     auto text = text_of(folder / "records/ident.csv");

@@ -1,6 +1,7 @@
 #include "tribode/diagnosis/diagnosis_request.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/diagnosis/diagnosis_files.hpp"
+#include "tribode/diagnosis/given_files.hpp"
 #include "tribode/record/output_file.hpp"
 
 #include <chrono>
@@ -19,6 +20,9 @@ DiagnosisResult diagnose_files(const DiagnosisRequest& request, const std::files
     for (const auto& file : request.data) records.push_back(measurement(file));
     std::optional<Measurement> validation;
     if (request.validate) validation = measurement(*request.validate);
+    std::vector<std::filesystem::path> files = request.data;
+    if (request.validate) files.push_back(*request.validate);
+    refuse_repeated_files(files, hashes);
     RunFolder results(folder); // before the work: one that cannot be made is said at once
     DiagnosisResult result;
     result.diagnosis = diagnose(request.machine, std::move(records), std::move(validation), request.options, control);

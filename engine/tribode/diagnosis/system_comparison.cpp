@@ -150,10 +150,13 @@ std::string where_the_gap_is(const SystemComparison& comparison, const SystemMod
     if (!std::isfinite(comparison.gap.before)) {
         return fmt::format("Without anything added the model cannot be simulated on {}.", record.source);
     }
-    std::string text = fmt::format("Without anything added the simulated {} differs from {} by {:.3g}{}{} rms.",
-                                   measured_name(model, 0), record.source, comparison.gap.before,
-                                   output.unit.empty() || model.measured.size() > 1 ? "" : " ",
-                                   model.measured.size() > 1 ? " standard deviations" : output.unit);
+    const bool several = model.measured.size() > 1;
+    std::string text = fmt::format("Without anything added the simulated {} from {} by {:.3g}{} rms.",
+                                   several ? "outputs differ" : measured_name(model, 0) + " differs", record.source,
+                                   comparison.gap.before,
+                                   several               ? " standard deviations of the fitted records"
+                                   : output.unit.empty() ? ""
+                                                         : " " + output.unit);
     std::vector<double> square(n, 0);
     double total = 0;
     for (std::size_t k = comparison.first; k < n; ++k) {

@@ -936,16 +936,19 @@ class Diagnoser {
                 effect.values.push_back(value.value);
                 effect.standard_errors.push_back(value.standard_error);
             }
+            const std::size_t brought = step.candidate.terms.size() - step.before;
+            const std::string added = fmt::format("{}: {} is added{}", last.terms[t].kind(), effect.expression,
+                                                  brought > 1 ? fmt::format(", with {} more", brought - 1) : "");
             effect.evidence = fmt::format(
-                "{}: {} is added. With it the error of prediction, over the part of the records that was not fitted in "
-                "the search, decreases by {:.1f} %, with a probability of {:.3f} by resampled blocks.",
-                last.terms[t].kind(), effect.expression, 100 * step.gain, step.certainty);
+                "{}. With {} the error of prediction, over the part of the records that was not fitted in the search, "
+                "decreases by {:.1f} %, with a probability of {:.3f} by resampled blocks.",
+                added, brought > 1 ? "them" : "it", 100 * step.gain, step.certainty);
             if (step.compared_with > 0) {
                 effect.evidence = fmt::format(
-                    "{}: {} is added. Of {} models that the search found likely this one predicts the validation "
+                    "{}. Of {} models that the search found likely this one predicts the validation "
                     "record best. Its error there decreases by {:.1f} %, with a probability of {:.3f} by resampled "
                     "blocks.",
-                    last.terms[t].kind(), effect.expression, step.compared_with + 1, 100 * step.gain, step.certainty);
+                    added, step.compared_with + 1, 100 * step.gain, step.certainty);
             }
             result_.effects.push_back(std::move(effect));
         }

@@ -6,8 +6,10 @@
 #include "tribode/record/csv.hpp"
 #include "tribode/system/equations_lua.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <iterator>
 
 namespace tribode {
 
@@ -74,7 +76,11 @@ Json system_diagnosis_json(const SystemDiagnosis& d, const std::vector<std::stri
 
 void write_system_diagnosis(const SystemDiagnosis& d, const Json& summary, RunFolder& folder,
                             const RunControl& control) {
-    folder.write("system.lua", equations_lua(without_measured_states(d.after), "-- " + verdict_sentence(d) + "\n"));
+    Equations found = without_measured_states(d.after);
+    if (!found.free.empty()) {
+        for (const auto& effect : d.effects) std::ranges::copy(effect.parameters, std::back_inserter(found.free));
+    }
+    folder.write("system.lua", equations_lua(found, "-- " + verdict_sentence(d) + "\n"));
     const auto& validation = d.validation.front();
     Table table;
     table.add("t", "s", validation.record.t);

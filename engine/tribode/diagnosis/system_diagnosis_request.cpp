@@ -1,9 +1,12 @@
 #include "tribode/diagnosis/system_diagnosis_request.hpp"
 #include "tribode/base/text.hpp"
+#include "tribode/diagnosis/given_files.hpp"
 #include "tribode/diagnosis/system_diagnosis_files.hpp"
 #include "tribode/record/output_file.hpp"
 
+#include <algorithm>
 #include <chrono>
+#include <iterator>
 
 namespace tribode {
 
@@ -21,6 +24,9 @@ SystemDiagnosisResult diagnose_system_files(const Equations& system, const Syste
         return records;
     };
     auto data = records_of(request.data), validation = records_of(request.validate);
+    std::vector<std::filesystem::path> files = request.data;
+    std::ranges::copy(request.validate, std::back_inserter(files));
+    refuse_repeated_files(files, hashes);
     SystemDiagnosisResult result;
     result.diagnosis = diagnose_system(model, std::move(data), std::move(validation), request.options, control);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();

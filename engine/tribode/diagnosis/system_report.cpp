@@ -78,14 +78,14 @@ Plot responses(const SystemDiagnosis& d, const SystemComparison& one) {
         panel.series.push_back(
             {.name = "measured", .x = one.record.t, .y = one.record.outputs[o], .color = measured_color});
         panel.series.push_back(
-            {.name = "the model as given", .x = one.record.t, .y = one.before[o], .color = before_color});
+            {.name = "the model as given, fitted", .x = one.record.t, .y = one.before[o], .color = before_color});
         if (!d.effects.empty()) {
             panel.series.push_back(
                 {.name = "with what was missing", .x = one.record.t, .y = one.after[o], .color = after_color});
         }
         plot.panels.push_back(std::move(panel));
         Panel errors{.y_label = label("measured - simulated", output.unit)};
-        errors.series.push_back({.name = "the model as given",
+        errors.series.push_back({.name = "the model as given, fitted",
                                  .x = one.record.t,
                                  .y = differences(one.record.outputs[o], one.before[o]),
                                  .color = before_color});
@@ -97,7 +97,10 @@ Plot responses(const SystemDiagnosis& d, const SystemComparison& one) {
         }
         plot.panels.push_back(std::move(errors));
     }
-    plot.panels.back().x_label = d.before.equations.states.empty() ? "Row" : "Time [s]";
+    const auto& t = one.record.t;
+    const bool has_time =
+        !d.before.equations.states.empty() || t[1] != 1 || t.back() != static_cast<double>(t.size() - 1);
+    plot.panels.back().x_label = has_time ? "Time [s]" : "Row";
     return plot;
 }
 
@@ -108,7 +111,7 @@ Plot maps(const SystemDiagnosis& d, const SystemComparison& one) {
     const auto after = differences(one.record.outputs[0], one.after[0]);
     const auto add = [&](const std::string& name, const std::string& unit, const std::vector<double>& x) {
         Panel panel{.x_label = label(name, unit), .y_label = label("measured - simulated", output.unit)};
-        for (const auto& [title, errors, color] : {std::tuple{"the model as given", &before, before_color},
+        for (const auto& [title, errors, color] : {std::tuple{"the model as given, fitted", &before, before_color},
                                                    {"with what was missing", &after, after_color}}) {
             Series series = binned(title, x, *errors, one.first);
             series.color = color;
@@ -286,9 +289,10 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
                            format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3));
     }
     if (d.effects.empty()) {
-        std::string text = fmt::format("Something is missing {}: the model ",
-                                       d.out_of_time ? "that was not found before the budget of time ended the search"
-                                                     : "that is none of the terms in the library");
+        std::string text =
+            d.out_of_time ? "Nothing was found before the budget of time ended the search, though forces at random may "
+                            "be all that is missing: the model "
+                          : "Something is missing that is none of the terms in the library: the model ";
         if (!std::isfinite(gap.before)) return text + "cannot be simulated on the validation record.";
         text += fmt::format("differs from the validation record by {} rms, noise would leave {}.",
                             format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3));
