@@ -266,6 +266,19 @@ class SystemOfFmu final : public Model {
                             "co-simulation (--kind cs) solves for them",
                             equations.name, state.name));
         }
+        // Its importer gives the values of inputs, but neither their rates of change nor where they jump.
+        std::vector<Term> moving;
+        for (const auto& contact : equations.contacts) moving.push_back(contact.quantity);
+        for (const Term term : equations.graph->reachable(equations.terms())) {
+            if ((*equations.graph)[term].op == Op::rate) moving.push_back(term);
+        }
+        const auto variables = equations.graph->variables_of(moving);
+        for (const auto& input : equations.inputs) {
+            if (!std::binary_search(variables.begin(), variables.end(), input.symbol)) continue;
+            throw InputError(fmt::format("{}: a ready part acts with how the input {} changes, which an importer does "
+                                         "not tell in model exchange; co-simulation (--kind cs) holds it over a step",
+                                         equations.name, input.name));
+        }
     }
 
     void name_variables(const Equations& equations) {

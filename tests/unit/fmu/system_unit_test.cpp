@@ -29,6 +29,25 @@ Equations pushed_mass() {
     return made;
 }
 
+// A block on a belt whose speed is an input.
+Equations block_on_a_belt() {
+    SystemBuilder builder("block");
+    const Expression v = builder.state("v", 0.5, "m/s"), mode = builder.discrete("f.mode", 0);
+    const auto graph = builder.time().graph();
+    const Expression belt(graph, graph->variable("belt")), force(graph, graph->variable("f.force"));
+    const Expression velocity = v - belt;
+    builder.rate(v, -force);
+    Equations made = builder.equations();
+    made.inputs.push_back({"belt", "m/s", 0, belt.in(*made.graph)});
+    made.contacts.push_back({.name = "f",
+                             .force = force.in(*made.graph),
+                             .mode = mode.in(*made.graph),
+                             .quantity = velocity.in(*made.graph),
+                             .level = made.graph->constant(1),
+                             .release = made.graph->constant(1)});
+    return made;
+}
+
 Equations bouncing_ball() {
     SystemBuilder builder("ball");
     const Expression h = builder.state("h", 1, "m"), v = builder.state("v", 0, "m/s");
@@ -235,6 +254,8 @@ std::string refusal(const Equations& equations, bool model_exchange) {
 
 TEST(SystemUnit, WhatCannotBeOneIsRefusedWithTheReason) {
     EXPECT_NE(refusal(pushed_mass(), true).find("sample clock control"), std::string::npos);
+    EXPECT_NE(refusal(block_on_a_belt(), true).find("how the input belt changes"), std::string::npos);
+    EXPECT_EQ(refusal(block_on_a_belt(), false), "");
     Equations calls = pushed_mass();
     calls.clocks[0].function = Equations::Function{};
     EXPECT_NE(refusal(calls, false).find("calls a function of the script"), std::string::npos);
