@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t most_numbers = 60; // that constants and tables add
 constexpr int most_entries = 1000;       // of a table, that are looked at
-constexpr std::size_t most_keys = 3;     // of a table: what is looked up has them all
+constexpr std::size_t most_keys = 2;     // of a table
 
 const char watched = 0; // its address is the place in the registry
 
@@ -41,7 +41,7 @@ void go_through(const std::string& line, const Name& name, const Number& number)
             number(value, before, rest_from(i));
         } else if (is_letter(line[begin])) {
             while (i < line.size() && is_letter(line[i])) ++i;
-            name(line.substr(begin, i - begin), rest_from(i));
+            name(std::string_view(line).substr(begin, i - begin), rest_from(i));
         }
         if (line[i - 1] != ' ') before = line[i - 1];
     }
@@ -132,45 +132,60 @@ void CalledFunctions::add(lua_State* lua) {
 
 // What the function on top of the stack holds. [-0, +0]
 void CalledFunctions::add_values(lua_State* lua, Function& function) const {
-    if (!lua_checkstack(lua, 4)) return;
+    if (!lua_checkstack(lua, 5)) return;
     const int place = lua_gettop(lua);
     for (int i = 1; lua_getupvalue(lua, place, i); ++i) {
         if (lua_type(lua, -1) == LUA_TNUMBER) function.values.push_back(lua_tonumber(lua, -1));
-        if (lua_istable(lua, -1)) {
-            std::size_t keys = 0;
-            int entries = 0;
-            lua_pushnil(lua);
-            while (lua_next(lua, -2)) {
-                const bool is_number = lua_type(lua, -1) == LUA_TNUMBER;
-                if (lua_type(lua, -2) == LUA_TNUMBER) {
-                    if (keys++ < most_keys) function.keys.push_back(lua_tonumber(lua, -2));
-                } else if (is_number) {
-                    function.values.push_back(lua_tonumber(lua, -1));
-                }
-                lua_pop(lua, 1);
-                if (++entries < most_entries) continue;
-                lua_pop(lua, 1);
-                break;
-            }
-        }
+        if (lua_istable(lua, -1)) add_entries(lua, function);
         lua_pop(lua, 1);
     }
 }
 
-const std::vector<std::string>& CalledFunctions::file(const std::string& name) const {
-    const auto [known, is_new] = files_.try_emplace(name);
-    if (is_new && !name.empty()) {
-        std::ifstream text(name);
-        for (std::string line; std::getline(text, line);) known->second.push_back(line);
+// Of the table on top of the stack. A lookup in one with the keys 0 or 1 shows there, as these are always tried. [-0, +0]
+void CalledFunctions::add_entries(lua_State* lua, Function& function) const {
+    const int table = lua_gettop(lua);
+    std::size_t keys = 0;
+    for (const lua_Integer key : {0, 1}) {
+        if (lua_rawgeti(lua, table, key) != LUA_TNIL) keys = most_keys;
     }
-    return known->second;
+    lua_settop(lua, table);
+    lua_pushnil(lua);
+    for (int entries = 0; entries < most_entries && lua_next(lua, table); ++entries) {
+        if (lua_type(lua, -2) == LUA_TNUMBER) {
+            if (keys++ < most_keys) function.keys.push_back(lua_tonumber(lua, -2));
+        } else if (lua_type(lua, -1) == LUA_TNUMBER) {
+            function.values.push_back(lua_tonumber(lua, -1));
+        }
+        lua_pop(lua, 1);
+    }
+    lua_settop(lua, table);
 }
 
-std::vector<std::string> CalledFunctions::lines_of(const Function& function) const {
-    const auto& all = file(function.file);
-    const auto size = static_cast<int>(all.size());
-    const int first = std::clamp(function.first_line - 1, 0, size), last = std::clamp(function.last_line, first, size);
-    return {all.begin() + first, all.begin() + last};
+const CalledFunctions::File& CalledFunctions::file(const std::string& name) const {
+    const auto [known, is_new] = files_.try_emplace(name);
+    File& made = known->second;
+    if (!is_new || name.empty()) return made;
+    std::ifstream text(name);
+    for (std::string line; std::getline(text, line); made.lines.push_back(line)) {
+        if (line.find('=') == std::string::npos) continue;
+        std::vector<std::string> names;
+        std::set<double> numbers;
+        go_through(
+            line,
+            [&](std::string_view word, std::string_view rest) {
+                if (is_assigned(rest, "<const>")) names.emplace_back(word);
+            },
+            [&](double value, char before, std::string_view) { numbers.insert(before == '-' ? -value : value); });
+        for (const auto& of : names) made.constants[of].insert(numbers.begin(), numbers.end());
+    }
+    return made;
+}
+
+std::span<const std::string> CalledFunctions::lines_of(const Function& function) const {
+    const std::span all(file(function.file).lines);
+    const std::size_t first = std::min(static_cast<std::size_t>(std::max(function.first_line - 1, 0)), all.size());
+    const std::size_t last = std::clamp(static_cast<std::size_t>(std::max(function.last_line, 0)), first, all.size());
+    return all.subspan(first, last - first);
 }
 
 bool CalledFunctions::compare_for_equality() const {
@@ -189,15 +204,20 @@ std::vector<double> CalledFunctions::numbers() const {
     for (const auto& function : functions_) {
         const auto lines = lines_of(function);
         bool compares_any = lines.empty(), looks_up = lines.empty();
-        std::set<std::string> names;
+        // A local constant is no value that the function holds: its line in the file tells it.
+        const auto& constants = file(function.file).constants;
         for (const auto& line : lines) {
             const bool here = compares(line);
             compares_any = compares_any || here;
             looks_up = looks_up || line.find('[') != std::string::npos;
             go_through(
                 line,
-                [&](const std::string& name, std::string_view) {
-                    if (here) names.insert(name);
+                [&](std::string_view name, std::string_view) {
+                    if (!here) return;
+                    const auto constant = constants.find(std::string(name));
+                    if (constant != constants.end()) {
+                        others.insert(constant->second.begin(), constant->second.end());
+                    }
                 },
                 [&](double value, char before, std::string_view rest) {
                     if (here || (before == '[' && is_assigned(rest, "]"))) add(value);
@@ -205,22 +225,10 @@ std::vector<double> CalledFunctions::numbers() const {
         }
         if (compares_any) others.insert(function.values.begin(), function.values.end());
         if (looks_up) others.insert(function.keys.begin(), function.keys.end());
-        if (names.empty()) continue;
-        // A local constant is no value that the function holds: its line in the file tells it.
-        for (const auto& line : file(function.file)) {
-            bool defines = false;
-            std::set<double> values;
-            go_through(
-                line,
-                [&](const std::string& name, std::string_view rest) {
-                    defines = defines || (is_assigned(rest, "<const>") && names.contains(name));
-                },
-                [&](double value, char before, std::string_view) { values.insert(before == '-' ? -value : value); });
-            if (defines) others.merge(values);
-        }
     }
     std::erase_if(others, [&](double value) { return !std::isfinite(value) || found.contains(value); });
     std::vector<double> list(found.begin(), found.end());
+    std::ranges::stable_partition(list, [](double value) { return value >= 0; });
     for (const double value : others) {
         if (list.size() < found.size() + most_numbers) list.push_back(value);
     }

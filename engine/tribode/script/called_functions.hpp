@@ -3,6 +3,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -25,7 +26,8 @@ class CalledFunctions {
     // Whether one of them has == or ~=.
     bool compare_for_equality() const;
 
-    // Zero, one, the numbers in lines with a comparison for equality, the constants that are named there, and keys of tables.
+    // Zero, one, the numbers in lines with a comparison for equality, first as they stand there and then with the other sign, the
+    // constants that are named there, and keys of tables.
     std::vector<double> numbers() const;
 
     // `script.lua:7: ` of the first line that decides something.
@@ -35,19 +37,25 @@ class CalledFunctions {
     struct Function {
         std::string file, short_name;
         int first_line = 0, last_line = 0;
-        std::vector<double> values, keys; // numbers that it holds by itself or in tables; of keys the first ones
+        std::vector<double> values, keys; // numbers that it holds by itself or in tables; some keys of these
+    };
+
+    struct File {
+        std::vector<std::string> lines;
+        std::map<std::string, std::set<double>> constants; // names that are given numbers, and all of these
     };
 
     static void on_event(lua_State* lua, lua_Debug* event);
     void add(lua_State* lua);
     void add_values(lua_State* lua, Function& function) const;
-    const std::vector<std::string>& file(const std::string& name) const;
-    std::vector<std::string> lines_of(const Function& function) const;
+    void add_entries(lua_State* lua, Function& function) const;
+    const File& file(const std::string& name) const;
+    std::span<const std::string> lines_of(const Function& function) const;
 
     lua_State* lua_;
     std::set<const void*> known_;
     std::vector<Function> functions_; // as they were called first
-    mutable std::map<std::string, std::vector<std::string>> files_;
+    mutable std::map<std::string, File> files_;
 };
 
 } // namespace tribode

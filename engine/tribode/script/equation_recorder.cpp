@@ -506,13 +506,14 @@ void EquationRecorder::compare(int function, const std::vector<Recorded>& record
         check();
     };
     // Two comparisons may decide together.
+    constexpr std::size_t most_pairs = 500, most_compared = 8;
+    const auto first = std::span(compared).first(std::min(compared.size(), most_compared));
     const auto known = numbers.known();
-    const std::size_t pairs = known.size() * (known.size() - 1) / 2 * compared.size() * compared.size();
-    constexpr std::size_t most_pairs = 2000;
+    const std::size_t pairs = known.size() * (known.size() - 1) / 2 * first.size() * first.size();
     for (std::size_t i = 0; i < known.size() && pairs <= most_pairs; ++i) {
         for (std::size_t j = 0; j < i; ++j) {
-            for (const double a : compared) {
-                for (const double b : compared) {
+            for (const double a : first) {
+                for (const double b : first) {
                     std::ranges::fill(all, 0.5);
                     all[known[i]] = a;
                     all[known[j]] = b;
