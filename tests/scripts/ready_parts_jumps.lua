@@ -86,10 +86,25 @@ for _, solver in ipairs { "exact", "erk" } do
   for i = 2, #run.t do assert(math.abs(run.values.v[i] - run.values.v[i - 1]) < 0.0020001, solver) end
 end
 
+-- A belt that starts at any instant drags the block along, and one that turns round does not stop it.
+for i = 1, 60 do
+  local start = 0.037 * i
+  for _, case in ipairs { { 0, 1, 1, 0.5 }, { 2, -2, 0.1, 0.1 * (start - 0.5) } } do
+    local from, to, level, v = table.unpack(case)
+    local moved = tb.system {
+      states = { x = 0, v = 0 },
+      parts = { f = tb.parts.coulomb { level = level,
+        velocity = function(s) return s.v - tb.where(tb.less(s.t, start), from, to) end } },
+      der = function(s) return { x = s.v, v = -s.f.force } end,
+    }
+    near(tb.run_system { system = moved, duration_s = start + 0.5, solver = "exact" }.final.v, v, "at " .. start)
+  end
+end
+
 -- ---- impact -------------------------------------------------------------------------------------------------------
 
 -- A ball rests on a shelf that is pulled away at 1 s: it falls 2 m, and rests there from 1 + sqrt(0.4) s on.
-each(0, -2, 1, 3, { "erk", "bdf" }, function(shelf)
+each(0, -2, 1, 3, { "exact", "erk", "bdf" }, function(shelf)
   return { states = { h = 0, v = 0 },
     parts = { f = tb.parts.impact { gap = function(s) return s.h - shelf(s) end, restitution = 0 } },
     der = function(s) return { h = s.v, v = -10 + s.f.force } end }
@@ -98,11 +113,21 @@ end, function(run, what)
   near(run.events[#run.events].t, 1 + math.sqrt(0.4), what)
 end)
 -- And one on a shelf that is pushed up is lifted.
-each(0, 0.5, 1, 2, { "erk", "bdf" }, function(shelf)
+each(0, 0.5, 1, 2, { "exact", "erk", "bdf" }, function(shelf)
   return { states = { h = 0, v = 0 },
     parts = { f = tb.parts.impact { gap = function(s) return s.h - shelf(s) end, restitution = 0 } },
     der = function(s) return { h = s.v, v = -10 + s.f.force } end }
 end, function(run, what) near(run.final.h, 0.5, what) end)
+-- A platform that is a table of the time rises with 2 m/s and stops at 1 s: the ball flies on, 0.2 m up to 1.2 s.
+local heights = tb.table1 { x = { 0, 1, 2, 3 }, y = { 0, 2, 2, 2 }, extrapolation = "hold" }
+local thrown = tb.system {
+  states = { h = 0, v = 0 },
+  parts = { f = tb.parts.impact { gap = function(s) return s.h - heights(s.t) end, restitution = 0 } },
+  der = function(s) return { h = s.v, v = -10 + s.f.force } end,
+}
+for _, solver in ipairs { "exact", "erk" } do
+  near(tb.run_system { system = thrown, duration_s = 1.2, solver = solver }.final.h, 2.2, solver)
+end
 
 -- ---- play ---------------------------------------------------------------------------------------------------------
 

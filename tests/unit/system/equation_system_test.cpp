@@ -419,6 +419,23 @@ TEST_P(EveryMethod, AnEventKnowsWhatATermWasBeforeTheInstant) {
     EXPECT_NEAR(system.discrete(run.state())[0], -0.5, 1e-9);
 }
 
+// The instant is found from either side of the jump, by rounding.
+TEST_P(EveryMethod, AnEventBelowNoEventSeesTheJumpOfItsInstant) {
+    for (int i = 1; i <= 60; ++i) {
+        Writer w;
+        const Term x = w.state("x", 0), seen = w.discrete("seen", 0);
+        const Term jump = w.where(w.less(w.equations.time, w.number(0.037 * i)), w.number(0), w.number(1));
+        w.rate(0, jump);
+        w.when(w.graph.make(Op::no_event, w.less(w.number(0.5), jump)), {{seen, w.add(jump, x)}});
+        const EquationSystem system(w.equations);
+        Simulator run(system, by(GetParam()));
+        ASSERT_TRUE(run.advance_to(3).ok());
+        ASSERT_EQ(run.events().size(), 1u) << i;
+        EXPECT_NEAR(run.events()[0].t, 0.037 * i, 1e-12);
+        EXPECT_NEAR(system.discrete(run.state())[0], 1, 1e-9);
+    }
+}
+
 TEST_P(EveryMethod, NewValuesAreMadeOfThoseBeforeTheEvent) {
     Writer w;
     const Term x = w.state("x", 1), y = w.state("y", 7), n = w.discrete("n", 0);
