@@ -84,6 +84,54 @@ TEST_F(NestedRun, IsNotRepeatedAfterAnInterruption) {
     EXPECT_EQ(runs(), 5u);
 }
 
+// Whatever way the files were read, the results follow what they hold now.
+TEST_F(NestedRun, IsRepeatedAfterAFileItReadHasChanged) {
+    folder.write("module.lua", "return 1\n");
+    folder.write("deeper.lua",
+                 "local tb = require 'tribode'\n"
+                 "local f = io.open(tb.options { file = '' }.file) print('deeper', f:read 'a') f:close()\n");
+    struct Way {
+        std::string text, before = "1", after = "22"; // of the file
+    };
+    const std::vector<Way> ways = {{"local f = io.open(file) print(f:read 'a') f:close()"},
+                                   {"for line in io.lines(file) do print(line) end"},
+                                   {"print(dofile(file))", "return 1", "return 22"},
+                                   {"print(loadfile(file)())", "return 1", "return 22"},
+                                   {"print(require 'module')"},
+                                   {"print(tb.read_json { file = file }[1])", "[1]", "[22]"},
+                                   {"tb.run { script = 'deeper.lua', folder = 'deeper', options = { file = file } }"},
+                                   {"print(#tb.list_folder { folder = file:match '(.*)/' })"}};
+    for (const auto& [way, before, after] : ways) {
+        folder.write("inner.lua", "local tb = require 'tribode'\n"
+                                  "local file = tb.options { file = '' }.file\n" +
+                                      way + "\n");
+        folder.write("outer.lua", "local tb = require 'tribode'\n"
+                                  "local o = tb.options { file = '', inner = '', more = '', folder = '' }\n"
+                                  "local r = tb.run { script = o.inner, folder = 'in', options = { file = o.file } }\n"
+                                  "print('repeated', r.repeated) error('stopped')\n");
+        for (const bool all : {false, true}) {
+            fs::remove_all(folder / "out");
+            fs::remove_all(folder / "data");
+            folder.write("data/d.txt", before);
+            folder.write("module.lua", "return 1");
+            std::vector<std::string> words = {"run", "outer.lua",       "-o", "out",
+                                              "-D",  "file=data/d.txt", "-D", "inner=inner.lua",
+                                              "-D",  "more=deeper.lua", "-D", "folder=data"};
+            if (all) words.push_back("--allow-all");
+            const auto out = [&] { return run(words, {.folder = folder.path()}).out; };
+            const std::string first = out();
+            EXPECT_TRUE(first.ends_with("repeated\ttrue\n")) << way << first;
+            EXPECT_EQ(out(), "repeated\tfalse\n") << way;
+            folder.write("data/d.txt", after);
+            folder.write("data/e.txt", "");
+            folder.write("module.lua", "return 22");
+            const std::string second = out();
+            EXPECT_TRUE(second.ends_with("repeated\ttrue\n")) << way << second;
+            EXPECT_NE(first, second) << way;
+        }
+    }
+}
+
 TEST_F(NestedRun, GoesOnWhereItWasInterrupted) {
     folder.write("inner.lua", "local tb = require 'tribode'\n"
                               "local sweep = tb.sweep {\n"

@@ -172,6 +172,7 @@ Json read_batch(const ScriptContext& script, const Json& arguments) {
     const std::filesystem::path folder = fields.text("folder");
     fields.finish();
     script.access().check_read(folder);
+    script.access().note_read(folder / "manifest.json"); // says what the points are
     return merged_batch(folder);
 }
 

@@ -271,15 +271,6 @@ int describe_batch(lua_State* lua, ScriptRun& run) {
 
 namespace {
 
-// The name of a file in a manifest: relative where it lies below the working folder, so that a folder with script, machine
-// and batch can be moved; a ready file by its name below models/ or scripts/, which may lie elsewhere on another machine.
-std::string name_in_manifest(const fs::path& file, const fs::path& working_folder) {
-    const fs::path below = file.lexically_relative(fs::weakly_canonical(working_folder));
-    if (!below.empty() && *below.begin() != "..") return below.string();
-    const fs::path ready = file.lexically_relative(fs::weakly_canonical(ScriptRun::home()));
-    return !ready.empty() && ScriptRun::ready_file(ready.string()) != ready ? ready.string() : file.string();
-}
-
 // Where a file of the manifest lies: seen from the folder that the batch was planned in, or a ready one.
 fs::path place_of(const std::string& name, const fs::path& folder, const Manifest& manifest) {
     const fs::path there = folder / manifest.working_folder / name;
@@ -310,7 +301,7 @@ Manifest plan_batch_of(const ScriptRun& script, const Batch& batch, const fs::pa
     draft.quick = script.request().quick;
     draft.working_folder = working_folder.lexically_proximate(fs::weakly_canonical(folder)).string();
     return plan_batch(folder, batch, options, draft, [&](const std::string& file) {
-        return SourceFile{name_in_manifest(file, working_folder), sha256(read_file(file))};
+        return SourceFile{ScriptRun::name_in_manifest(file, working_folder), sha256(read_file(file))};
     });
 }
 

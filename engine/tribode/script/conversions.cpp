@@ -44,7 +44,6 @@ Table table_of(FieldReader& fields, const char* key) {
 GivenRecord given_file(const ScriptContext& script, const std::string& file) {
     const auto path = script.run.find_file(file);
     script.run.check_data(path);
-    script.run.note_read(path);
     return {path, {}};
 }
 
@@ -63,9 +62,7 @@ Record record_of(const ScriptContext& script, FieldReader& fields, const char* f
     const auto path = script.run.find_file(fields.text(file_key));
     const RecordOptions options = RecordOptions::read(fields);
     script.run.check_data(path);
-    Record record = read_record(path, options, wanted);
-    script.run.note_read(path);
-    return record;
+    return read_record(path, options, wanted);
 }
 
 FieldRow machine_row() {

@@ -14,7 +14,6 @@ namespace {
 std::filesystem::path readable(const ScriptContext& script, const std::string& file) {
     auto path = script.run.find_file(file);
     script.run.check_data(path);
-    script.run.note_read(path);
     return path;
 }
 

@@ -9,7 +9,7 @@ namespace tribode {
 namespace fs = std::filesystem;
 
 static Json run_description(const fs::path& path, const ScriptLimits& limits, const Json& argument,
-                            std::shared_ptr<std::set<fs::path>> files_read, const RunControl& control) {
+                            std::shared_ptr<FilesRead> files_read, const RunControl& control) {
     ScriptAccess access;
     access.files_read = std::move(files_read);
     access.read_folders = {path.has_parent_path() ? path.parent_path() : fs::path(".")};
@@ -18,7 +18,7 @@ static Json run_description(const fs::path& path, const ScriptLimits& limits, co
 }
 
 Json read_description(const fs::path& path, const ScriptLimits& limits, const Json& argument,
-                      std::shared_ptr<std::set<fs::path>> files_read, const RunControl& control) {
+                      std::shared_ptr<FilesRead> files_read, const RunControl& control) {
     const fs::path kind = path.extension();
     if (kind != ".lua" && kind != ".json") {
         throw InputError(fmt::format("{}: a description is a .lua or a .json file", path.string()));

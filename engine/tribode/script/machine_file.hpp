@@ -8,8 +8,7 @@ namespace tribode {
 // `files_read` takes the files that were read, see ScriptAccess.
 // Throws InputError, whose text begins with the file and, where there is one, the line; EndedEarly on a stop request.
 Json read_description(const std::filesystem::path& path, const ScriptLimits& limits = {},
-                      const Json& argument = nullptr,
-                      std::shared_ptr<std::set<std::filesystem::path>> files_read = nullptr,
+                      const Json& argument = nullptr, std::shared_ptr<FilesRead> files_read = nullptr,
                       const RunControl& control = {});
 
 } // namespace tribode

@@ -32,9 +32,7 @@ Json read_json_file(const ScriptContext& script, const Json& arguments) {
     const auto path = script.run.find_file(fields.text("file"));
     fields.finish();
     script.run.check_data(path);
-    Json value = read_json(path);
-    script.run.note_read(path);
-    return value;
+    return read_json(path);
 }
 
 Json list_folder(const ScriptContext& script, const Json& arguments) {
@@ -42,6 +40,7 @@ Json list_folder(const ScriptContext& script, const Json& arguments) {
     const auto path = script.run.find_file(fields.text("folder"));
     fields.finish();
     script.access().check_read(path);
+    script.access().note_listed(path);
     std::vector<std::string> names;
     std::error_code problem;
     for (std::filesystem::directory_iterator entry(path, problem), end; !problem && entry != end;

@@ -301,6 +301,50 @@ void seed_random_numbers(lua_State* lua) {
     lua_pop(lua, 1);
 }
 
+// ---- the open state: Lua's own functions, but what a script reads is noted ----------------------------------------
+
+int call_noted(lua_State* lua) {
+    lua_pushvalue(lua, lua_upvalueindex(2));
+    lua_insert(lua, 1);
+    if (lua_pcall(lua, lua_gettop(lua) - 1, LUA_MULTRET, 0) == LUA_OK) return lua_gettop(lua);
+    // A text gets the script's line, which the function did not find; other errors are the script's own.
+    if (lua_type(lua, -1) == LUA_TSTRING) throw InputError(lua_tostring(lua, -1));
+    return lua_error(lua);
+}
+
+void note_text(lua_State* lua, int index) {
+    if (lua_type(lua, index) == LUA_TSTRING) host_of(lua).access.check_read(lua_tostring(lua, index));
+}
+
+int noted_read(lua_State* lua) {
+    note_text(lua, 1);
+    return call_noted(lua);
+}
+
+int noted_open(lua_State* lua) {
+    const bool only_writes = lua_type(lua, 2) == LUA_TSTRING && is_mode(lua_tostring(lua, 2)) &&
+                             std::string_view(lua_tostring(lua, 2)).find_first_of("r+") == std::string_view::npos;
+    if (!only_writes) note_text(lua, 1);
+    return call_noted(lua);
+}
+
+// The second result is the file that the module came from, where the module was not there before.
+int noted_require(lua_State* lua) {
+    const int results = call_noted(lua);
+    if (results == 2) note_text(lua, -1);
+    return results;
+}
+
+void note_what_is_read(lua_State* lua) {
+    lua_pushglobaltable(lua);
+    for (const char* name : {"dofile", "loadfile"}) replace(lua, name, noted_read);
+    replace(lua, "require", noted_require);
+    lua_getfield(lua, -1, "io");
+    for (const char* name : {"input", "lines"}) replace(lua, name, noted_read);
+    replace(lua, "open", noted_open);
+    lua_pop(lua, 2);
+}
+
 // The open state has Lua's own `require`. [-0, +0]
 void search_first(lua_State* lua, const fs::path& folder) {
     const std::string patterns = fmt::format("{};{};", (folder / "?.lua").string(), (folder / "?/init.lua").string());
@@ -318,6 +362,7 @@ void open_libraries(lua_State* lua) {
     const ScriptAccess& access = host_of(lua).access;
     if (access.allow_all) {
         luaL_openlibs(lua);
+        note_what_is_read(lua);
         for (auto folder = access.read_folders.rbegin(); folder != access.read_folders.rend(); ++folder) {
             search_first(lua, *folder);
         }

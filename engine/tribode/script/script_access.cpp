@@ -1,12 +1,16 @@
 #include "tribode/script/script_access.hpp"
 #include "tribode/base/error.hpp"
+#include "tribode/base/text.hpp"
 
 #include <algorithm>
 #include <cerrno>
 #include <cstdint>
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <fstream>
 #include <linux/openat2.h>
+#include <set>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -61,7 +65,31 @@ int open_without_links(const fs::path& path, int flags) {
     return static_cast<int>(file);
 }
 
+std::string hash_of_names(const fs::path& folder) {
+    std::error_code problem;
+    std::set<std::string> names;
+    for (fs::directory_iterator entry(folder, problem), end; !problem && entry != end; entry.increment(problem)) {
+        names.insert(entry->path().filename());
+    }
+    return problem ? "" : sha256(fmt::format("{}", fmt::join(names, "/")));
+}
+
 } // namespace
+
+std::string hash_of_content(const fs::path& path) {
+    std::error_code problem;
+    if (fs::is_directory(path, problem)) return hash_of_names(path);
+    if (!fs::is_regular_file(path, problem)) return "";
+    std::ifstream stream(path, std::ios::binary);
+    if (!stream) return "";
+    Sha256 hash;
+    // In parts: a script may read a file line by line that no memory holds.
+    for (std::string part(1 << 16, '\0'); stream;) {
+        stream.read(part.data(), static_cast<std::streamsize>(part.size()));
+        hash.add(std::string_view(part).substr(0, static_cast<std::size_t>(stream.gcount())));
+    }
+    return stream.eof() ? hash.hex() : "";
+}
 
 void ScriptAccess::check_read(const fs::path& name) const { check_read(resolved(name), name); }
 
@@ -82,18 +110,12 @@ int ScriptAccess::open_to_write(const fs::path& name, bool make) const {
 void ScriptAccess::check_read(const fs::path& path, const fs::path& name) const {
     refuse_zero_byte(name);
     const auto holds_it = [&](const fs::path& folder) { return lies_in(path, folder); };
-    const auto note = [&] {
-        std::error_code problem;
-        if (!files_read || path.empty() || holds_it(run_folder)) return;
-        if (!fs::exists(path, problem) || fs::is_directory(path, problem)) return; // whether it is there, is asked, too
-        files_read->insert(path);
-    };
-    if (allow_all) return note();
+    if (allow_all) return note_read(path);
     if (holds_it(run_folder)) return refuse_hard_link(path, name);
-    if (std::any_of(read_folders.begin(), read_folders.end(), holds_it)) return note();
+    if (std::any_of(read_folders.begin(), read_folders.end(), holds_it)) return note_read(path);
     // A file holds itself alone, a folder all that lies in it. "/" is taken for a text that is no folder.
     const auto names_it = [&](const fs::path& one) { return holds_it(one) && resolved(one).has_relative_path(); };
-    if (std::any_of(named.begin(), named.end(), names_it)) return note();
+    if (std::any_of(named.begin(), named.end(), names_it)) return note_read(path);
     throw InputError(fmt::format("\"{}\" is outside the run folder; name it with -D, --machine, --data or --input, "
                                  "or use --allow-all",
                                  name.string()));
@@ -110,7 +132,20 @@ void ScriptAccess::check_write(const fs::path& path, const fs::path& name) const
 
 void ScriptAccess::check_module(const fs::path& name, const fs::path& script_folder) const {
     if (!lies_in(resolved(name), script_folder)) return check_read(name);
-    if (files_read) files_read->insert(resolved(name));
+    note_read(name);
+}
+
+void ScriptAccess::note_read(const fs::path& name) const {
+    std::error_code problem;
+    if (!fs::is_directory(name, problem)) note(resolved(name)); // of folders is asked only whether they are there
+}
+
+void ScriptAccess::note_listed(const fs::path& folder) const { note(resolved(folder)); }
+
+void ScriptAccess::note(const fs::path& path) const {
+    std::error_code problem;
+    if (!files_read || path.empty() || lies_in(path, run_folder) || files_read->contains(path)) return;
+    if (fs::exists(path, problem)) files_read->emplace(path, hash_of_content(path));
 }
 
 } // namespace tribode

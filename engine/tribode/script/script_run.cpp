@@ -108,6 +108,10 @@ std::string without_first_comment(std::string text) {
     return text;
 }
 
+std::filesystem::path folder_beside(const std::filesystem::path& file) {
+    return file.has_parent_path() ? file.parent_path() : std::filesystem::path(".");
+}
+
 ScriptRequest with_ready_script(ScriptRequest request) {
     if (request.text) return request;
     const auto ready = ScriptRun::ready_file(request.script.string());
@@ -149,7 +153,7 @@ ScriptRun::ScriptRun(const ScriptRequest& request, const RunControl& control)
     : request_(with_ready_script(request)),
       control_(control),
       folder_(folder_of(request_)),
-      files_read_(std::make_shared<std::set<std::filesystem::path>>()),
+      files_read_(std::make_shared<FilesRead>()),
       lua_(request.limits, access(), control),
       goes_on_(is_unfinished(folder_.folder())) {
     add_bindings(lua_, *this);
@@ -172,7 +176,10 @@ void ScriptRun::confine(const std::filesystem::path& writable) const {
     KernelSandbox sandbox{.read = access.named, .write = {access.run_folder, writable}, .execute = {}};
     sandbox.read.insert(sandbox.read.end(), access.read_folders.begin(), access.read_folders.end());
     sandbox.read.insert(sandbox.read.end(), {request_.script, script_folder()});
-    for (const auto& unit : request_.units) sandbox.write.push_back(unit->folder());
+    for (const auto& unit : request_.units) {
+        sandbox.read.push_back(unit->file());
+        sandbox.write.push_back(unit->folder());
+    }
     sandbox.allow_program("gnuplot");
     if (request_.compile) {
         // The compiler starts others, and all of them write temporary files.
@@ -213,8 +220,15 @@ std::filesystem::path ScriptRun::find_file(const std::string& name) const {
 }
 
 std::filesystem::path ScriptRun::script_folder() const {
-    const bool elsewhere = !request_.text && request_.script.has_parent_path();
-    return elsewhere ? request_.script.parent_path() : std::filesystem::path(".");
+    return request_.text ? std::filesystem::path(".") : folder_beside(request_.script);
+}
+
+std::string ScriptRun::name_in_manifest(const std::filesystem::path& file,
+                                        const std::filesystem::path& working_folder) {
+    const auto below = file.lexically_relative(std::filesystem::weakly_canonical(working_folder));
+    if (!below.empty() && *below.begin() != "..") return below.string();
+    const auto ready = file.lexically_relative(std::filesystem::weakly_canonical(home()));
+    return !ready.empty() && ready_file(ready.string()) != ready ? ready.string() : file.string();
 }
 
 void ScriptRun::check_data(const std::filesystem::path& file) const {
@@ -223,7 +237,7 @@ void ScriptRun::check_data(const std::filesystem::path& file) const {
     if (request_.beside && !problem && std::filesystem::is_regular_file(path, problem) &&
         path.parent_path() == std::filesystem::canonical(script_folder(), problem) &&
         !path.filename().native().starts_with('.')) {
-        files_read_->insert(path);
+        lua_.access().note_read(path);
         return;
     }
     lua_.access().check_read(file);
@@ -240,7 +254,9 @@ std::shared_ptr<const UnitFile> ScriptRun::unit(const std::string& file) {
     const auto path = find_file(file);
     std::error_code problem;
     for (const auto& unit : request_.units) {
-        if (std::filesystem::equivalent(unit->file(), path, problem)) return unit;
+        if (!std::filesystem::equivalent(unit->file(), path, problem)) continue;
+        lua_.access().note_read(path);
+        return unit;
     }
     if (!request_.allow_all) {
         throw InputError(
@@ -248,7 +264,7 @@ std::shared_ptr<const UnitFile> ScriptRun::unit(const std::string& file) {
                         "tribode run --fmu {}",
                         printable(file), printable(file)));
     }
-    note_read(path);
+    lua_.access().note_read(path);
     request_.units.push_back(std::make_shared<const UnitFile>(path));
     return request_.units.back();
 }
@@ -257,7 +273,6 @@ Json ScriptRun::machine(const std::string& file, const Json& argument) {
     const auto path = find_file(file);
     check_data(path);
     Json description = read_description(path, lua_.limits(), argument, files_read_, control_);
-    note_read(path);
     return checked_machine(std::move(description), file);
 }
 
@@ -310,7 +325,7 @@ void ScriptRun::run_script() {
             set_script_folder(lua, ".");
             load_text(lua, without_first_comment(*request_.text), script.string());
         } else {
-            set_script_folder(lua, script.has_parent_path() ? script.parent_path() : ".");
+            set_script_folder(lua, folder_beside(script));
             load_file(lua, script);
         }
         lua_call(lua, 0, 0);
@@ -343,8 +358,8 @@ void ScriptRun::set_batch(ScriptBatch batch) {
 std::vector<std::string> ScriptRun::files_read() const {
     const auto script = std::filesystem::weakly_canonical(std::filesystem::absolute(request_.script));
     std::vector<std::string> files = {script.string()};
-    for (const auto& file : *files_read_) {
-        if (file != script) files.push_back(file.string());
+    for (const auto& [file, hash] : *files_read_) {
+        if (file != script && !std::filesystem::is_directory(file)) files.push_back(file.string());
     }
     return files;
 }
@@ -356,13 +371,32 @@ void ScriptRun::remark(const std::string& text) {
 void ScriptRun::note_named() {
     std::error_code problem;
     for (const auto& file : request_.named) {
-        if (std::filesystem::is_regular_file(file, problem)) {
-            files_read_->insert(std::filesystem::weakly_canonical(std::filesystem::absolute(file)));
-        };
+        if (std::filesystem::is_regular_file(file, problem)) lua_.access().note_read(file);
     }
 }
 
-void ScriptRun::note_read(const std::filesystem::path& file) { read_[file.string()] = sha256(read_file(file)); }
+Json ScriptRun::files_in_manifest() const {
+    const auto run_folder = std::filesystem::weakly_canonical(std::filesystem::absolute(folder_.folder()));
+    const auto working_folder = std::filesystem::current_path();
+    Json files = Json::object();
+    for (const auto& [file, hash] : *files_read_) {
+        // What the run has written itself, such as results of its nested runs, is among its results.
+        const auto below = file.lexically_relative(run_folder);
+        if (below.empty() || *below.begin() == "..") files[name_in_manifest(file, working_folder)] = hash;
+    }
+    return files;
+}
+
+// Throws InputError where this run may not learn what the file holds. The program that a nested run is of may be named
+// elsewhere, and its modules lie beside it.
+void ScriptRun::check_nested_read(const std::filesystem::path& file, const ScriptRequest& request) const {
+    std::error_code problem;
+    for (const auto& unit : request_.units) {
+        if (std::filesystem::equivalent(unit->file(), file, problem)) return;
+    }
+    if (file.extension() == ".lua") return lua_.access().check_module(file, folder_beside(request.script));
+    lua_.access().check_read(file);
+}
 
 bool ScriptRun::is_complete(const ScriptRequest& request) const {
     const Json manifest = manifest_in(request.folder);
@@ -375,14 +409,15 @@ bool ScriptRun::is_complete(const ScriptRequest& request) const {
         if (!manifest.is_object() || manifest.value(key, Json()) != value) return false;
     }
     const auto unchanged = [](const std::filesystem::path& file, const Json& hash) {
-        std::error_code problem;
-        return std::filesystem::is_regular_file(file, problem) && sha256(read_file(file)) == hash;
+        const std::string found = hash_of_content(file);
+        return !found.empty() && found == hash;
     };
     const Json read = manifest.value("read", Json::object()), files = manifest.value("files", Json::object());
     // The script may have written this manifest itself: it names no file that the script may not read.
     try {
-        for (const auto& [file, hash] : read.items()) {
-            lua_.access().check_read(file);
+        for (const auto& [name, hash] : read.items()) {
+            const auto file = ready_file(name);
+            check_nested_read(file, request);
             if (!unchanged(file, hash)) return false;
         }
         for (const auto& [file, hash] : files.items()) {
@@ -430,6 +465,11 @@ NestedRun ScriptRun::run_nested(const std::string& script, const std::string& fo
     const std::filesystem::path inside = folder;
     const Json manifest = read_json(request.folder / "manifest.json");
     for (const auto& [file, hash] : manifest.at("files").items()) folder_.add((inside / file).string());
+    // What it read decides this run, too. The hashes are those from before it was read.
+    for (const auto& [file, hash] : manifest.at("read").items()) {
+        const auto place = std::filesystem::weakly_canonical(std::filesystem::absolute(ready_file(file)));
+        files_read_->emplace(place, hash.get<std::string>());
+    }
     folder_.add((inside / "manifest.json").string());
     work_.push_back({{"function", "run"}, {"script", script}, {"folder", folder}, {"repeated", nested.repeated}});
     return nested;
@@ -486,7 +526,7 @@ void ScriptRun::write_manifest(const std::string& outcome) {
     manifest["given"] = request_.defines;
     manifest["quick"] = request_.quick;
     manifest["machines"] = machines_;
-    manifest["read"] = read_;
+    manifest["read"] = files_in_manifest();
     manifest["outcome"] = outcome;
     manifest["work"] = work_;
     folder_.write_manifest(manifest);

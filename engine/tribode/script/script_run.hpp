@@ -86,6 +86,10 @@ class ScriptRun {
     void check_data(const std::filesystem::path& file) const;
     // The same without the folder of the run.
     static std::filesystem::path ready_file(const std::string& name);
+    // The name of a file for a manifest, which ready_file finds again from the same working folder: relative where the file
+    // lies below it, so that a folder can be moved with all that it needs; a ready file by its name below models/ or
+    // scripts/, which may lie elsewhere on another machine.
+    static std::string name_in_manifest(const std::filesystem::path& file, const std::filesystem::path& working_folder);
     // Where models/ and scripts/ lie: beside an installed program, else the source tree it was built from, else where it
     // was to be installed.
     static std::filesystem::path home();
@@ -100,16 +104,13 @@ class ScriptRun {
 
     // tb.run: another script in a folder of this run, with no more rights than this one. Options are texts as with -D.
     // Where this run goes on after an interruption, a nested run that was complete is not repeated as long as script,
-    // options, the files it read and the version are the same and its results are there. Its results become part of
+    // options, the files it read, with its modules, and the version are the same and its results are there. Its results become part of
     // this run's. Throws what ScriptRun and execute throw.
     NestedRun run_nested(const std::string& script, const std::string& folder, const Json& options,
                          std::optional<bool> quick);
 
     // Counts the files that the user named among those that the script reads: see run_script_batch.
     void note_named();
-
-    // Notes a file whose contents decide what the run does.
-    void note_read(const std::filesystem::path& file);
 
     // Adds a line to what the manifest says of the work done.
     void note_work(Json entry) {
@@ -129,14 +130,16 @@ class ScriptRun {
     void run_script();
     void run_batch();
     void write_manifest(const std::string& outcome);
+    Json files_in_manifest() const; // that were read outside the run folder, with their hashes
     bool is_complete(const ScriptRequest& request) const;
+    void check_nested_read(const std::filesystem::path& file, const ScriptRequest& request) const;
     ScriptAccess access() const;
     std::filesystem::path script_folder() const;
 
     ScriptRequest request_;
     RunControl control_;
     RunFolder folder_;
-    std::shared_ptr<std::set<std::filesystem::path>> files_read_;
+    std::shared_ptr<FilesRead> files_read_;
     LuaState lua_;
     std::optional<ScriptBatch> batch_;
     bool in_points_ = false;
@@ -145,7 +148,6 @@ class ScriptRun {
     std::set<std::string> remarks_;
     Json options_ = Json::object();
     Json machines_ = Json::object(); // file -> hash
-    Json read_ = Json::object();     // file -> hash of its bytes
     Json work_ = Json::array();
 };
 

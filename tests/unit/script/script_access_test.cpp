@@ -97,7 +97,7 @@ TEST_F(ScriptAccessTest, AFolderThatTheUserNamedIsReadWithAllThatLiesInIt) {
     EXPECT_FALSE(may_read(root / "casesbook.txt"));
     EXPECT_FALSE(may_write(root / "cases/001/nominal.json"));
     // The list of what was read holds files only: each of them has a hash.
-    access.files_read = std::make_shared<std::set<fs::path>>();
+    access.files_read = std::make_shared<FilesRead>();
     EXPECT_TRUE(may_read(root / "cases"));
     EXPECT_TRUE(may_read(root / "cases/001/nominal.json"));
     EXPECT_EQ(access.files_read->size(), 1u);
