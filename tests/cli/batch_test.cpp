@@ -433,5 +433,20 @@ TEST_F(BatchCommands, AScriptRunAsAWholeHandsTheMergedBatchToFinish) {
     EXPECT_TRUE(fs::exists(folder / "r/batch.h5"));
 }
 
+// Its points would be of two files. The one that reads it is none of those that are timed when the batch is planned.
+TEST_F(BatchCommands, AScriptRunAsAWholeRefusesANamedFileThatHasChanged) {
+    folder.write("s.lua", "local tb = require 'tribode'\n"
+                          "local file = tb.options { data = '' }.data\n"
+                          "tb.batch { count = 1000, points = function(i) return { a = i } end, run = function(p)\n"
+                          "    if p.a < 1000 then return { g = 0 } end\n"
+                          "    local f = io.open(file) local g = f:read 'n' f:close() return { g = g }\n"
+                          "  end, finish = function(b) print(b.results.g[1000]) end }\n");
+    folder.write("data.txt", "1");
+    const std::vector<std::string> command = {"run", "s.lua", "-o", "r", "-D", "data=data.txt", "--quiet"};
+    EXPECT_EQ(run(command, {.folder = folder.path()}).out, "1.0\n");
+    folder.write("data.txt", "5");
+    expect_sentence(run(command, {.folder = folder.path()}), 2, {"data.txt: has changed since the batch"});
+}
+
 } // namespace
 } // namespace tribode::cli

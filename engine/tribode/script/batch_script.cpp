@@ -416,9 +416,12 @@ bool run_script_batch(const BatchRunRequest& asked, const RunControl& control) {
 bool run_batch_of(ScriptRun& script, const fs::path& in, const RunControl& control) {
     const fs::path folder = fs::weakly_canonical(fs::absolute(in));
     const Batch& batch = script.batch().batch;
+    script.note_named(); // also what no point of the pilot reads
     if (!fs::exists(folder / "manifest.json")) plan_batch_of(script, batch, folder, {});
     const Manifest manifest = Manifest::read(folder);
     manifest.require_unchanged(folder, ScriptRun::ready_file);
+    // What points read, they read in processes of their own.
+    for (const auto& file : manifest.files) script.lua().access().note_read(ScriptRun::ready_file(file.name));
     if (!is_same(manifest, batch) || manifest.defines != script.request().defines ||
         manifest.quick != script.request().quick) {
         throw InputError(
