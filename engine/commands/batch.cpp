@@ -181,6 +181,7 @@ struct BatchCommand final : Command {
     int merge(const Common& common) const {
         KernelSandbox sandbox;
         sandbox.read = files_of_batch(folder);
+        refuse_to_overwrite_batch(sandbox.read);
         if (output != standard_output) sandbox.allow_output(output);
         if (output == standard_output && common.json) {
             throw InputError("only one of -o - and --json can have the standard output");
@@ -201,6 +202,20 @@ struct BatchCommand final : Command {
                                {"left_out", summary.left_out}});
         }
         return done;
+    }
+
+    // The results may lie in the folder of the batch, but not in place of what they are made from.
+    void refuse_to_overwrite_batch(const std::vector<std::filesystem::path>& files) const {
+        const std::filesystem::path place = folder;
+        std::vector<std::string> read = {(place / "manifest.json").string(), (place / "points.csv").string()};
+        for (const auto& file : files) read.push_back(file.string());
+        refuse_overwriting(read, {output});
+        if (output == standard_output) return;
+        const auto where = std::filesystem::weakly_canonical(std::filesystem::absolute(output)).parent_path();
+        for (const char* part : {"shards", "parts"}) {
+            if (where != std::filesystem::weakly_canonical(place / part)) continue;
+            throw InputError(fmt::format("{}: lies among the points of the batch; choose another output", output));
+        }
     }
 
     BatchPlanRequest plan;

@@ -89,7 +89,32 @@ void MachineAndRecord::add_to(CLI::App& app) {
     columns.add_to(app);
 }
 
+// Two names of one file, also where it is not there yet. A device such as /dev/null takes whatever comes.
+static bool is_same_file(const std::string& one, const std::string& other) {
+    namespace fs = std::filesystem;
+    std::error_code problem;
+    if (one.empty() || other.empty() || one == standard_output || other == standard_output) return false;
+    if (fs::exists(one, problem) && !fs::is_regular_file(one, problem)) return false;
+    return fs::equivalent(one, other, problem) ||
+           fs::weakly_canonical(fs::absolute(one)) == fs::weakly_canonical(fs::absolute(other));
+}
+
+void refuse_overwriting(const std::vector<std::string>& read, const std::vector<std::string>& write) {
+    for (auto output = write.begin(); output != write.end(); ++output) {
+        const auto is_output = [&](const std::string& file) { return is_same_file(*output, file); };
+        if (std::any_of(read.begin(), read.end(), is_output)) {
+            throw InputError(fmt::format("{}: is an input and would be overwritten; choose another output", *output));
+        }
+        if (std::any_of(std::next(output), write.end(), is_output)) {
+            throw InputError(fmt::format("{}: would be written twice; choose two files", *output));
+        }
+    }
+}
+
 void confine(const std::string& machine, const std::vector<std::string>& read, const std::vector<std::string>& write) {
+    auto inputs = read;
+    if (!machine.empty()) inputs.push_back(ScriptRun::ready_file(machine).string());
+    refuse_overwriting(inputs, write);
     KernelSandbox sandbox;
     sandbox.read.assign(read.begin(), read.end());
     if (!machine.empty()) {

@@ -91,8 +91,12 @@ struct MachineAndRecord {
     DriveRecord record(const MachineModel& model) const { return DriveRecord::of(given(), columns.options(), model); }
 };
 
-// For commands that read files of others and write one of their own. A machine may be a program that requires what lies
-// beside it.
+// Throws InputError where a file is to be written twice, or is an input, too: the command would end well and one of the two
+// would be lost. Empty names are none.
+void refuse_overwriting(const std::vector<std::string>& read, const std::vector<std::string>& write);
+
+// For commands that read files of others and write some of their own, none of them twice. A machine may be a program that
+// requires what lies beside it.
 void confine(const std::string& machine, const std::vector<std::string>& read, const std::vector<std::string>& write);
 
 struct ScriptRequest;

@@ -35,7 +35,9 @@ struct SimulateCommand final : Command {
             throw InputError("only one of -o -, --events - and --json can have the standard output");
         }
         flags.read(options);
-        confine(what.machine, {what.input}, events.empty() ? std::vector{output} : std::vector{output, events});
+        std::vector<std::string> files = {output};
+        if (!events.empty()) files.push_back(events);
+        confine(what.machine, {what.input}, files);
         const MachineModel model = what.model(common);
         if (!flags.given("fixed_step_s")) options.solver.fixed_step = model.sample_time / 10;
         const Simulation result = simulate(model, what.record(model), options, common.control());

@@ -296,6 +296,16 @@ TEST_F(BatchCommands, ResultsOfAnotherBatchAreNotMerged) {
     EXPECT_FALSE(fs::exists(folder / "m.h5"));
 }
 
+TEST_F(BatchCommands, TheMergedFileReplacesNothingOfTheBatch) {
+    plan(10, "none", 2);
+    expect_done({"run", "b"});
+    for (const auto* file : {"b/manifest.json", "b/points.csv", "b/shards/00001.rows", "b/shards/new.csv", "s.lua"}) {
+        expect_sentence(tribode({"merge", "b", "-o", file}), 2, {file, "choose another output"});
+    }
+    expect_done({"merge", "b", "-o", "b/merged.csv"});
+    expect_done({"merge", "b", "-o", "b/merged.csv"});
+}
+
 TEST_F(BatchCommands, ADamagedResultIsNamed) {
     plan(10, "none", 2);
     expect_done({"run", "b"});

@@ -431,6 +431,31 @@ TEST_F(Simulate, AReferenceAloneOrAnExcitationAloneIsEnough) {
     EXPECT_EQ(trace("machine.json").rows(), excited.rows());
 }
 
+TEST_F(Simulate, NoFileIsWrittenTwiceOrOverAnInput) {
+    folder.write("mass.json", R"({"Ts": 5e-4, "rigid_gain_per_kg": 1})");
+    const std::string input = record("t,u", {std::vector<double>(10, 1.0)});
+    folder.write("in.csv", input);
+    fs::create_symlink("in.csv", folder / "link.csv");
+    fs::create_directory(folder / "deep");
+    const auto with = [&](const std::string& output, const std::string& events) {
+        std::vector<std::string> words = {"simulate", "--machine", "mass.json", "--input", "in.csv", "-o", output};
+        if (!events.empty()) words.insert(words.end(), {"--events", events});
+        return run(words, {.folder = folder.path()});
+    };
+    for (const auto* same : {"out.csv", "./out.csv", "deep/../out.csv"}) {
+        expect_sentence(with("out.csv", same), 2, {"out.csv: would be written twice"});
+        EXPECT_FALSE(fs::exists(folder / "out.csv"));
+    }
+    for (const auto* input_again : {"in.csv", "./in.csv", "link.csv"}) {
+        expect_sentence(with(input_again, ""), 2, {input_again, "is an input and would be overwritten"});
+        expect_sentence(with("out.csv", input_again), 2, {input_again, "is an input and would be overwritten"});
+    }
+    expect_sentence(with("mass.json", ""), 2, {"mass.json: is an input"});
+    EXPECT_EQ(text_of(folder / "in.csv"), input);
+    EXPECT_EQ(with("/dev/null", "/dev/null").exit_code, 0);
+    EXPECT_EQ(with("out.csv", "events.csv").exit_code, 0);
+}
+
 TEST_F(Simulate, AnUnstableLoopEndsEarlyAndKeepsWhatWasReached) {
     folder.write("machine.json", R"({"rigid_gain_per_kg": 0.1, "controller": {"type": "pid", "kp": -1e9}})");
     folder.write("in.csv", record("t,r", {std::vector<double>(2000, 1e-3)}));
