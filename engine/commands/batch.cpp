@@ -33,16 +33,16 @@ struct BatchCommand final : Command {
         status_app = app.add_subcommand("status", "how far a batch is");
         merge_app = app.add_subcommand("merge", "all points as one file");
         plan_app->add_option("script", plan.script.script, "batch script, .lua")->required();
-        plan_app->add_option("-o,--out", plan.folder, "folder of the batch, a new one")->required();
+        add_output(*plan_app, plan.folder, "folder of the batch, a new one")->required();
         add_defines(*plan_app, defines, "name=value: sets an option of the script");
         for (auto* command : {run_app, resume_app, shard_app, slurm_app}) {
             add_defines(*command, defines,
                         "name=value: an option as it was planned, again: lets the script read what it names");
         }
         plan_app->add_option("--shards", shards, "how many (default: by the time of some points)")
-            ->check(CLI::Range(std::size_t{1}, Manifest::max_shards));
+            ->check(is_whole(1, Manifest::max_shards));
         plan_app->add_option("--shard-seconds", plan.shard_seconds, "duration of the longest shards (default 120)")
-            ->check(CLI::PositiveNumber);
+            ->check(is_positive());
         plan_app->add_flag("--quick", plan.script.quick, "a small version of the work, to try a script");
         for (auto* command : {run_app, resume_app, shard_app, slurm_app, status_app, merge_app}) {
             command->add_option("folder", folder, "folder of the batch")->required();
@@ -53,9 +53,9 @@ struct BatchCommand final : Command {
         for (auto* command : {run_app, resume_app, shard_app}) add_compile(*command, plan.script);
         shard_app->add_option("shard", shard, "its number, from 1")->required();
         slurm_app->add_option("--max-running", slurm.max_running, "tasks of one array at one time (default: no limit)")
-            ->check(CLI::PositiveNumber);
+            ->check(is_whole(1, 1'000'000));
         slurm_app->add_option("--restarts", slurm.restarts, "of a task that was killed or interrupted (default 3)")
-            ->check(CLI::NonNegativeNumber);
+            ->check(is_whole(0, 1'000'000));
         slurm_app
             ->add_option("--sbatch", slurm.sbatch, "an option of the site for sbatch, e.g. --sbatch=--partition=short")
             ->take_all()
@@ -63,8 +63,7 @@ struct BatchCommand final : Command {
         slurm_app->add_flag("--dry-run", dry_run, "show the scripts, submit nothing");
         slurm_app->add_flag("--again", again, "also what Slurm says to be waiting or running");
         status_app->add_flag("--watch", watch, "a progress display until the batch is complete");
-        merge_app->add_option("-o,--out", output, "file to write: .h5, .csv or .mat; - for CSV on standard output")
-            ->required();
+        add_output(*merge_app, output, "file to write: .h5, .csv or .mat; - for CSV on standard output")->required();
         for (auto* command : app.get_subcommands(nullptr)) {
             common.add_quiet(*command);
             if (command != shard_app) common.add_json(*command);

@@ -7,6 +7,7 @@
 #include "tribode/script/machine_file.hpp"
 #include "tribode/script/script_run.hpp"
 
+#include <charconv>
 #include <cstdio>
 #include <filesystem>
 #include <fmt/format.h>
@@ -42,7 +43,7 @@ void Common::note(std::string_view text, const Json& value) const {
 }
 
 void Common::add_workers(CLI::App& app, const char* what) {
-    app.add_option("-j,--workers", workers, what)->check(CLI::Range(1u, 4096u));
+    app.add_option("-j,--workers", workers, what)->check(is_whole(1, 4096));
 }
 
 void add_defines(CLI::App& app, std::vector<std::string>& defines, const char* help) {
@@ -59,6 +60,26 @@ std::map<std::string, std::string> defines_of(const std::vector<std::string>& de
         values[define.substr(0, equals)] = define.substr(equals + 1);
     }
     return values;
+}
+
+CLI::Validator is_positive() {
+    return {[](const std::string& text) {
+                const auto value = parse_number(text);
+                return value && *value > 0 ? "" : fmt::format("{} is not a positive number", text);
+            },
+            "POSITIVE"};
+}
+
+CLI::Validator is_whole(std::size_t least, std::size_t most) {
+    return {[=](const std::string& text) {
+                std::size_t value = 0;
+                const auto [end, problem] = std::from_chars(text.data(), text.data() + text.size(), value);
+                const bool whole = problem == std::errc() && end == text.data() + text.size();
+                return whole && value >= least && value <= most
+                           ? ""
+                           : fmt::format("{} is not a whole number from {} to {}", text, least, most);
+            },
+            fmt::format("[{} - {}]", least, most)};
 }
 
 std::string choice_of(const std::vector<std::string>& words) { return fmt::format("{{{}}}", fmt::join(words, ",")); }

@@ -69,6 +69,17 @@ std::map<std::string, std::string> defines_of(const std::vector<std::string>& de
 // How help shows an option that takes one of these words; completion offers them.
 std::string choice_of(const std::vector<std::string>& words);
 
+// Checks of options. CLI11's own take any size, read -1 as the largest number, and print limits with 300 digits.
+CLI::Validator is_positive();
+CLI::Validator is_whole(std::size_t least, std::size_t most);
+
+// -o: a file or folder that the command writes.
+template <class Name>
+CLI::Option* add_output(CLI::App& app, Name& name, const char* help) {
+    const auto is_name = [](const std::string& text) { return text.empty() ? "names nothing" : ""; };
+    return app.add_option("-o,--out", name, help)->check(CLI::Validator(is_name, ""));
+}
+
 void add_machine(CLI::App& app, std::string& machine);
 MachineModel read_machine(const std::string& file, const Common& common);
 

@@ -11,7 +11,7 @@ namespace {
 struct CompareCommand final : Command {
     void add_to(CLI::App& app, Common& common) override {
         what.add_to(app);
-        app.add_option("-o,--out", output, "folder of table and plots (default results/compare)");
+        add_output(app, output, "folder of table and plots (default results/compare)");
         flags.add(app, options, {{"seed", "--seed", ""}});
         common.add_quiet(app);
         common.add_json(app);

@@ -38,7 +38,7 @@ struct DiagnoseCommand final : Command {
             "--free", system.free,
             "a parameter of the system, or STATE.start, that is fitted; may be given again (default: what the system "
             "names in `free`, else all)");
-        app.add_option("-o,--out", output, "folder of verdict, machine or system, report (default results/diagnose)");
+        add_output(app, output, "folder of verdict, machine or system, report (default results/diagnose)");
         // Those of a system have the same keys.
         flags.add(app, DiagnosisOptions(),
                   {{"max_effects", "--max-effects", ""},

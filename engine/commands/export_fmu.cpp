@@ -20,7 +20,7 @@ struct ExportFmuCommand final : Command {
             ->check(CLI::IsMember({"cs", "me"}));
         app.add_option("--solver", request.options.solver, "of co-simulation, see tribode solvers (default auto)")
             ->type_name(choice_of(SolverOptions::method_names()));
-        app.add_option("-o,--out", request.output, "file to write, NAME.fmu")->required();
+        add_output(app, request.output, "file to write, NAME.fmu")->required();
         app.add_flag("--quiet", common.quiet, "no message of what was written");
         common.add_json(app);
     }

@@ -13,7 +13,7 @@ struct FraCommand final : Command {
             ->required()
             ->take_all()
             ->allow_extra_args(false);
-        app.add_option("-o,--out", output, "folder of responses, fits and report (default results/fra)");
+        add_output(app, output, "folder of responses, fits and report (default results/fra)");
         flags.add(app, request.options,
                   {{"methods", "--methods", ""},
                    {"modes", "--fit", "as many as the machine has"},

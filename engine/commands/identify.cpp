@@ -14,7 +14,7 @@ struct IdentifyCommand final : Command {
             ->required()
             ->take_all()
             ->allow_extra_args(false);
-        app.add_option("-o,--out", output, "folder of the machine and its parameters (default results/identify)");
+        add_output(app, output, "folder of the machine and its parameters (default results/identify)");
         flags.add(app, options,
                   {{"parameters", "--parameters", "rigid gain, modes, friction and input delay"},
                    {"f_min_hz", "--f-min", ""},

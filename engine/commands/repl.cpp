@@ -38,12 +38,13 @@ std::filesystem::path history_file() {
 
 struct ReplCommand final : Command {
     void add_to(CLI::App& app, Common& common) override {
-        app.add_option("-o,--out", request.folder, "folder of the results (default results/repl)");
+        add_output(app, request.folder, "folder of the results (default results/repl)");
         add_defines(app, defines, "name=value: an option, for tb.options; a file may then be read");
         common.add_workers(app);
         app.add_flag("--allow-all", request.allow_all, "let Lua open any file and have its whole standard library");
         add_compile(app, request);
-        app.add_option("--max-instructions", request.limits.instructions, "limit of the Lua instructions of one line");
+        app.add_option("--max-instructions", request.limits.instructions, "limit of the Lua instructions of one line")
+            ->check(is_whole(1, std::size_t{1} << 62));
         common.add_quiet(app);
     }
 

@@ -22,7 +22,7 @@ struct RunCommand final : Command {
         app.add_option("-e,--execute", code, "a line of Lua in place of a script, with tb at hand; may be given again")
             ->take_all()
             ->allow_extra_args(false);
-        app.add_option("-o,--out", request.folder, "folder of the results (default results/<script>)");
+        add_output(app, request.folder, "folder of the results (default results/<script>)");
         add_defines(app, defines, "name=value: sets an option of the script");
         app.add_option("--machine", machine, "the script's option machine: a file");
         app.add_option("--data", data, "the script's option data: a file");
@@ -33,10 +33,12 @@ struct RunCommand final : Command {
         app.add_flag("--allow-all", request.allow_all,
                      "let the script open any file and use the whole standard library of Lua");
         add_compile(app, request);
-        app.add_option("--max-instructions", request.limits.instructions, "limit of the script's Lua instructions");
-        memory = app.add_option("--max-memory", memory_mib, "limit of the script's memory in MiB");
+        app.add_option("--max-instructions", request.limits.instructions, "limit of the script's Lua instructions")
+            ->check(is_whole(1, std::size_t{1} << 62));
+        memory = app.add_option("--max-memory", memory_mib, "limit of the script's memory in MiB")
+                     ->check(is_whole(1, std::size_t{1} << 30)); // the bytes of the process are a multiple of it
         app.add_option("--max-cpu", cpu_seconds, "limit of the processor time of each process in seconds")
-            ->check(CLI::PositiveNumber);
+            ->check(is_whole(1, 1'000'000'000));
         common.add_quiet(app);
         common.add_json(app);
     }

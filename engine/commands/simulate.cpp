@@ -15,8 +15,7 @@ namespace {
 struct SimulateCommand final : Command {
     void add_to(CLI::App& app, Common& common) override {
         what.add_to(app);
-        app.add_option("-o,--out", output,
-                       "file to write, .csv, .mat or .h5: t,r,u,y,x,v,f; - for CSV on standard output")
+        add_output(app, output, "file to write, .csv, .mat or .h5: t,r,u,y,x,v,f; - for CSV on standard output")
             ->required();
         app.add_option("--events", events, "CSV to write: t,element,kind; - for standard output");
         flags.add(app, options,

@@ -96,6 +96,24 @@ TEST_F(Usage, TextWhereAnOptionNeedsANumberIsRefused) {
     expect_refused({"run", "s.lua", "-j", "0"}, {"--workers", "0", "1 to 4096"});
 }
 
+// A size that wraps round, or is cut off, would be another limit than the one that was given.
+TEST_F(Usage, LimitsAreNumbersThatFit) {
+    for (const auto* option : {"--max-memory", "--max-instructions", "--max-cpu"}) {
+        for (const auto* value : {"-1", "-5", "0", "1.5", "99999999999999999999", "17592186044416000000"}) {
+            expect_refused({"run", "s.lua", option, value}, {option, value, "is not a whole number from 1 to"});
+        }
+    }
+    expect_refused({"run", "s.lua", "--max-memory", "17592186044417"}, {"--max-memory", "from 1 to 1073741824"});
+    expect_refused({"batch", "plan", "s.lua", "-o", "b", "--shard-seconds", "0"}, {"0 is not a positive number"});
+}
+
+TEST_F(Usage, AnOutputHasAName) {
+    expect_refused({"simulate", "--machine", "m.lua", "--input", "i.csv", "-o", ""}, {"--out: names nothing"});
+    expect_refused({"compare", "--machine", "m.lua", "--input", "i.csv", "-o", ""}, {"--out: names nothing"});
+    expect_refused({"batch", "merge", "b", "-o", ""}, {"--out: names nothing"});
+    expect_refused({"run", "s.lua", "-o", ""}, {"--out: names nothing"});
+}
+
 class Quiet : public ::testing::Test {
   protected:
     Quiet() {
