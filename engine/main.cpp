@@ -11,6 +11,7 @@
 #include <cstring>
 #include <fmt/format.h>
 #include <new>
+#include <unistd.h>
 
 using namespace tribode;
 
@@ -20,6 +21,18 @@ namespace {
 void on_interrupt(int signal) {
     stop_requested = true;
     std::signal(signal, SIG_DFL);
+}
+
+// At the limit of the processor's time the system sends a signal each second, five in all, and then kills. The first asks
+// the work to end; what does not listen, such as a slow pattern of Lua, is ended with a sentence by the last.
+void on_time_limit(int) {
+    static int heard = 0;
+    stop_requested = true;
+    if (++heard < 5) return;
+    constexpr std::string_view sentence =
+        "tribode: ended at the limit of the processor's time, in work that cannot be interrupted\n";
+    if (::write(STDERR_FILENO, sentence.data(), sentence.size()) < 0) ::_exit(anything_else);
+    ::_exit(ended_early);
 }
 
 int report(const std::string& problem, ExitCode code) {
@@ -94,8 +107,8 @@ int run_program(int argc, char** argv) {
     tribode::enable_lua_forces();
     std::signal(SIGINT, on_interrupt);
     std::signal(SIGTERM, on_interrupt);
-    std::signal(SIGXCPU, on_interrupt); // at the limit of the processor's time
-    std::signal(SIGXFSZ, SIG_IGN);      // a file above the size limit is an error of the write, also in a script
+    std::signal(SIGXCPU, on_time_limit);
+    std::signal(SIGXFSZ, SIG_IGN); // a file above the size limit is an error of the write, also in a script
     CLI::App app("Tribode: simulation and frequency-response analysis of servo systems with friction", "tribode");
     app.set_version_flag("--version", "tribode " + version());
     app.require_subcommand(1);

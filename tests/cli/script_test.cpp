@@ -96,6 +96,21 @@ TEST_F(Script, AMemoryBombEnds) {
     expect_refused("local s = ('x'):rep(1 << 26)\n", {"memory limit", "16 MiB"}, {"--max-memory", "16"});
 }
 
+// No count of instructions reaches into a call of Lua's library.
+TEST_F(Script, ASlowPatternEndsAtTheLimitOfTheProcessor) {
+    expect_sentence(run_script("print(1); (('a'):rep(1 << 14)):find(('.-'):rep(12) .. 'b')\n", {"--max-cpu", "1"}), 3,
+                    {"limit of the processor's time"});
+}
+
+TEST_F(Script, NothingIsRepeatedAtOnce) {
+    const auto ending =
+        run_script("print(#(''):rep(1 << 62), #string.rep('', '4611686018427387904', ''), (''):rep(3, 1))\n"
+                   "print(('ab'):rep(2), ('ab'):rep(2, '-'), (''):rep(0), string.rep(7, 2))\n",
+                   {"--max-cpu", "5"});
+    EXPECT_EQ(ending.exit_code, 0) << ending.err;
+    EXPECT_EQ(ending.out, "0\t0\t11\nabab\tab-ab\t\t77\n");
+}
+
 TEST_F(Script, FilesOutsideAreNotRead) {
     fs::create_directory(folder / "out");
     fs::create_symlink(folder / "secret.txt", folder / "out/link");

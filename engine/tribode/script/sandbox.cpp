@@ -257,10 +257,24 @@ void open_base(lua_State* lua) {
     lua_pop(lua, 1);
 }
 
+// Nothing as often as one likes takes no memory, so that no limit ends Lua's loop over it.
+int safe_rep(lua_State* lua) {
+    const auto is_empty = [lua](int index) {
+        return lua_type(lua, index) == LUA_TSTRING && lua_rawlen(lua, index) == 0;
+    };
+    int is_whole = 0;
+    lua_tointegerx(lua, 2, &is_whole);
+    const bool is_nothing = is_empty(1) && (lua_isnoneornil(lua, 3) || is_empty(3));
+    if (!is_nothing || !is_whole) return call_replaced(lua);
+    lua_pushliteral(lua, "");
+    return 1;
+}
+
 void open_text_and_numbers(lua_State* lua) {
     luaL_requiref(lua, "string", luaopen_string, 1);
     lua_pushnil(lua);
     lua_setfield(lua, -2, "dump");
+    replace(lua, "rep", safe_rep);
     luaL_requiref(lua, "table", luaopen_table, 1);
     luaL_requiref(lua, "math", luaopen_math, 1);
     luaL_requiref(lua, "utf8", luaopen_utf8, 1);

@@ -159,7 +159,9 @@ int call_replaced(lua_State* lua) {
     lua_pushvalue(lua, lua_upvalueindex(2));
     lua_insert(lua, 1);
     // Library functions look for the script's line one level up, where they would find none.
-    if (lua_pcall(lua, lua_gettop(lua) - 1, LUA_MULTRET, 0) == LUA_OK) return lua_gettop(lua);
+    const int status = lua_pcall(lua, lua_gettop(lua) - 1, LUA_MULTRET, 0);
+    if (status == LUA_OK) return lua_gettop(lua);
+    if (status == LUA_ERRMEM) throw InputError(memory_problem(host_of(lua)));
     const char* text = lua_tostring(lua, -1);
     throw InputError(text ? text : "a library function failed");
 }

@@ -257,11 +257,12 @@ TEST_F(LuaStateTest, FinalizersAreRefused) {
 }
 
 TEST_F(LuaStateTest, AMemoryBombIsRefused) {
-    const std::string message = "input: the script used more than its memory limit of 8 MiB";
-    EXPECT_EQ(problem("local s = string.rep('x', 1000000000)"), message);
+    const std::string text = "the script used more than its memory limit of 8 MiB";
+    const std::string message = "input: " + text, with_line = "input: script.lua:1: " + text;
+    EXPECT_EQ(problem("local s = string.rep('x', 1000000000)"), with_line);
     EXPECT_EQ(problem("local t = {} for i = 1, 1e9 do t[i] = i end"), message);
     EXPECT_EQ(problem("local s = 'x' while true do s = s .. s end"), message);
-    EXPECT_EQ(problem("coroutine.wrap(function() local s = string.rep('x', 1 << 30) end)()"), message);
+    EXPECT_EQ(problem("coroutine.wrap(function() local s = string.rep('x', 1 << 30) end)()"), with_line);
 }
 
 TEST_F(LuaStateTest, MemoryThatIsFreeAgainMayBeUsedAgain) {
