@@ -56,14 +56,14 @@ struct SimulateCommand final : Command {
         if (on_output == 0 || common.json) {
             const RunStatistics& n = result.statistics;
             common.note(
-                fmt::format(
-                    "{} samples with {}: {} events, {} steps ({} rejected), {} derivative evaluations, {} restarts, "
-                    "{} integrating, {} in events and samples\n",
-                    result.trace.t.size(), name_of(result.method), n.events, n.steps, n.rejected_steps,
-                    n.derivative_evaluations, n.restarts, format_quantity(n.seconds_integrating, "s", 3),
-                    format_quantity(n.seconds_events, "s", 3)),
+                fmt::format("{} samples with {}: {} events, {} instants located, {} steps ({} rejected), {} derivative "
+                            "evaluations, {} restarts, {} integrating, {} in events and samples\n",
+                            result.trace.t.size(), name_of(result.method), result.events.size(), n.events, n.steps,
+                            n.rejected_steps, n.derivative_evaluations, n.restarts,
+                            format_quantity(n.seconds_integrating, "s", 3), format_quantity(n.seconds_events, "s", 3)),
                 {{"file", output},
                  {"samples", result.trace.t.size()},
+                 {"events", result.events.size()},
                  {"solver", name_of(result.method)},
                  {"statistics", to_json(n)}});
         }

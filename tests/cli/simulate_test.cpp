@@ -431,6 +431,17 @@ TEST_F(Simulate, AReferenceAloneOrAnExcitationAloneIsEnough) {
     EXPECT_EQ(trace("machine.json").rows(), excited.rows());
 }
 
+// The rows of the file of events, as the message and the report count them.
+TEST_F(Simulate, EventsAreCountedAsTheirFileListsThem) {
+    folder.write("in.csv", record("t,u", {problems::sampled_sine(15, 10, sample_time, 200)}));
+    const auto file = (fs::path(TRIBODE_SOURCE_DIR) / "models/linear_motor_table.lua").string();
+    const auto ending = simulate(file);
+    const auto rows = Sheet(folder / "events.csv").rows().size();
+    EXPECT_GT(rows, 0U);
+    EXPECT_NE(ending.out.find(": " + std::to_string(rows) + " events, "), std::string::npos) << ending.out;
+    EXPECT_EQ(Json::parse(simulate(file, {"--json"}).out).at("events"), rows);
+}
+
 TEST_F(Simulate, NoFileIsWrittenTwiceOrOverAnInput) {
     folder.write("mass.json", R"({"Ts": 5e-4, "rigid_gain_per_kg": 1})");
     const std::string input = record("t,u", {std::vector<double>(10, 1.0)});
