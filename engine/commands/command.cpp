@@ -149,6 +149,25 @@ void confine(const std::string& machine, const std::vector<std::string>& read, c
     sandbox.enter();
 }
 
+void remove_earlier_images(const RunFolder& folder) {
+    const auto manifest = folder.folder() / "manifest.json";
+    std::error_code problem;
+    if (!std::filesystem::exists(manifest, problem)) return;
+    const auto written = folder.files();
+    try {
+        const Json earlier = read_json(manifest).at("files");
+        for (const auto& [name, hash] : earlier.items()) {
+            const bool is_image = name.ends_with(".png") || name.ends_with(".svg");
+            if (!is_image || written.contains(name)) continue;
+            const auto image = folder.path(name);
+            if (std::filesystem::exists(image) && sha256(read_file(image)) == hash) std::filesystem::remove(image);
+        }
+    } catch (const InputError&) {
+        // What is no manifest lists no images.
+    } catch (const Json::exception&) {
+    }
+}
+
 void add_compile(CLI::App& app, ScriptRequest& request) {
     app.add_flag("--compile", request.compile,
                  "equations of tb.run_system through the system's C compiler: faster, the same results");

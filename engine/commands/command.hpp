@@ -4,6 +4,7 @@
 #include "tribode/base/run_control.hpp"
 #include "tribode/experiment/simulation.hpp"
 #include "tribode/machine/machine_model.hpp"
+#include "tribode/record/run_folder.hpp"
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -109,6 +110,10 @@ void refuse_overwriting(const std::vector<std::string>& read, const std::vector<
 // For commands that read files of others and write some of their own, none of them twice. A machine may be a program that
 // requires what lies beside it.
 void confine(const std::string& machine, const std::vector<std::string>& read, const std::vector<std::string>& write);
+
+// Removes the images that an earlier run has listed in the manifest of the folder and this one has not written, as of other
+// records: they would be taken for results of this run. Images that were changed since are kept.
+void remove_earlier_images(const RunFolder& folder);
 
 struct ScriptRequest;
 void add_compile(CLI::App& app, ScriptRequest& request);

@@ -26,6 +26,7 @@ struct CompareCommand final : Command {
         const Comparison comparison = compare(model, record, options, common.control());
         write_comparison(comparison, model, folder);
         common.print(comparison.text() + "\n", comparison.json());
+        remove_earlier_images(folder);
         folder.write_manifest({{"program", "tribode compare"},
                                {"machine", model.hash()},
                                {"input", what.given().json()},

@@ -40,6 +40,7 @@ struct FraCommand final : Command {
         const MeasuredFra fra = measure_fra(request);
         RunFolder folder(output);
         write_measured_fra(fra, folder, common.control());
+        remove_earlier_images(folder);
         folder.write_manifest({{"program", "tribode fra"},
                                {"machine", request.machine.hash()},
                                {"data", sources},

@@ -41,6 +41,7 @@ struct IdentifyCommand final : Command {
         RunFolder folder(output); // first: a folder that cannot be made is said before the work
         const Identification found = identify(model, records, columns.options(), options, common.control());
         write_identification(found, folder, common.control());
+        remove_earlier_images(folder);
         folder.write_manifest({{"program", "tribode identify"},
                                {"machine", model.hash()},
                                {"data", sources},

@@ -1,5 +1,6 @@
 #include "cli/program.hpp"
 #include "tribode/base/json.hpp"
+#include "tribode/base/text.hpp"
 #include "unit/script/temporary_folder.hpp"
 
 #include <cmath>
@@ -222,6 +223,26 @@ TEST_F(FrequencyResponse, WritesItsFilesAndTheirColumns) {
     const auto response = columns_of(text_of(folder / "out/response.csv"));
     EXPECT_NEAR(number(response.at("frequency_hz").at(0)), 20, 1e-9);
     EXPECT_NEAR(number(response.at("gain_db").at(0)), 20 * std::log10(1e-4 / 30), 1e-6);
+}
+
+// A figure of an earlier analysis would be taken for one of this.
+TEST_F(FrequencyResponse, LeavesNoImageOfAnEarlierAnalysis) {
+    folder.write("log.csv", Log{}.text());
+    const std::vector<std::string> command = {"--machine", "mass.json", "--data", "log.csv", "-o", "out"};
+    ASSERT_EQ(fra(command).exit_code, 0);
+    Json manifest = Json::parse(text_of(folder / "out/manifest.json"));
+    for (const auto* name : {"loops.png", "mine.png", "notes.txt"}) {
+        folder.write(std::string("out/") + name, "old");
+        manifest["files"][name] = sha256("old");
+    }
+    folder.write("out/manifest.json", manifest.dump());
+    folder.write("out/mine.png", "changed since");
+    folder.write("out/other.png", "not of Tribode");
+    ASSERT_EQ(fra(command).exit_code, 0);
+    EXPECT_FALSE(fs::exists(folder / "out/loops.png"));
+    for (const auto* name : {"mine.png", "other.png", "notes.txt", "bode.png", "manifest.json"}) {
+        EXPECT_TRUE(fs::exists(folder / "out" / name)) << name;
+    }
 }
 
 TEST_F(FrequencyResponse, ARecordWithoutExcitationIsRefused) {
