@@ -9,6 +9,14 @@ local function refused(message, make, ...)
 end
 local nan = 0 / 0
 
+-- ---- responses ----------------------------------------------------------------------------------------------------
+
+local still, moving = {}, {}
+for k = 1, 1024 do still[k], moving[k] = 0, math.sin(k * k) end
+refused("input is the same number throughout", tb.frf, { input = still, output = moving, sample_time_s = 1 })
+refused("excitation is the same number throughout", tb.frf,
+  { input = moving, output = moving, excitation = still, sample_time_s = 1 })
+
 -- ---- tables -------------------------------------------------------------------------------------------------------
 
 local square = { { 1, 2 }, { 3, 4 } }

@@ -58,7 +58,9 @@ double sorted_quantile(std::span<const double> sorted, double probability) {
     const double place = probability * static_cast<double>(sorted.size() - 1);
     const auto below = static_cast<std::size_t>(place);
     if (below + 1 >= sorted.size()) return sorted.back();
-    return sorted[below] + (place - static_cast<double>(below)) * (sorted[below + 1] - sorted[below]);
+    const double part = place - static_cast<double>(below), step = sorted[below + 1] - sorted[below];
+    if (std::isinf(step)) return (1 - part) * sorted[below] + part * sorted[below + 1]; // farther apart than any number
+    return sorted[below] + part * step;
 }
 
 double lower_quantile(std::vector<double> values, double probability) {
@@ -117,18 +119,20 @@ Histogram histogram(std::span<const double> values, std::size_t bins) {
         high += half;
         bins = bins == 0 ? 1 : bins;
     }
+    const double scale = std::isinf(high - low) ? 0.5 : 1; // no number is as large as the range may be
+    const auto range = [scale](double from, double to) { return scale * to - scale * from; };
     if (bins == 0) {
         const double width =
-            2 * (sorted_quantile(x, 0.75) - sorted_quantile(x, 0.25)) / std::cbrt(static_cast<double>(x.size()));
-        bins = width > 0 ? static_cast<std::size_t>(std::clamp(std::ceil((high - low) / width), 1.0, 200.0)) : 200;
+            2 * range(sorted_quantile(x, 0.25), sorted_quantile(x, 0.75)) / std::cbrt(static_cast<double>(x.size()));
+        bins = width > 0 ? static_cast<std::size_t>(std::clamp(std::ceil(range(low, high) / width), 1.0, 200.0)) : 200;
     }
     result.counts.assign(bins, 0);
     for (std::size_t k = 0; k <= bins; ++k) {
         const double part = static_cast<double>(k) / static_cast<double>(bins);
-        result.edges.push_back(k == bins ? high : low + part * (high - low));
+        result.edges.push_back(k == bins ? high : (scale * low + part * range(low, high)) / scale);
     }
     for (const double value : x) {
-        const double place = (value - low) / (high - low) * static_cast<double>(bins);
+        const double place = range(low, value) / range(low, high) * static_cast<double>(bins);
         ++result.counts[std::min(static_cast<std::size_t>(place), bins - 1)]; // the greatest value is in the last bin
     }
     return result;

@@ -11,6 +11,7 @@
 
 #include <cmath>
 #include <fmt/format.h>
+#include <functional>
 #include <numbers>
 
 namespace tribode {
@@ -140,6 +141,10 @@ Json response_between(const Json& arguments) {
         throw InputError(
             fmt::format("tb.frf: {} samples of input, {} of output, {} of excitation, must be as many of each",
                         input.size(), output.size(), excitation.size()));
+    }
+    for (const auto& [name, values] : {std::pair{"input", &input}, {"excitation", &excitation}}) {
+        if (std::adjacent_find(values->begin(), values->end(), std::not_equal_to<>()) != values->end()) continue;
+        throw InputError(fmt::format("tb.frf: {} is the same number throughout, must excite the frequencies", name));
     }
     const MeasuredSignals signals{sample_time, excitation, output, {input}, 0};
     return to_json(cross_spectra({signals}, static_cast<std::size_t>(window)).front());

@@ -21,6 +21,9 @@ double argument(const Json& arguments, std::size_t index, const char* what) {
 
 Json spaced(const Json& arguments, const char* what, bool logarithmic) {
     const double from = argument(arguments, 0, what), to = argument(arguments, 1, what);
+    if (!std::isfinite(from) || !std::isfinite(to)) {
+        throw InputError(fmt::format("{}: from {} to {}: both must be finite", what, to_text(from), to_text(to)));
+    }
     const double count = argument(arguments, 2, what);
     if (!(count >= 2 && count <= 1e7 && count == std::floor(count))) {
         throw InputError(

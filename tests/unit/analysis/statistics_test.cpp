@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -95,6 +96,17 @@ TEST(Histogram, CountsEveryFiniteValueOnce) {
     EXPECT_EQ(std::accumulate(normal.counts.begin(), normal.counts.end(), std::size_t{0}), x.size());
     EXPECT_GT(normal.counts.size(), 40U); // Freedman and Diaconis: width 2 1.35/21.5 = 0.125 over a range of 7 to 8.5
     EXPECT_LT(normal.counts.size(), 80U);
+}
+
+TEST(Histogram, TakesTheLargestNumbers) {
+    for (const std::size_t bins : {0, 2}) {
+        const Histogram h = histogram(std::vector<double>{1e308, -1e308, 0, 1e308}, bins);
+        EXPECT_EQ(std::accumulate(h.counts.begin(), h.counts.end(), std::size_t{0}), 4U);
+        EXPECT_EQ(h.edges.front(), -1e308);
+        EXPECT_EQ(h.edges.back(), 1e308);
+        EXPECT_TRUE(std::is_sorted(h.edges.begin(), h.edges.end()));
+    }
+    EXPECT_EQ(histogram(std::vector<double>{1e308, -1e308, 0, 1e308}, 2).counts, (std::vector<std::size_t>{1, 3}));
 }
 
 TEST(WorstCases, StandInTheirOrder) {
