@@ -542,12 +542,21 @@ std::vector<Spectrum> periods_of(std::span<const double> x, std::size_t period) 
     return periods;
 }
 
-Spectrum mean_of(const std::vector<Spectrum>& periods, std::size_t skipped) {
+// Less the leakage of a drift. A drift that goes on, as of an axis that moves, leaks into all periods alike, so their scatter does not
+// show it; the first and the last period tell its slope. What else a drift has changes from period to period, and is scatter.
+Spectrum mean_of(const std::vector<Spectrum>& periods, std::size_t period, std::size_t skipped) {
     Spectrum mean(periods.front().size());
+    const auto count = static_cast<double>(periods.size() - skipped);
     for (std::size_t p = skipped; p < periods.size(); ++p) {
-        for (std::size_t l = 0; l < mean.size(); ++l) mean[l] += periods[p][l];
+        for (std::size_t l = 0; l < mean.size(); ++l) mean[l] += periods[p][l] / count;
     }
-    for (auto& line : mean) line /= static_cast<double>(periods.size() - skipped);
+    if (count < 2) return mean;
+    // Within a period; the line at zero is twice the mean.
+    const double drift = (periods.back().front() - periods[skipped].front()).real() / 2 / (count - 1);
+    const auto samples = static_cast<double>(period);
+    for (std::size_t l = 1; l < mean.size(); ++l) {
+        mean[l] -= 2 * drift / samples / (turned(-static_cast<double>(l) / samples) - 1.0);
+    }
     return mean;
 }
 
@@ -566,8 +575,8 @@ double variance_of_mean(const std::vector<Spectrum>& output, const std::vector<S
     return sum / static_cast<double>(count - 1) / static_cast<double>(count);
 }
 
-std::vector<std::size_t> excited_lines(const std::vector<Spectrum>& periods, std::size_t skipped) {
-    const Spectrum mean = mean_of(periods, skipped);
+std::vector<std::size_t> excited_lines(const std::vector<Spectrum>& periods, std::size_t period, std::size_t skipped) {
+    const Spectrum mean = mean_of(periods, period, skipped);
     double largest = 0;
     for (std::size_t l = 1; l < mean.size(); ++l) largest = std::max(largest, std::abs(mean[l]));
     std::vector<std::size_t> lines;
@@ -667,7 +676,7 @@ std::vector<Observation> multisine_observations(const MeasuredSignals& signals, 
 
     // How many periods at the beginning to leave out.
     std::size_t skipped = 0;
-    const auto lines = excited_lines(excitation, output.size() > 2 ? 1 : 0);
+    const auto lines = excited_lines(excitation, period, output.size() > 2 ? 1 : 0);
     if (lines.size() < 2) throw InputError(where + ": the excitation has fewer than two lines above its noise");
     const double highest = static_cast<double>(lines.back()) / static_cast<double>(period);
     if (highest > 0.45) {
@@ -678,7 +687,7 @@ std::vector<Observation> multisine_observations(const MeasuredSignals& signals, 
     }
     double least = std::numeric_limits<double>::infinity();
     for (std::size_t tried = 0; tried + 2 <= output.size(); ++tried) {
-        const Spectrum y = mean_of(output, tried), w = mean_of(inputs.front(), tried);
+        const Spectrum y = mean_of(output, period, tried), w = mean_of(inputs.front(), period, tried);
         double sum = 0;
         for (const std::size_t l : lines) {
             sum += variance_of_mean(output, inputs.front(), y[l] / w[l], l, tried) / std::norm(y[l]);
@@ -689,7 +698,7 @@ std::vector<Observation> multisine_observations(const MeasuredSignals& signals, 
             skipped = tried;
         }
     }
-    const Spectrum e = mean_of(excitation, skipped), y = mean_of(output, skipped);
+    const Spectrum e = mean_of(excitation, period, skipped), y = mean_of(output, period, skipped);
     std::vector<Observation> observations(lines.size());
     const double period_s = static_cast<double>(period) * signals.sample_time;
     for (std::size_t i = 0; i < lines.size(); ++i) {
@@ -702,7 +711,7 @@ std::vector<Observation> multisine_observations(const MeasuredSignals& signals, 
         if (std::abs(o.output) == 0) o.missing = "nothing moves: the position is constant";
     }
     for (const auto& input : inputs) {
-        const Spectrum w = mean_of(input, skipped);
+        const Spectrum w = mean_of(input, period, skipped);
         Spectrum responses;
         std::vector<double> noise;
         for (const std::size_t l : lines) {
