@@ -821,7 +821,8 @@ std::vector<std::vector<MeasuredPoint>> merged(const std::vector<Observation>& o
             auto& point = points[k];
             if (!point.missing.empty()) continue;
             if (point.repetitions > 1 && std::isfinite(scatters[k]) && groups[k].front()->is_line) {
-                point.variance = scatters[k];
+                // Never below the noise within each: records that are hardly different are no proof that there is none.
+                point.variance = std::max(point.variance, scatters[k]);
             }
             point.settled = point.bias <= std::max(options.tolerance, 2 * std::sqrt(point.variance));
             point.variance += point.bias * point.bias;

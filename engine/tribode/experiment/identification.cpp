@@ -711,7 +711,15 @@ Identification identify(const MachineModel& machine, const std::vector<GivenReco
                         const RecordOptions& columns, const IdentifyOptions& options, const RunControl& control) {
     if (records.empty()) throw InputError("an identification needs at least one record");
     Fit fit(machine, options, control);
-    for (const auto& record : records) fit.add(prepared(machine, record, columns, options), options);
+    std::vector<std::vector<double>> positions;
+    for (std::size_t i = 0; i < records.size(); ++i) {
+        FittedRecord record = prepared(machine, records[i], columns, options);
+        for (std::size_t k = 0; k < i; ++k) {
+            refuse_repeated_record(record.source, record.drive.measured, records[k].name(), positions[k]);
+        }
+        positions.push_back(record.drive.measured);
+        fit.add(std::move(record), options);
+    }
     const auto n = static_cast<Eigen::Index>(fit.moved.size());
 
     Eigen::VectorXd at = Eigen::VectorXd::Zero(n);

@@ -448,8 +448,10 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
 
     std::vector<FraRecord> records;
     for (const auto& table : tables) {
-        records.push_back(prepared(machine, table, options, fra.delay));
-        FraRecord& record = records.back();
+        FraRecord record = prepared(machine, table, options, fra.delay);
+        for (const auto& earlier : records) {
+            refuse_repeated_record(record.source, record.position, earlier.source, earlier.position);
+        }
         record.form = recognize_excitation(record.excitation, machine.sample_time, record.source);
         observe(machine, options, {}, record);
         if (record.form.kind == ExcitationKind::broadband && record.loop_closed) {
@@ -458,6 +460,7 @@ MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& t
                                             record.source, record.excited_by));
         }
         fra.records.push_back(describe(record, machine.sample_time));
+        records.push_back(std::move(record));
     }
     const auto count_of = [&](ExcitationKind kind) {
         return std::ranges::count_if(records, [&](const FraRecord& record) { return record.form.kind == kind; });

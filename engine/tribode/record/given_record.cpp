@@ -1,7 +1,9 @@
 #include "tribode/record/given_record.hpp"
+#include "tribode/base/error.hpp"
 #include "tribode/base/text.hpp"
 #include "tribode/record/output_file.hpp"
 
+#include <fmt/format.h>
 #include <utility>
 
 namespace tribode {
@@ -30,6 +32,13 @@ std::string GivenRecord::hash() const {
         bytes.append(reinterpret_cast<const char*>(column.values.data()), column.values.size() * sizeof(double));
     }
     return sha256(bytes);
+}
+
+void refuse_repeated_record(const std::string& name, const std::vector<double>& position,
+                            const std::string& earlier_name, const std::vector<double>& earlier_position) {
+    if (position != earlier_position) return;
+    throw InputError(fmt::format("{} has the same samples as {}: a record that is given again is no repetition", name,
+                                 name == earlier_name ? "one before it" : earlier_name));
 }
 
 } // namespace tribode

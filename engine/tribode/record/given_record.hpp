@@ -28,4 +28,9 @@ struct GivenRecord {
     Json json() const { return {{"file", name()}, {"sha256", hash()}}; }
 };
 
+// Throws InputError where the positions of two records are the same, sample by sample: it is one record given twice. Taken for a
+// repetition, it would show no noise.
+void refuse_repeated_record(const std::string& name, const std::vector<double>& position,
+                            const std::string& earlier_name, const std::vector<double>& earlier_position);
+
 } // namespace tribode

@@ -328,6 +328,23 @@ TEST(MeasuredResponse, RealizationsDifferByTheStochasticDistortion) {
     EXPECT_LT(std::abs(std::log(from_many / from_one)), std::log(2.0));
 }
 
+// Two records that hardly differ, as one whose last digits were rounded anew, do not hide the noise within each.
+TEST(MeasuredResponse, RealizationsDoNotHideTheNoiseWithin) {
+    Multisine record(0, 0.02, 1);
+    auto all = record.observations();
+    for (double& y : record.y) y = std::round(y * 1e6) / 1e6;
+    const auto again = record.observations();
+    const auto once = merged(all).at(0);
+    all.insert(all.end(), again.begin(), again.end());
+    const auto twice = merged(all).at(0);
+    double before = 0, after = 0;
+    for (std::size_t i = 0; i < once.size(); ++i) {
+        before += once[i].variance;
+        after += twice[i].variance;
+    }
+    EXPECT_GT(after, 0.3 * before); // half of the noise, without the bound of the distortion
+}
+
 TEST(MeasuredResponse, CrossSpectraFindTheResponseUnderNoise) {
     std::vector<double> u, y;
     double x = 0;

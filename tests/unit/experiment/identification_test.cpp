@@ -279,6 +279,7 @@ TEST(Identification, RefusesWhatCannotBeFitted) {
     expect_part(refusal(truth, {log_of(truth, 7, {"y"})}), "no column u");
     const GivenRecord good = log_of(truth, 7, {"u", "y"});
     expect_part(refusal(truth, {good}, {"friction.viscos"}), "did you mean");
+    expect_part(refusal(truth, {good, good}), "a record that is given again is no repetition");
     expect_part(refusal(truth, {good}, {"friction.elements[1].D"}), "= 0 is no start of a fit");
     GivenRecord still = good;
     std::ranges::fill(still.table.columns.back().values, 0.1);

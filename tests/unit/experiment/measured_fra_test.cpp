@@ -157,9 +157,10 @@ TEST(MeasuredFra, SaysWhereRoundingMakesTheErrorsUncertain) {
     EXPECT_FALSE(says(noisy));
 }
 
-std::string refusal(const MachineModel& machine, const Table& log, const MeasuredFraOptions& options = {}) {
+std::string refusal(const MachineModel& machine, const std::vector<Table>& logs,
+                    const MeasuredFraOptions& options = {}) {
     try {
-        measure_fra(machine, {log}, options);
+        measure_fra(machine, logs, options);
     } catch (const InputError& problem) {
         return problem.what();
     }
@@ -181,30 +182,30 @@ TEST(MeasuredFra, RefusesWhatCannotBeAnalyzed) {
         return log;
     };
     const auto constant = [](auto& values) { std::ranges::fill(values, 0.0); };
-    expect_part(refusal(machine, with("u", constant)), "u is constant");
-    expect_part(refusal(machine, with("y", constant)), "y is constant: nothing moves");
-    expect_part(refusal(machine, with("t",
-                                      [](auto& t) {
-                                          for (double& value : t) value *= 4;
-                                      })),
-                "sample time");
+    expect_part(refusal(machine, {good, good}), "log has the same samples as one before it");
+    expect_part(refusal(machine, {with("u", constant)}), "u is constant");
+    expect_part(refusal(machine, {with("y", constant)}), "y is constant: nothing moves");
+    const auto slower = [](auto& t) {
+        for (double& value : t) value *= 4;
+    };
+    expect_part(refusal(machine, {with("t", slower)}), "sample time");
     const auto clip = [](auto& y) {
         const double most = 0.6 * *std::max_element(y.begin() + 200, y.end());
         for (double& value : y) value = std::min(value, most);
     };
-    expect_part(refusal(machine, with("y", clip)), "y stands at its largest values");
+    expect_part(refusal(machine, {with("y", clip)}), "y stands at its largest values");
     // What the controller makes of noise is no excitation: Y/U would be its inverse.
     MachineModel noisy = machine;
     noisy.noise_rms = 1e-6;
     const Table idle = log_of(noisy, std::vector<double>(1000, 0.0));
-    expect_part(refusal(machine, idle), "neither r nor exc changes and u is what the controller makes of y");
+    expect_part(refusal(machine, {idle}), "neither r nor exc changes and u is what the controller makes of y");
     MeasuredFraOptions slow;
     slow.delay = 3;
-    expect_part(refusal(machine, good, slow), "the delay of 3 s is longer than the record of 0.5 s");
-    expect_part(refusal(machine, log_of(machine, sine(960, 30, 1000, machine.sample_time))), "alias");
+    expect_part(refusal(machine, {good}, slow), "the delay of 3 s is longer than the record of 0.5 s");
+    expect_part(refusal(machine, {log_of(machine, sine(960, 30, 1000, machine.sample_time))}), "alias");
     MeasuredFraOptions unknown;
     unknown.methods = {"fra3"};
-    expect_part(refusal(machine, good, unknown), "methods has \"fra3\", must have some of fra1");
+    expect_part(refusal(machine, {good}, unknown), "methods has \"fra3\", must have some of fra1");
 }
 
 } // namespace
