@@ -54,6 +54,26 @@ double chi_squared_ratio(double probability, double degrees) {
     return std::pow(std::max(0.0, 1 - share + normal_quantile(probability) * std::sqrt(share)), 3);
 }
 
+// Quantile of the multiple coherence of an output with as many inputs that have nothing to do with it: of a beta distribution with
+// `inputs` and averages - inputs [Bendat 2010, chapter 9]. With a whole number of inputs the probability to exceed x is a finite sum.
+double chance_coherence(double probability, std::size_t inputs, double averages) {
+    const double rest = averages - static_cast<double>(inputs);
+    const auto exceeded = [&](double x) {
+        double sum = 0, term = 1;
+        for (std::size_t j = 0; j < inputs; ++j) {
+            sum += term;
+            term *= x * (rest + static_cast<double>(j)) / static_cast<double>(j + 1);
+        }
+        return std::pow(1 - x, rest) * sum;
+    };
+    double low = 0, high = 1;
+    for (int halving = 0; halving < 60; ++halving) {
+        const double middle = 0.5 * (low + high);
+        (exceeded(middle) > 1 - probability ? low : high) = middle;
+    }
+    return 0.5 * (low + high);
+}
+
 // Of one window, less its mean or the straight line nearest to it.
 std::vector<Complex> transform(std::span<const double> x, const std::vector<double>& window, const std::string& detrend,
                                Eigen::FFT<double>& fft) {
@@ -144,8 +164,8 @@ SpectralEstimate spectral_estimate(const std::vector<std::vector<double>>& input
     estimate.power_low = 1 / chi_squared_ratio(0.975, degrees);
     estimate.power_high = 1 / std::max(chi_squared_ratio(0.025, degrees), std::numeric_limits<double>::min());
     const double more = estimate.averages - static_cast<double>(count);
-    estimate.coherence_threshold = count > 0 && estimate.averages > 1 ? 1 - std::pow(0.05, 1 / (estimate.averages - 1))
-                                                                      : std::numeric_limits<double>::quiet_NaN();
+    estimate.coherence_threshold =
+        count > 0 ? chance_coherence(0.95, count, estimate.averages) : std::numeric_limits<double>::quiet_NaN();
     estimate.inputs.resize(count);
     for (std::size_t l = 0; l < lines; ++l) {
         const double frequency = static_cast<double>(l + 1) * rate / static_cast<double>(length);

@@ -54,7 +54,7 @@ struct SpectralEstimate {
     double bandwidth = 0;
     // The true power is that of an estimate times low to high, with 95 % [chi squared with twice the averages].
     double power_low = 0, power_high = 0;
-    // A coherence above it does not come about by chance, with 95 %, at one given frequency.
+    // A multiple coherence above it does not come about by chance, with 95 %, at one given frequency.
     double coherence_threshold = 0;
 };
 
