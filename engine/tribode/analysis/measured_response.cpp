@@ -1,4 +1,5 @@
 #include "tribode/analysis/measured_response.hpp"
+#include "tribode/analysis/spectral_estimate.hpp"
 #include "tribode/analysis/spectrum.hpp"
 #include "tribode/base/error.hpp"
 
@@ -875,69 +876,90 @@ std::vector<std::vector<MeasuredPoint>> cross_spectra(const std::vector<Measured
                         "least",
                         shortest));
     }
+    if (2 * window > shortest) {
+        throw InputError(
+            fmt::format("cross spectra of a record of {} samples with windows of {}: the record must have two "
+                        "of them, since one explains any output",
+                        shortest, window));
+    }
     const std::size_t lines = window / 2, inputs = records.front().inputs.size();
-    std::vector<double> hann(window);
+    std::vector<double> hann(window), slope(window); // of the window, per length of it
     for (std::size_t k = 0; k < window; ++k) {
-        hann[k] = 0.5 - 0.5 * std::cos(2 * pi * static_cast<double>(k) / static_cast<double>(window));
+        const Complex turn = turned(static_cast<double>(k) / static_cast<double>(window));
+        hann[k] = 0.5 - 0.5 * turn.real();
+        slope[k] = pi * turn.imag();
     }
     Eigen::FFT<double> fft;
-    const auto spectrum = [&](std::span<const double> x) {
+    const auto spectrum = [&](std::span<const double> x, const std::vector<double>& weight) {
         // Less the straight line nearest to it.
         const double n = static_cast<double>(window);
-        double mean = 0, slope = 0;
+        double mean = 0, rise = 0;
         for (std::size_t k = 0; k < window; ++k) {
             mean += x[k] / n;
-            slope += x[k] * (static_cast<double>(k) - (n - 1) / 2);
+            rise += x[k] * (static_cast<double>(k) - (n - 1) / 2);
         }
-        slope /= n * (n * n - 1) / 12;
+        rise /= n * (n * n - 1) / 12;
         std::vector<double> weighted(window);
         for (std::size_t k = 0; k < window; ++k) {
-            weighted[k] = hann[k] * (x[k] - mean - slope * (static_cast<double>(k) - (n - 1) / 2));
+            weighted[k] = weight[k] * (x[k] - mean - rise * (static_cast<double>(k) - (n - 1) / 2));
         }
         Spectrum all;
         fft.fwd(all, weighted);
         all.resize(lines);
         return all;
     };
-    // Sums of products over all windows.
+    // Sums of products over all windows; v: of an input under the slope of the window.
     std::vector<double> ee(lines), yy(lines);
     Spectrum ye(lines);
-    std::vector<Spectrum> we(inputs, Spectrum(lines)), yw(inputs, Spectrum(lines));
+    std::vector<Spectrum> we(inputs, Spectrum(lines)), yw = we, ve = we;
     std::vector<std::vector<double>> ww(inputs, std::vector<double>(lines));
-    double count = 0;
+    double averages = 0;
     for (const auto& record : records) {
-        for (std::size_t first = 0; first + window <= record.output.size(); first += window / 2, ++count) {
-            const auto cut = [&](std::span<const double> x) { return spectrum(x.subspan(first, window)); };
-            const Spectrum e = cut(record.excitation), y = cut(record.output);
+        // To the last sample, since a chirp is there but once. By steps of a quarter the squares of the windows sum up to a constant,
+        // and most of what windows leak in and out of a chirp cancels.
+        const std::size_t room = record.output.size() - window, step = window / 4;
+        const std::size_t windows = (room + step - 1) / step + 1;
+        averages += averages_of(hann, step, windows);
+        for (std::size_t place = 0; place < windows; ++place) {
+            const auto part = [&](std::span<const double> x, const std::vector<double>& weight) {
+                return spectrum(x.subspan(place * room / (windows - 1), window), weight);
+            };
+            const Spectrum e = part(record.excitation, hann), y = part(record.output, hann);
             for (std::size_t l = 0; l < lines; ++l) {
                 ee[l] += std::norm(e[l]);
                 yy[l] += std::norm(y[l]);
                 ye[l] += y[l] * std::conj(e[l]);
             }
             for (std::size_t i = 0; i < inputs; ++i) {
-                const Spectrum w = cut(record.inputs[i]);
+                const Spectrum w = part(record.inputs[i], hann), v = part(record.inputs[i], slope);
                 for (std::size_t l = 0; l < lines; ++l) {
                     ww[i][l] += std::norm(w[l]);
                     we[i][l] += w[l] * std::conj(e[l]);
                     yw[i][l] += y[l] * std::conj(w[l]);
+                    ve[i][l] += v[l] * std::conj(e[l]);
                 }
             }
         }
     }
-    // Half overlapping Hann windows are worth 0.95 of as many that do not overlap, for the same record 9/11 of them.
-    const double averages = std::max(1.0, count * 9 / 11);
+    const double freedom = averages - 1; // the response takes one
+    // Few averages tell the variance itself only roughly: Student's distribution is wider by this.
+    const double student = freedom / (freedom - 1);
     const double strongest = *std::max_element(ee.begin() + 2, ee.end());
     std::vector<std::vector<MeasuredPoint>> responses(inputs);
     for (std::size_t i = 0; i < inputs; ++i) {
-        for (std::size_t l = 2; l < lines; ++l) {
+        const auto response = [&](std::size_t l) { return ye[l] / we[i][l]; };
+        for (std::size_t l = 2; l + 1 < lines; ++l) {
             const double cycles = static_cast<double>(l) / static_cast<double>(window);
             if (ee[l] < 1e-8 * strongest || cycles > 0.45) continue;
             MeasuredPoint point;
             point.frequency_hz = cycles / records.front().sample_time;
-            point.value = ye[l] / we[i][l];
+            point.value = response(l);
             // Power of z = Y/H - W, which the excitation does not explain.
             const double z = yy[l] / std::norm(point.value) + ww[i][l] - 2 * (yw[i][l] / point.value).real();
-            point.variance = std::max(z, 0.0) * ee[l] / std::norm(we[i][l]) / averages;
+            const double noise = student * std::max(z, 0.0) * ee[l] / std::norm(we[i][l]) / freedom;
+            const Complex turn = std::log(response(l + 1) / response(l - 1)) / 2.0; // from line to line
+            const double leakage = std::norm(turn / (2 * pi) * ve[i][l] / we[i][l]);
+            point.variance = noise + leakage;
             point.coherence = std::norm(yw[i][l]) / (yy[l] * ww[i][l]);
             if (!(point.variance <= max_variance)) {
                 point.missing = too_uncertain;

@@ -123,8 +123,14 @@ std::vector<std::vector<MeasuredPoint>> merged(const std::vector<Observation>& o
                                                const SineOptions& options = {});
 
 // Windowed cross spectra of all records together: Hann windows of `window` samples (0: an eighth of the shortest record, at
-// most 8192), half overlapping, straight lines removed. Lines where the excitation has less than 1e-4 of its largest amplitude are
-// left out.
+// most 8192), three quarters overlapping, from the first sample to the last, straight lines removed. Lines where the excitation has
+// less than 1e-4 of its largest amplitude are left out.
+//
+// The variance is that of what the excitation does not explain, for as many averages as the windows are worth, and of what the
+// windows leak: where a window cuts off a signal, the response of neighboring frequencies is in a line, by the response's slope.
+// A chirp passes a line in one or two windows, which agree whatever they leak.
+//
+// Throws InputError where a record has less than two windows: one explains any output.
 std::vector<std::vector<MeasuredPoint>> cross_spectra(const std::vector<MeasuredSignals>& records,
                                                       std::size_t window = 0);
 

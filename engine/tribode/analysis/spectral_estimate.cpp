@@ -35,19 +35,6 @@ std::vector<double> window_of(const std::string& name, std::size_t length) {
     return window;
 }
 
-// Overlapping windows are not independent [Welch 1967].
-double averages_of(const std::vector<double>& window, std::size_t step, std::size_t windows) {
-    double square = 0;
-    for (const double w : window) square += w * w;
-    double sum = 1;
-    for (std::size_t m = 1; m < windows && m * step < window.size(); ++m) {
-        double common = 0;
-        for (std::size_t k = m * step; k < window.size(); ++k) common += window[k] * window[k - m * step];
-        sum += 2 * (1 - static_cast<double>(m) / static_cast<double>(windows)) * std::pow(common / square, 2);
-    }
-    return static_cast<double>(windows) / sum;
-}
-
 // Of chi squared with `degrees` degrees of freedom, over them [Wilson 1931]: within 1 % from 8 degrees on.
 double chi_squared_ratio(double probability, double degrees) {
     const double share = 2 / (9 * degrees);
@@ -96,6 +83,18 @@ std::vector<Complex> transform(std::span<const double> x, const std::vector<doub
 }
 
 } // namespace
+
+double averages_of(const std::vector<double>& window, std::size_t step, std::size_t windows) {
+    double square = 0;
+    for (const double w : window) square += w * w;
+    double sum = 1;
+    for (std::size_t m = 1; m < windows && m * step < window.size(); ++m) {
+        double common = 0;
+        for (std::size_t k = m * step; k < window.size(); ++k) common += window[k] * window[k - m * step];
+        sum += 2 * (1 - static_cast<double>(m) / static_cast<double>(windows)) * std::pow(common / square, 2);
+    }
+    return static_cast<double>(windows) / sum;
+}
 
 SpectralEstimate spectral_estimate(const std::vector<std::vector<double>>& inputs, const std::vector<double>& output,
                                    const SpectrumOptions& options) {

@@ -58,6 +58,10 @@ struct SpectralEstimate {
     double coherence_threshold = 0;
 };
 
+// As many windows without overlap as `windows` of them, each `step` samples after the one before, are worth: overlapping ones are
+// not independent [Welch 1967].
+double averages_of(const std::vector<double>& window, std::size_t step, std::size_t windows);
+
 // inputs: none for a power spectrum only. Throws InputError where lengths differ, where the record has less than two windows,
 // or no more averages than inputs; and where inputs are linearly dependent at a frequency.
 SpectralEstimate spectral_estimate(const std::vector<std::vector<double>>& inputs, const std::vector<double>& output,

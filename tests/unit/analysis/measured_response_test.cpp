@@ -1,7 +1,9 @@
 #include "tribode/analysis/measured_response.hpp"
+#include "tribode/base/error.hpp"
 #include "tribode/base/random.hpp"
 
 #include <cmath>
+#include <functional>
 #include <gtest/gtest.h>
 #include <numbers>
 #include <utility>
@@ -366,6 +368,88 @@ TEST(MeasuredResponse, CrossSpectraFindTheResponseUnderNoise) {
     EXPECT_GT(values, 1000);
     EXPECT_GT(covered, 0.88 * values);
     EXPECT_LT(covered, 0.99 * values);
+}
+
+// How many of the values of points above `low` the 95 % bounds cover, and the mean error of the logarithm of the gain.
+struct Judged {
+    double covered = 0, error = 0;
+    int values = 0;
+};
+
+Judged judge(const std::vector<MeasuredPoint>& points, const std::function<Complex(double)>& truth, double low,
+             double high) {
+    Judged judged;
+    for (const auto& point : points) {
+        if (!point.missing.empty() || point.frequency_hz < low || point.frequency_hz > high) continue;
+        const Complex error = std::log(point.value / truth(point.frequency_hz));
+        judged.covered += std::abs(error.real()) < 1.96 * std::sqrt(point.variance / 2);
+        judged.covered += std::abs(error.imag()) < 1.96 * std::sqrt(point.variance / 2);
+        judged.error += error.real();
+        ++judged.values;
+    }
+    judged.covered /= 2 * judged.values;
+    judged.error /= judged.values;
+    return judged;
+}
+
+// A chirp is at each frequency once, in windows that agree with one another whatever they leak.
+TEST(MeasuredResponse, BoundsOfAChirpCoverTheTruth) {
+    const double decay = std::exp(-2 * pi * 0.02 * 40 * ts), turn = 2 * pi * 40 * ts; // a mode at 40 Hz
+    const auto truth = [&](double f) {
+        const Complex z = std::polar(1.0, 2 * pi * f * ts);
+        return 1.0 / (z * z - 2 * decay * std::cos(turn) * z + decay * decay);
+    };
+    for (const double noise : {0.0, 0.5}) {
+        std::vector<double> u, y;
+        double now = 0, before = 0;
+        constexpr std::size_t samples = 37000; // whole windows leave samples at the end
+        for (std::size_t k = 0; k < samples; ++k) {
+            const double t = static_cast<double>(k) * ts, duration = samples * ts;
+            u.push_back(std::sin(2 * pi * (2 * t + (250 - 2) / (2 * duration) * t * t)));
+            y.push_back(now + noise * standard_normal(3, 0, k));
+            const double next = 2 * decay * std::cos(turn) * now - decay * decay * before + u.back();
+            before = now;
+            now = next;
+        }
+        // y[k] = now: two samples after u it is 1/(z^2 - ...) times z.
+        const auto points = cross_spectra({{ts, u, y, {u}, 0}}).at(0);
+        const auto late = [&](double f) { return truth(f) * std::polar(1.0, 2 * pi * f * ts); };
+        EXPECT_GT(judge(points, late, 5, 200).covered, 0.93) << noise;
+        const Judged end = judge(points, late, 200, 248);
+        EXPECT_GT(end.values, 50);
+        EXPECT_GT(end.covered, 0.93) << noise;
+    }
+}
+
+// y = 2 u and noise, both white.
+struct WhiteNoise {
+    std::vector<double> u, y;
+
+    WhiteNoise(std::size_t samples, double noise, std::uint64_t seed) {
+        for (std::size_t k = 0; k < samples; ++k) {
+            u.push_back(standard_normal(seed, 0, k));
+            y.push_back(2 * u.back() + noise * standard_normal(seed, 1, k));
+        }
+    }
+    std::vector<MeasuredPoint> points(std::size_t window = 0) const {
+        return cross_spectra({{ts, u, y, {u}, 0}}, window).at(0);
+    }
+    Judged judged(std::size_t window = 0) const {
+        return judge(
+            points(window), [](double) { return 2.0; }, 0, 1 / ts);
+    }
+};
+
+TEST(MeasuredResponse, CrossSpectraOfFewWindowsAreAsUncertainAsTheyAre) {
+    EXPECT_THROW(WhiteNoise(4096, 3, 1).points(4096), InputError);
+    EXPECT_THROW(WhiteNoise(4096, 3, 1).points(3000), InputError);
+    for (const std::size_t window : {512u, 1024u, 2048u}) {
+        double covered = 0;
+        for (std::uint64_t seed = 0; seed < 10; ++seed)
+            covered += WhiteNoise(4096, 0.3, seed).judged(window).covered / 10;
+        EXPECT_GT(covered, 0.92) << window;
+        EXPECT_LT(covered, 0.98) << window;
+    }
 }
 
 } // namespace
