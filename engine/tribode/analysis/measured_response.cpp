@@ -647,6 +647,31 @@ std::vector<double> distortion(const std::vector<std::size_t>& lines, const Spec
     return shares;
 }
 
+// A value that noise made larger seems the surer for it: a limit for its own variance would keep those that are too large. So where the
+// variance is near the limit, the median of lines about it decides, without the nearest ones, which share its luck.
+void refuse_uncertain(std::vector<MeasuredPoint>& points) {
+    constexpr std::size_t nearest = 2, reach = 10;
+    constexpr double certain = 0.1 * max_variance; // noise above the limit does not make a value three times as large
+    std::vector<bool> refused;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        std::vector<double> near;
+        for (std::size_t k = i - std::min(i, reach); k < std::min(i + reach + 1, points.size()); ++k) {
+            if (k + nearest >= i && k <= i + nearest && points.size() > reach) continue;
+            const double variance = points[k].variance;
+            near.push_back(std::isfinite(variance) ? variance : std::numeric_limits<double>::infinity());
+        }
+        const auto middle = near.begin() + static_cast<std::ptrdiff_t>(near.size() / 2);
+        std::nth_element(near.begin(), middle, near.end());
+        const double own = points[i].variance;
+        refused.push_back(!(own <= certain || (std::isfinite(own) && *middle <= max_variance)));
+    }
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        if (!refused[i]) continue;
+        points[i].missing = too_uncertain;
+        points[i].value = {MeasuredPoint::unknown, MeasuredPoint::unknown};
+    }
+}
+
 } // namespace
 
 double MeasuredPoint::standard_gain_db() const { return 20 / std::log(10.0) * std::sqrt(variance / 2); }
@@ -961,12 +986,9 @@ std::vector<std::vector<MeasuredPoint>> cross_spectra(const std::vector<Measured
             const double leakage = std::norm(turn / (2 * pi) * ve[i][l] / we[i][l]);
             point.variance = noise + leakage;
             point.coherence = std::norm(yw[i][l]) / (yy[l] * ww[i][l]);
-            if (!(point.variance <= max_variance)) {
-                point.missing = too_uncertain;
-                point.value = {MeasuredPoint::unknown, MeasuredPoint::unknown};
-            }
             responses[i].push_back(std::move(point));
         }
+        refuse_uncertain(responses[i]);
     }
     return responses;
 }

@@ -22,6 +22,7 @@ struct Datum {
     double omega;
     Complex value;
     double variance; // of one component of ln H
+    double luck = 1; // power of the value over that of the model
 };
 
 // Unknowns: logarithms of k0, then of k, w, zeta of each mode; the delay last, where it is free.
@@ -56,7 +57,7 @@ class Problem {
             }
             const double delay = free_delay_ ? at[unknowns() - 1] : 0;
             const Complex model = sum * std::polar(1.0, -d.omega * delay);
-            const double scale = 1 / std::sqrt(d.variance + misfit * misfit);
+            const double scale = 1 / std::sqrt(d.variance * d.luck + misfit * misfit);
             const Complex ratio = d.value / model;
             residual[2 * i] = scale * std::log(std::abs(ratio));
             residual[2 * i + 1] = scale * std::arg(ratio);
@@ -70,6 +71,18 @@ class Problem {
                 (*jacobian)(2 * i, unknowns() - 1) = 0;
                 (*jacobian)(2 * i + 1, unknowns() - 1) = scale * d.omega;
             }
+        }
+    }
+
+    // The variance of a value is relative to it, so one that noise made larger would weigh more, and draw all gains up. From now on
+    // it is relative to the model.
+    void weigh_by_model(const Eigen::VectorXd& at) {
+        Eigen::VectorXd residual;
+        evaluate(at, residual, nullptr);
+        for (std::size_t i = 0; i < data_.size(); ++i) {
+            Datum& d = data_[i];
+            const double logarithm = residual[static_cast<Eigen::Index>(2 * i)];
+            d.luck = std::exp(2 * logarithm * std::sqrt(d.variance * d.luck + misfit * misfit));
         }
     }
 
@@ -275,15 +288,20 @@ WeightedFit fit_weighted(const std::vector<MeasuredPoint>& points, const Weighte
         problem.evaluate(at, residual, nullptr);
         return problem.excess(residual);
     };
-    double high = 0.3, low = 1e-9;
-    excess_with(high);
-    while (high / low > 1.01) {
-        const double middle = std::sqrt(high * low);
-        (excess_with(middle) > 1 ? low : high) = middle;
-    }
-    // One that is far below the noise is none.
-    problem.misfit = high > 2e-9 ? high : 0;
-    problem.minimize(at);
+    const auto fit_with_misfit = [&] {
+        double high = 0.3, low = 1e-9;
+        excess_with(high);
+        while (high / low > 1.01) {
+            const double middle = std::sqrt(high * low);
+            (excess_with(middle) > 1 ? low : high) = middle;
+        }
+        // One that is far below the noise is none.
+        problem.misfit = high > 2e-9 ? high : 0;
+        problem.minimize(at);
+    };
+    fit_with_misfit();
+    problem.weigh_by_model(at);
+    fit_with_misfit();
 
     WeightedFit fit;
     fit.misfit = problem.misfit;

@@ -452,5 +452,32 @@ TEST(MeasuredResponse, CrossSpectraOfFewWindowsAreAsUncertainAsTheyAre) {
     }
 }
 
+// With noise near the limit, values that it made larger are not preferred.
+TEST(MeasuredResponse, ValuesAreNotChosenByTheirLuck) {
+    double error = 0, covered = 0, values = 0, lines = 0;
+    for (std::uint64_t seed = 0; seed < 20; ++seed) {
+        const WhiteNoise record(4096, 2, seed);
+        const Judged judged = record.judged();
+        lines += static_cast<double>(record.points().size());
+        values += judged.values;
+        error += judged.error * judged.values;
+        covered += judged.covered * judged.values;
+    }
+    EXPECT_GT(values / lines, 0.7);
+    EXPECT_NEAR(error / values, 0, 0.02);
+    EXPECT_GT(covered / values, 0.92);
+    // Above the limit few lines have a value, and those are not too large.
+    values = lines = error = 0;
+    for (std::uint64_t seed = 0; seed < 40; ++seed) {
+        const WhiteNoise record(4096, 3, seed);
+        const Judged judged = record.judged();
+        lines += static_cast<double>(record.points().size());
+        values += judged.values;
+        if (judged.values > 0) error += judged.error * judged.values;
+    }
+    EXPECT_LT(values / lines, 0.2);
+    EXPECT_NEAR(error / values, 0, 0.08);
+}
+
 } // namespace
 } // namespace tribode

@@ -9,6 +9,7 @@
 namespace tribode {
 namespace {
 
+using Complex = std::complex<double>;
 const ModalModel truth{0.094, {{0.013, 33.3, 0.025}, {0.0053, 82.2, 0.0032}}};
 constexpr double delay = 1.38e-3;
 
@@ -68,6 +69,27 @@ TEST(WeightedModalFit, BoundsCoverTheTruth) {
         EXPECT_GT(covered, 0.90 * 8 * records) << misfit;
         EXPECT_LT(covered, 0.98 * 8 * records) << misfit;
     }
+}
+
+// A variance is relative to its value: where noise made that larger, the variance is smaller.
+TEST(WeightedModalFit, ValuesThatNoiseMadeLargerWeighNoMore) {
+    double error = 0, square = 0;
+    constexpr int records = 40;
+    for (std::uint64_t seed = 0; seed < records; ++seed) {
+        auto points = noisy_response(0, seed);
+        for (std::size_t i = 0; i < points.size(); ++i) {
+            const double variance = 0.05;
+            const Complex noise(standard_normal(seed, 0, i), standard_normal(seed, 1, i));
+            const Complex factor = 1.0 + std::sqrt(variance / 2) * noise;
+            points[i].value *= factor;
+            points[i].variance = variance / std::norm(factor);
+        }
+        const double own = std::log(fit_weighted(points, options).model.rigid_gain / truth.rigid_gain);
+        error += own / records;
+        square += own * own / records;
+    }
+    EXPECT_LT(std::abs(error), 3 * std::sqrt(square / records));
+    EXPECT_LT(std::abs(error), 0.02);
 }
 
 TEST(WeightedModalFit, WeightsCutTheScatter) {
