@@ -39,3 +39,17 @@ for _, velocity in ipairs { 0, 1e-5, 1e-3 } do
   local fra = tb.fra { machine = machine, records = { { exc = exc, r = r, u = run.u, y = run.y } }, methods = { "improved" } }
   assert(covered(string.format("velocity %g m/s", velocity), machine, fra.responses.improved) > 0.9)
 end
+
+-- A noisy reference is the excitation, and the controller in the machine file is not that of the drive.
+do
+  local drive, r, x = closed_loop(5e-6), {}, 0
+  for k = 1, 40000 do
+    x = 0.7 * x + tb.standard_normal(1, 7, k) * 2e-5
+    r[k] = x
+  end
+  local run = tb.simulate { machine = drive, r = r, seed = 1 }
+  local record = { r = r, u = run.u, y = run.y }
+  local fra = tb.fra { machine = closed_loop(5e-6, 2.1e4), records = { record }, methods = { "improved" } }
+  assert(fra.records[1]:find("excitation r,", 1, true), fra.records[1])
+  assert(covered("controller 5 % off", drive, fra.responses.improved) > 0.92)
+end
