@@ -501,6 +501,12 @@ Observation observe(const MeasuredSignals& signals, const SineSegment& segment, 
     o.output = o.output_harmonics.front();
     const double share = static_cast<double>(o.window.count) / static_cast<double>(segment.count);
     std::vector<std::span<const double>> cut;
+    // Of output and input each has a part of the transient of their ratio; the excitation has none.
+    const bool excited_by_input = std::ranges::equal(signals.excitation, signals.inputs.front());
+    if (!excited_by_input && !options.keep_transients) {
+        const Precision p = window->precision(signals.excitation, window->fit(signals.excitation), nullptr);
+        if (is_to_be_removed(p)) o.output_transient = p.transient;
+    }
     for (std::size_t i = 0; i < signals.inputs.size(); ++i) {
         const auto input = signals.inputs[i];
         cut.push_back(input.subspan(o.window.first, o.window.count));
@@ -509,6 +515,7 @@ Observation observe(const MeasuredSignals& signals, const SineSegment& segment, 
         const Precision p = window->precision(input, fit, signals.known_response(i));
         const bool removed = !options.keep_transients && is_to_be_removed(p);
         o.inputs.push_back(removed ? fit.fundamental() / (1.0 - p.transient) : fit.fundamental());
+        if (i == 0 && removed && excited_by_input) o.output_transient = p.transient;
         o.is_rounded = o.is_rounded || p.is_rounded;
         o.variance.push_back(p.variance + (options.keep_transients ? 0.0 : price_of_transient(p, removed)));
         o.transient.push_back(std::abs(p.transient));

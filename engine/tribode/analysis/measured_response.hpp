@@ -73,8 +73,10 @@ struct Observation {
     std::complex<double> excitation, output;
     std::vector<std::complex<double>> inputs; // with the transient of the ratio taken out, where there was one
     std::vector<double> variance, coherence, transient, bias;
-    std::vector<double> odd, even;                                  // squares of the distortions; of multisines
-    std::vector<std::complex<double>> output_harmonics;             // of sines
+    std::vector<double> odd, even;                      // squares of the distortions; of multisines
+    std::vector<std::complex<double>> output_harmonics; // of sines
+    std::complex<double> output_transient =
+        0; // of sines: share of the fundamental of the output, where it is taken out
     std::vector<std::vector<std::complex<double>>> input_harmonics; // of sines
     Window window;
     bool is_line = false;    // of a multisine

@@ -178,11 +178,15 @@ void improve_sines(const MachineModel& machine, std::vector<Observation>& observ
     const FrictionModel model = FrictionModel::of(machine);
     for (auto& o : observations) {
         if (!o.missing.empty()) continue;
+        // Friction is that of the steady motion: the harmonics of a transient are not those of the friction that it causes.
+        const std::complex<double> steady = 1.0 - o.output_transient;
+        auto harmonics = o.output_harmonics;
+        harmonics.front() *= steady;
         const std::complex<double> thrust =
-            improved_thrust(machine, model, o.frequency_hz, o.input_harmonics[0].front(), o.output_harmonics);
+            improved_thrust(machine, model, o.frequency_hz, o.inputs[0] * steady, harmonics);
         // The response is Y over this; noise and transient are about those of the proposed analysis.
         const std::complex<double> late = std::polar(1.0, -2 * pi * o.frequency_hz * machine.output_delay);
-        o.inputs[improved_input] = thrust * late * (o.inputs[2] / o.input_harmonics[2].front());
+        o.inputs[improved_input] = thrust * late / steady;
         for (auto* list : {&o.variance, &o.coherence, &o.transient, &o.bias}) (*list)[improved_input] = (*list)[2];
     }
 }
