@@ -321,7 +321,19 @@ WeightedFit fit_weighted(const std::vector<MeasuredPoint>& points, const Weighte
         fit.model.modes.push_back({std::exp(mode[0]), std::exp(mode[1]) / (2 * pi), std::exp(mode[2])});
     }
     if (options.delay) fit.delay = sorted[problem.unknowns() - 1];
-    put_covariance(fit, problem, sorted, options.delay.has_value(), problem.at_bound(at));
+    // A mode far outside is a slope to the data, which a lag or a delay that the model lacks has as well.
+    const double lowest = response.frequency_hz.front(), highest = response.frequency_hz.back();
+    constexpr double far = 1.25;
+    const auto outside = std::ranges::find_if(
+        fit.model.modes, [&](const auto& mode) { return mode.freq_hz < lowest / far || mode.freq_hz > highest * far; });
+    const bool is_outside = outside != fit.model.modes.end();
+    put_covariance(fit, problem, sorted, options.delay.has_value(), is_outside || problem.at_bound(at));
+    if (is_outside) {
+        fit.message =
+            fmt::format("a mode is fitted at {:.6g} Hz, outside of the data from {:.6g} to {:.6g} Hz, which do not "
+                        "determine it; try fewer modes",
+                        outside->freq_hz, lowest, highest);
+    }
     if (fit.message.empty() && fit.misfit > 0.05) {
         fit.message = fmt::format("the response differs from a modal model with {} modes by {:.2g} % more than its "
                                   "noise: friction, or another number of modes",

@@ -92,6 +92,23 @@ TEST(WeightedModalFit, ValuesThatNoiseMadeLargerWeighNoMore) {
     EXPECT_LT(std::abs(error), 0.02);
 }
 
+// Above its mode a machine is a mass; what the lag of the drive takes off is no mode above the data.
+TEST(WeightedModalFit, AModeOutsideOfTheDataIsNotDetermined) {
+    std::vector<MeasuredPoint> points;
+    for (const double f : {300.0, 400.0, 500.0, 600.0, 700.0, 800.0, 850.0, 890.0}) {
+        MeasuredPoint point;
+        point.frequency_hz = f;
+        point.value = ModalModel{0.1, {{0.02, 40, 0.02}}}.response(f) *
+                      std::polar(1.0, -2 * std::numbers::pi * f * delay) / Complex(1, f / 750);
+        point.variance = 1e-12;
+        points.push_back(point);
+    }
+    const auto fit = fit_weighted(points, {0, 1e9, 1, delay});
+    EXPECT_TRUE(fit.covariance.empty());
+    EXPECT_FALSE(std::isfinite(fit.standard_errors.rigid_gain));
+    EXPECT_FALSE(fit.message.empty());
+}
+
 TEST(WeightedModalFit, WeightsCutTheScatter) {
     // The noise of a sensor is hundreds of times larger at the highest frequencies than at the lowest.
     double weighted = 0, alike = 0;
