@@ -583,19 +583,6 @@ double variance_of_mean(const std::vector<Spectrum>& output, const std::vector<S
     return sum / static_cast<double>(count - 1) / static_cast<double>(count);
 }
 
-std::vector<std::size_t> excited_lines(const std::vector<Spectrum>& periods, std::size_t period, std::size_t skipped) {
-    const Spectrum mean = mean_of(periods, period, skipped);
-    double largest = 0;
-    for (std::size_t l = 1; l < mean.size(); ++l) largest = std::max(largest, std::abs(mean[l]));
-    std::vector<std::size_t> lines;
-    for (std::size_t l = 1; l < mean.size(); ++l) {
-        const double noise = variance_of_mean(periods, periods, 0, l, skipped);
-        const double least = std::max(1e-4 * largest, std::isfinite(noise) ? 6 * std::sqrt(noise) : 0.0);
-        if (std::abs(mean[l]) > least) lines.push_back(l);
-    }
-    return lines;
-}
-
 // Mean of the values next to place i, `reach` on each side; NaN are left out.
 std::vector<double> smoothed(const std::vector<double>& values, std::size_t reach) {
     std::vector<double> result;
@@ -611,6 +598,25 @@ std::vector<double> smoothed(const std::vector<double>& values, std::size_t reac
         result.push_back(count > 0 ? sum / count : MeasuredPoint::unknown);
     }
     return result;
+}
+
+std::vector<std::size_t> excited_lines(const std::vector<Spectrum>& periods, std::size_t period, std::size_t skipped) {
+    const Spectrum mean = mean_of(periods, period, skipped);
+    double largest = 0;
+    std::vector<double> noise;
+    for (std::size_t l = 1; l < mean.size(); ++l) {
+        largest = std::max(largest, std::abs(mean[l]));
+        noise.push_back(variance_of_mean(periods, periods, 0, l, skipped));
+    }
+    // Few periods tell the noise of one line so roughly that among thousands some would pass.
+    noise = smoothed(noise, 8);
+    std::vector<std::size_t> lines;
+    for (std::size_t l = 1; l < mean.size(); ++l) {
+        const double own = noise[l - 1];
+        const double least = std::max(1e-4 * largest, std::isfinite(own) ? 6 * std::sqrt(own) : 0.0);
+        if (std::abs(mean[l]) > least) lines.push_back(l);
+    }
+    return lines;
 }
 
 // Response between the excited lines.
@@ -709,14 +715,22 @@ std::vector<Observation> multisine_observations(const MeasuredSignals& signals, 
 
     // How many periods at the beginning to leave out.
     std::size_t skipped = 0;
-    const auto lines = excited_lines(excitation, period, output.size() > 2 ? 1 : 0);
+    auto lines = excited_lines(excitation, period, output.size() > 2 ? 1 : 0);
     if (lines.size() < 2) throw InputError(where + ": the excitation has fewer than two lines above its noise");
-    const double highest = static_cast<double>(lines.back()) / static_cast<double>(period);
-    if (highest > 0.45) {
-        throw InputError(
-            fmt::format("{}: the excitation reaches {:.6g} Hz, above 0.45 of the sampling rate ({:.6g} Hz), "
-                        "where a line cannot be told from its alias",
-                        where, highest / signals.sample_time, 0.45 / signals.sample_time));
+    // A binary sequence has all lines up to half the sampling rate, a tenth of its power above this limit; an excitation that lies
+    // there is aliased.
+    constexpr double highest = 0.45, most = 0.5;
+    const Spectrum all = mean_of(excitation, period, 0);
+    double power = 0, above = 0;
+    for (const std::size_t l : lines) {
+        power += std::norm(all[l]);
+        if (static_cast<double>(l) > highest * static_cast<double>(period)) above += std::norm(all[l]);
+    }
+    std::erase_if(lines, [&](std::size_t l) { return static_cast<double>(l) > highest * static_cast<double>(period); });
+    if (above > most * power || lines.size() < 2) {
+        throw InputError(fmt::format("{}: most of the excitation lies above 0.45 of the sampling rate ({:.6g} Hz), "
+                                     "where a line cannot be told from its alias",
+                                     where, highest / signals.sample_time));
     }
     double least = std::numeric_limits<double>::infinity();
     for (std::size_t tried = 0; tried + 2 <= output.size(); ++tried) {

@@ -479,5 +479,37 @@ TEST(MeasuredResponse, ValuesAreNotChosenByTheirLuck) {
     EXPECT_NEAR(error / values, 0, 0.08);
 }
 
+TEST(MeasuredResponse, NoiseIsNoExcitedLine) {
+    for (const std::size_t periods : {2u, 3u}) {
+        for (std::uint64_t seed = 0; seed < 10; ++seed) {
+            Multisine record(0, 1e-3, seed, periods);
+            for (std::size_t k = 0; k < record.u.size(); ++k) record.u[k] += 0.02 * standard_normal(seed, 5, k);
+            for (const auto& o : record.observations()) {
+                EXPECT_LT(o.frequency_hz * ts * Multisine::period, 300) << periods << " periods";
+            }
+        }
+    }
+}
+
+// A binary sequence has lines up to half the sampling rate: those that cannot be told from their aliases are left out.
+TEST(MeasuredResponse, LinesAboveTheLimitAreLeftOut) {
+    constexpr std::size_t period = 511;
+    const auto measured = [](auto&& excitation) {
+        std::vector<double> u, y;
+        for (std::size_t k = 0; k < 4 * period; ++k) u.push_back(excitation(k % period));
+        for (const double value : u) y.push_back(0.5 * value);
+        return merged(multisine_observations({ts, u, y, {u}, 0}, period, "record")).at(0);
+    };
+    const auto points = measured([](std::size_t k) { return uniform(1, 2, k) < 0.5 ? -1.0 : 1.0; });
+    EXPECT_GT(points.size(), 200u);
+    EXPECT_LE(points.back().frequency_hz, 0.45 / ts);
+    EXPECT_NEAR(std::abs(points.front().value), 0.5, 1e-9);
+    const auto high = [](std::size_t k) {
+        const double turn = 2 * pi * static_cast<double>(k) / period;
+        return std::sin(240 * turn) + std::sin(250 * turn);
+    };
+    EXPECT_THROW(measured(high), InputError);
+}
+
 } // namespace
 } // namespace tribode
