@@ -167,14 +167,14 @@ refused("start_time_s = -1 s", function()
   tb.run_system { system = thermostat, duration_s = 1, start_time_s = -1 }
 end)
 
--- A counter, x' = n, with a sample each 0.1 s: `resume` takes the one at the end of the first run once, a new run begins with
--- those that are due, so that it takes that one again, unless the first run ended between two samples.
-local counter = tb.system { states = { x = 0 }, discrete = { n = 0 }, der = function(s) return { x = s.n } end,
+-- A counter, x' = n, with a sample each 0.1 s: `resume` takes the one at the end of the first run once, a new run
+-- begins with those that are due, so that it takes that one again, unless the first run ended between two samples.
+local each_tenth = tb.system { states = { x = 0 }, discrete = { n = 0 }, der = function(s) return { x = s.n } end,
   sample = { { period_s = 0.1, set = function(s) return { n = s.n + 1 } end } } }
 local function halves(stop, again)
-  local old = tb.run_system { system = counter, duration_s = stop }
+  local old = tb.run_system { system = each_tenth, duration_s = stop }
   local options = again(old)
-  options.system, options.end_time_s = counter, 2
+  options.system, options.end_time_s = each_tenth, 2
   return tb.run_system(options).final
 end
 local function started(old) return { start = old.final, start_time_s = old.t_end } end

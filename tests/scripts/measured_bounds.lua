@@ -33,10 +33,14 @@ end
 -- A multisine with all lines, while the reference moves.
 for _, velocity in ipairs { 0, 1e-5, 1e-3 } do
   local machine = closed_loop(1e-7)
-  local exc, r = tb.multisine { period_s = 2, periods = 4, f_min_hz = 5, f_max_hz = 200, odd = false, detection = 0 }.values, {}
+  local r, exc = {}, tb.multisine {
+    period_s = 2, periods = 4, f_min_hz = 5, f_max_hz = 200, odd = false, detection = 0,
+  }.values
   for k = 1, #exc do r[k] = velocity * (k - 1) * machine.Ts end
   local run = tb.simulate { machine = machine, exc = exc, r = r, seed = 1 }
-  local fra = tb.fra { machine = machine, records = { { exc = exc, r = r, u = run.u, y = run.y } }, methods = { "improved" } }
+  local fra = tb.fra {
+    machine = machine, records = { { exc = exc, r = r, u = run.u, y = run.y } }, methods = { "improved" },
+  }
   assert(covered(string.format("velocity %g m/s", velocity), machine, fra.responses.improved) > 0.9)
 end
 
@@ -54,20 +58,22 @@ do
   assert(covered("controller 5 % off", drive, fra.responses.improved) > 0.92)
 end
 
--- A free axis with viscous friction that is known: what it does until it is at rest in the mean has friction of its own.
+-- A free axis with viscous friction that is known: what it does until it is at rest in the mean has friction of its
+-- own.
 do
   local machine, u = machine_with { friction = { viscous = 5 }, noise_rms_m = 1e-8 }, {}
   for _, f in ipairs { 20, 30, 60, 80, 100, 150 } do
     for k = 0, 3999 do u[#u + 1] = 15 * math.sin(2 * math.pi * f * k * machine.Ts) end
   end
   local run = tb.simulate { machine = machine, u = u, seed = 1 }
-  local response = tb.fra { machine = machine, records = { { u = u, y = run.y } }, methods = { "improved" } }.responses.improved
+  local fra = tb.fra { machine = machine, records = { { u = u, y = run.y } }, methods = { "improved" } }
+  local response = fra.responses.improved
   local truth = tb.plant_response { machine = machine, frequency_hz = response.frequency_hz }
   for i, f in ipairs(response.frequency_hz) do
     local gain = response.gain_db[i] - truth.gain_db[i]
     local phase = (response.phase_deg[i] - truth.phase_deg[i] + 180) % 360 - 180
-    print(f, string.format("gain error %.2e dB, bound %.1e, phase error %.2e deg, bound %.1e", gain, response.std_gain_db[i], phase,
-      response.std_phase_deg[i]))
+    print(f, string.format("gain error %.2e dB, bound %.1e, phase error %.2e deg, bound %.1e", gain,
+      response.std_gain_db[i], phase, response.std_phase_deg[i]))
     -- What the samples fold back from above half the rate is 1e-3 at the highest frequency.
     assert(math.abs(gain) < 4 * response.std_gain_db[i] + 2e-6 * f ^ 2, f)
     assert(math.abs(phase) < 4 * response.std_phase_deg[i] + 1e-4 * f, f)

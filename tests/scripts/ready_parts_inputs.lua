@@ -1,5 +1,5 @@
--- Ready parts that act on an input, which moves by a function of the time, by samples joined by lines or by the state of
--- another part: as with the same motion written in their options, and as in closed form.
+-- Ready parts that act on an input, which moves by a function of the time, by samples joined by lines or by the state
+-- of another part: as with the same motion written in their options, and as in closed form.
 local tb = require "tribode"
 
 local function near(found, wanted, tolerance, what)
@@ -21,7 +21,8 @@ local cases = {
     part = function(u) return tb.parts.coulomb { velocity = function(s) return s.v - u(s) end, level = 10 } end,
     der = function(s) return { x = s.v, v = -s.f.force } end },
   -- A ball on a platform that rises with 2.
-  { name = "a platform", motion = function(t) return 2 * t end, duration_s = 2, column = "h", value = 4, events = "f.rests",
+  { name = "a platform", motion = function(t) return 2 * t end, duration_s = 2, column = "h", value = 4,
+    events = "f.rests",
     states = { h = 0, v = 0 },
     part = function(u) return tb.parts.impact { gap = function(s) return s.h - u(s) end, restitution = 0 } end,
     der = function(s) return { h = s.v, v = -10 + s.f.force } end },

@@ -1,5 +1,5 @@
--- Ready parts and what jumps while they slip or rest, by whatever it does: an input, a clock, a function that a clock calls, a
--- `when`, the time. Against closed forms.
+-- Ready parts and what jumps while they slip or rest, by whatever it does: an input, a clock, a function that a clock
+-- calls, a `when`, the time. Against closed forms.
 local tb = require "tribode"
 
 local function near(found, wanted, what)
@@ -47,8 +47,8 @@ end
 
 -- ---- dry friction -------------------------------------------------------------------------------------------------
 
--- A block (m = 1, level 1) slips on a belt with -0.5 as that turns round at 0.5 s, from 1 to -1: it slips on, now with 1.5, and
--- sticks at 2 s: x = 1/8 + 3/4 - 9/8 - 1.
+-- A block (m = 1, level 1) slips on a belt with -0.5 as that turns round at 0.5 s, from 1 to -1: it slips on, now with
+-- 1.5, and sticks at 2 s: x = 1/8 + 3/4 - 9/8 - 1.
 each(1, -1, 0.5, 3, { "exact", "erk", "bdf" }, function(belt)
   return { states = { x = 0, v = 0 },
     parts = { f = tb.parts.coulomb { velocity = function(s) return s.v - belt(s) end, level = 1 } },
@@ -60,7 +60,8 @@ end, function(run, what)
   near(last.t, 2, what)
 end)
 
--- Its own velocity is turned round at 0.5 s by a function: from 1.5 to -1.5, so that it sticks at 2 s where it was at -1/4.
+-- Its own velocity is turned round at 0.5 s by a function: from 1.5 to -1.5, so that it sticks at 2 s where it was at
+-- -1/4.
 local turned = tb.system {
   states = { x = 0, v = 2 },
   parts = { f = tb.parts.coulomb { velocity = "v", level = 1 } },
@@ -131,8 +132,8 @@ end
 
 -- ---- play ---------------------------------------------------------------------------------------------------------
 
--- Play, and a Maxwell element in slip, whose position t jumps by J at 1 s: what they drag stays where it was, unless the jump
--- goes beyond it on the other side.
+-- Play, and a Maxwell element in slip, whose position t jumps by J at 1 s: what they drag stays where it was, unless
+-- the jump goes beyond it on the other side.
 for _, J in ipairs { 0.2, -0.2, -0.8, -2 } do
   local held, dragged = 0, 0
   for _, x in ipairs { 1, 1 + J, 1.1 + J } do

@@ -96,9 +96,14 @@ refused("lies beyond the event high", function()
 end)
 steady = tb.steady_state { system = tanks, inputs = { q = 2e-3 }, at = { h2 = 2, alarm = 1 } }
 assert(steady.conditions[1] == "high" and steady.start.alarm == 1)
--- Derivatives that become small without end, or are small everywhere: x' = exp(-x) moves by one in each step of Newton's.
-local function only(start, rate) return tb.system { states = { x = start }, der = function(s) return { x = rate(s.x) } end } end
-refused("would move x by 1 yet", function() tb.steady_state { system = only(1, function(x) return math.exp(-x) end) } end)
+-- Derivatives that become small without end, or are small everywhere: x' = exp(-x) moves by one in each step of
+-- Newton's.
+local function only(start, rate)
+  return tb.system { states = { x = start }, der = function(s) return { x = rate(s.x) } end }
+end
+refused("would move x by 1 yet", function()
+  tb.steady_state { system = only(1, function(x) return math.exp(-x) end) }
+end)
 refused("no steady state is found", function()
   tb.run_system { system = only(1, function(x) return math.exp(-x) end), start = "steady", duration_s = 1 }
 end)

@@ -167,8 +167,8 @@ assert(math.abs(whole.sensitivities.T.x[3] + 0.5 * math.exp(-1)) < 1e-15)
 assert(math.abs(second.sensitivities.T.x[2] - whole.sensitivities.T.x[3]) < 1e-15)
 assert(#whole.columns == 2 and whole.final.x and not whole.final["d x/d T"])
 
--- Functions at the edge of their domain: an arc of a limited value that comes to the limit or leaves it, a power of zero by
--- its exponent, and a tank that runs empty. Closed forms.
+-- Functions at the edge of their domain: an arc of a limited value that comes to the limit or leaves it, a power of
+-- zero by its exponent, and a tank that runs empty. Closed forms.
 local function derivative(name, off, wanted, options)
   options.sensitivities, options.output_step_s = { name }, options.duration_s
   local run = tb.run_system(options)
@@ -180,7 +180,8 @@ local function of_two(start, rate)
   return tb.system { parameters = { p = 1.5, k = 2 }, states = { x = start, y = 0 }, der = rate }
 end
 local function limited(x) return math.max(-1, math.min(1, x)) end
--- Of asin(x) over t, where x = 0.5 + t/2 rises to one: the integral of (x - 0.5)/sqrt(1 - x^2) over x, whose last step is steep.
+-- Of asin(x) over t, where x = 0.5 + t/2 rises to one: the integral of (x - 0.5)/sqrt(1 - x^2) over x, whose last step
+-- is steep.
 local arc = math.sqrt(0.75) - math.pi / 6
 for name, sign in pairs { asin = 1, acos = -1 } do
   local rising = of_two(0.5, function(s) return { x = s.k / 4, y = math[name](limited(s.x)) } end)
@@ -191,7 +192,9 @@ end
 local power = of_two(0, function(s) return { x = s.k, y = math.abs(s.x) ^ s.p } end)
 derivative("p", 1e-8, 2 ^ 1.5 / 2.5 * (math.log(2) - 1 / 2.5), { system = power, duration_s = 1 })
 derivative("k", 1e-8, 1.5 * 2 ^ 0.5 / 2.5, { system = power, duration_s = 1 })
-for _, root in ipairs { function(h) return math.sqrt(math.max(h, 0)) end, function(h) return math.max(h, 0) ^ 0.5 end } do
+for _, root in ipairs {
+  function(h) return math.sqrt(math.max(h, 0)) end, function(h) return math.max(h, 0) ^ 0.5 end,
+} do
   local tank = tb.system { states = { y = 1 }, der = function(s) return { y = -root(s.y) - 0.25 } end }
   -- Empty at T, with d T/d y(0) = 1/1.25, after which it falls by 1/4 a second.
   derivative("y.start", 1e-6, 0.2, { system = tank, duration_s = 4 })
