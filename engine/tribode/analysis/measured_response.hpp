@@ -110,7 +110,8 @@ std::vector<Observation> sine_observations(const MeasuredSignals& signals, const
                                            const SineOptions& options);
 
 // One observation per excited line, from whole periods at the end of the record. The first periods are left out as far as
-// that lowers the variance of the mean. The noise is read from the difference of the periods, averaged over seven lines.
+// that lowers the variance of the mean, and the straight line of a drift is taken off it. The noise is read from the difference of
+// the periods, averaged over seven lines. Lines above 0.45 of the sampling rate are left out.
 // Lines in the band that are not excited detect distortion [Pintelon 2012, chapter 4]: what the output has there besides
 // the response to the input, odd and even lines apart, less the noise.
 std::vector<Observation> multisine_observations(const MeasuredSignals& signals, std::size_t period,
@@ -118,7 +119,7 @@ std::vector<Observation> multisine_observations(const MeasuredSignals& signals, 
 
 // The observations of all records as one response per input, by ascending frequency. Repetitions of a frequency are averaged.
 // Where they differ by more than the noise of each, the difference makes the variance; of multisines always, averaged over
-// nine lines; and of one realization the distortion that the lines detect is added to the noise.
+// nine lines and not less than the noise; and of one realization the distortion that the lines detect is added to the noise.
 // The distortion of sines is what harmonics of the output have besides the response to those of the input, where the
 // response is known at their frequency.
 std::vector<std::vector<MeasuredPoint>> merged(const std::vector<Observation>& observations,

@@ -83,12 +83,13 @@ struct MeasuredFra {
 };
 
 // The frequency responses that records with the columns t, u, y and, where the loop was closed, r or exc hold. The excitation
-// is exc; else what u has besides the output of the machine's controller on r and y; else r; else u. Several records are
+// is exc; else what u has besides the output of the machine's controller on r and y, where r changes if that is more than a fifth
+// of u; else r; else u. Several records are
 // repetitions, or other frequencies; they must be all periodic (sines, multisines) or all not.
 //
 // Throws InputError, one sentence that begins with the record's source: a column that is missing, another sample time, a
-// record that is too short or shorter than the delay, without excitation or motion, clipped, with an excitation above 0.45 of
-// the sampling rate, a multisine without whole periods.
+// record that is too short or shorter than the delay, without excitation or motion, clipped, with most of its excitation above
+// 0.45 of the sampling rate, with the samples of another record, a multisine without whole periods.
 MeasuredFra measure_fra(const MachineModel& machine, const std::vector<Table>& records,
                         const MeasuredFraOptions& options);
 
