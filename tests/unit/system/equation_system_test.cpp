@@ -136,7 +136,8 @@ TEST(EquationSystem, ACrossingAtASampleComesBeforeIt) {
 TEST_P(EveryMethod, WhatAnEventSetsHasTheBranchesOfAfterIt) {
     for (const Op op : {Op::less, Op::less_equal}) {
         Writer w;
-        const Term x = w.state("x", 0.1), y = w.state("y", 0), n = w.discrete("n", 0), m = w.discrete("m", 0);
+        const Term x = w.state("x", 0.1), n = w.discrete("n", 0), m = w.discrete("m", 0);
+        w.state("y", 0);
         const Term before = w.graph.make(op, w.equations.time, w.number(1));
         const Term below = w.graph.make(op, x, w.number(0.7));
         w.rate(0, w.number(0.3)).rate(1, w.where(before, w.number(1), w.where(below, w.number(2), w.number(3))));
@@ -401,11 +402,11 @@ TEST_P(EveryMethod, ARateThatIsNeverFiniteIsNamedAtTheStart) {
     EXPECT_NEAR(culprit->t, 0, 1e-3);
 }
 
-// All right sides are the values before the event: two states change places.
 // A belt that turns round at 0.5, on which x = t moves with t - 1 before and t + 1 behind.
 TEST_P(EveryMethod, AnEventKnowsWhatATermWasBeforeTheInstant) {
     Writer w;
-    const Term x = w.state("x", 0), y = w.state("y", 0), jumped_from = w.discrete("jumped_from", 9);
+    const Term x = w.state("x", 0), jumped_from = w.discrete("jumped_from", 9);
+    w.state("y", 0);
     const Term belt = w.where(w.less(w.equations.time, w.number(0.5)), w.number(1), w.number(-1));
     const Term v = w.subtract(x, belt), before = w.graph.make(Op::before, v);
     w.rate(0, w.number(1)).rate(1, belt);
@@ -436,6 +437,7 @@ TEST_P(EveryMethod, AnEventBelowNoEventSeesTheJumpOfItsInstant) {
     }
 }
 
+// All right sides are the values before the event: two states change places.
 TEST_P(EveryMethod, NewValuesAreMadeOfThoseBeforeTheEvent) {
     Writer w;
     const Term x = w.state("x", 1), y = w.state("y", 7), n = w.discrete("n", 0);
