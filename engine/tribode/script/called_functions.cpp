@@ -228,7 +228,7 @@ std::vector<double> CalledFunctions::numbers() const {
     }
     std::erase_if(others, [&](double value) { return !std::isfinite(value) || found.contains(value); });
     std::vector<double> list(found.begin(), found.end());
-    std::ranges::stable_partition(list, [](double value) { return value >= 0; });
+    std::stable_partition(list.begin(), list.end(), [](double value) { return value >= 0; });
     for (const double value : others) {
         if (list.size() < found.size() + most_numbers) list.push_back(value);
     }
