@@ -273,6 +273,25 @@ void add_inner_paths(TermLibrary& library, const SystemModel::InnerSignal& signa
         library.terms.push_back(std::move(made));
     };
     const auto& unit = output.unit;
+    // What it drives follows it late, as the current of a coil does the output of a controller.
+    if (library.duration > 0) {
+        const double step = library.step, lag = std::max(2 * step, 1e-3 * library.duration), none = no_lag * step;
+        SystemTerm made{.name = "lag", .equation = output.name};
+        made.parameters = {{"time", lag, none, 0.5 * library.duration, lag, "s"}};
+        made.neutral = {none};
+        made.apply = [place = signal.output, first = values.front()](Equations& equations, const std::vector<Term>& p) {
+            const TermArithmetic m{*equations.graph};
+            const Term ahead = equations.outputs[place].value;
+            Equations::State behind{
+                .name = free_name(equations, "behind"), .unit = equations.outputs[place].unit, .start = first};
+            behind.symbol = equations.graph->variable(behind.name);
+            replace_inner(equations, place, behind.symbol);
+            behind.rate = m.divide(m.subtract(ahead, behind.symbol), p[0]);
+            equations.states.push_back(behind);
+            return behind.symbol;
+        };
+        library.terms.push_back(std::move(made));
+    }
     for (const double share : {0.03, 0.15, 0.4}) {
         add(is_deflection ? "backlash" : "dead_zone", {"width", share * size, 0, size, size, unit}, 0,
             [](const TermArithmetic& m, Term d, Term p) { return m.subtract(d, m.clip(d, m.negate(p), p)); });

@@ -126,11 +126,7 @@ SystemTerm wave(const TermLibrary& library, const TermTarget& target, const std:
 std::array<Equations::State, 2> vibration(const Equations& equations, const std::string& name, const std::string& unit,
                                           Term drive, Term frequency, Term damping) {
     const TermArithmetic m{*equations.graph};
-    std::string own = name + "_mode";
-    while (
-        std::any_of(equations.states.begin(), equations.states.end(), [&](const auto& s) { return s.name == own; })) {
-        own += "_";
-    }
+    const std::string own = free_name(equations, name + "_mode");
     Equations::State q{.name = own, .unit = unit}, rate{.name = own + "_rate"};
     if (!unit.empty()) rate.unit = "(" + unit + ")/s";
     q.symbol = equations.graph->variable(q.name);

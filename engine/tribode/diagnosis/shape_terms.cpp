@@ -13,6 +13,7 @@ using Parameter = SystemTerm::Parameter;
 
 // The friction of a tanh turns over this part of the largest velocity, and over these at least and at most.
 constexpr double dry_width = 0.03, min_width = 0.003, max_width = 0.3;
+constexpr double stribeck_edge = 5; // of a Stribeck velocity such a part is where friction turns
 
 // A function of variables times an amplitude: its name, its values over the record, and itself in the graph, of the
 // parameters behind the amplitude.
@@ -42,6 +43,8 @@ class Shapes {
                 powers(variable);
                 if (changes_sign(variable)) dry_friction(variable);
                 if (changes_sign(variable) && variable.state && variable.name == target_->velocity) sticking(variable);
+                if (changes_sign(variable) && variable.name == target_->velocity) stribeck(variable);
+                if (variable.name == target_->position) local_forces(variable);
                 if (target_->is_inner) continue;
                 thresholds(variable);
                 hysteresis(variable, nullptr);
@@ -205,10 +208,7 @@ class Shapes {
         made.apply = [target = *target_, v = velocity.symbol](Equations& equations, const std::vector<Term>& p) {
             auto& graph = *equations.graph;
             std::string name = "sticking_friction";
-            while (std::any_of(equations.discrete.begin(), equations.discrete.end(),
-                               [&](const auto& d) { return d.name == name + ".mode"; })) {
-                name += "_";
-            }
+            while (free_name(equations, name + ".mode") != name + ".mode") name += "_";
             Equations::Contact contact{
                 .name = name, .force = graph.variable(name), .mode = graph.variable(name + ".mode")};
             equations.discrete.push_back({name + ".mode", "", 0, contact.mode, {"stick", "forward", "backward"}});
@@ -220,6 +220,80 @@ class Shapes {
             return added;
         };
         library_.terms.push_back(std::move(made));
+    }
+
+    // What dry friction is larger by near rest [Stribeck 1902], as a share of it or of what holds the velocity there.
+    void stribeck(const SystemVariable& velocity) {
+        const double size = size_of(velocity);
+        for (const double share : {0.02, 0.1, 0.3}) {
+            const double start = share * size;
+            SystemTerm made{.name = "stribeck_friction",
+                            .equation = target_->name,
+                            .of = velocity.name,
+                            .variables = {velocity.name}};
+            std::vector<double> phi = velocity.values;
+            for (double& v : phi) v = std::tanh(stribeck_edge * v / start) * std::exp(-(v / start) * (v / start));
+            const double rms = rms_of_values(phi);
+            if (!(rms > 0)) continue;
+            made.parameters = {library_.amplitude(*target_, "rise", rms, "1"),
+                               {"velocity", start, min_width * size, size, start, velocity.unit}};
+            made.parameters[0].low = 0;
+            made.apply = [target = *target_, v = velocity.symbol](Equations& equations, const std::vector<Term>& p) {
+                const TermArithmetic m{*equations.graph};
+                const Term ratio = m.divide(v, p[1]),
+                           near = m.multiply(p[0], m.g.make(Op::exp, m.negate(m.multiply(ratio, ratio))));
+                const auto holds = [&](const auto& contact) { return contact.quantity == v; };
+                const auto contact = std::ranges::find_if(equations.contacts, holds);
+                if (contact != equations.contacts.end()) {
+                    contact->level = m.add(contact->level, near);
+                    contact->release = m.add(contact->release, p[0]);
+                    return near;
+                }
+                const Term added =
+                    m.negate(m.multiply(near, m.g.make(Op::tanh, m.multiply(m.number(stribeck_edge), ratio))));
+                target.add(equations, added);
+                return added;
+            };
+            library_.terms.push_back(std::move(made));
+        }
+    }
+
+    // A force about a place, as of a joint of a rail or a magnet: a hill of it, or one toward the place or away from it.
+    void local_forces(const SystemVariable& position) {
+        const double span = position.high - position.low, width = 0.1 * span;
+        const auto& w = position.values;
+        for (const double share : {0.1, 0.3, 0.5, 0.7, 0.9}) {
+            const double center = position.low + share * span;
+            const std::vector<Parameter> parameters = {
+                {"center", center, position.low, position.high, width, position.unit},
+                {"width", width, 0.1 * width, 10 * width, width, position.unit}};
+            const auto hill = [](const TermArithmetic& m, Term ratio) {
+                return m.g.make(Op::exp, m.negate(m.multiply(ratio, ratio)));
+            };
+            const auto ratio = [](const TermArithmetic& m, Term x, const std::vector<Term>& p) {
+                return m.divide(m.subtract(x, p[0]), p[1]);
+            };
+            add({"local_force",
+                 {&position},
+                 "1",
+                 [&w, center, width](std::size_t k) { return std::exp(-std::pow((w[k] - center) / width, 2)); },
+                 [hill, ratio](const TermArithmetic& m, const auto& x, const auto& p) {
+                     return hill(m, ratio(m, x[0], p));
+                 },
+                 parameters});
+            add({"detent",
+                 {&position},
+                 "1",
+                 [&w, center, width](std::size_t k) {
+                     const double r = (w[k] - center) / width;
+                     return r * std::exp(-r * r);
+                 },
+                 [hill, ratio](const TermArithmetic& m, const auto& x, const auto& p) {
+                     const Term r = ratio(m, x[0], p);
+                     return m.multiply(r, hill(m, r));
+                 },
+                 parameters});
+        }
     }
 
     // Friction that grows with another variable, as a gear's with its load and a seal's with the pressure.
@@ -478,11 +552,7 @@ class Shapes {
         made.apply = [target = *target_, name, rate, rate_of, force_of](Equations& equations,
                                                                         const std::vector<Term>& p) {
             const TermArithmetic m{*equations.graph};
-            std::string own = name + "_slip";
-            while (std::any_of(equations.states.begin(), equations.states.end(),
-                               [&](const auto& s) { return s.name == own; })) {
-                own += "_";
-            }
+            const std::string own = free_name(equations, name + "_slip");
             Equations::State z{.name = own};
             z.symbol = equations.graph->variable(own);
             z.rate = rate_of(m, rate, z.symbol, p);
@@ -569,11 +639,7 @@ class Shapes {
                           state = *variable.state](Equations& equations, const std::vector<Term>& p) {
                 auto& graph = *equations.graph;
                 const TermArithmetic m{graph};
-                std::string own = name + "_memory";
-                while (std::any_of(equations.states.begin(), equations.states.end(),
-                                   [&](const auto& s) { return s.name == own; })) {
-                    own += "_";
-                }
+                const std::string own = free_name(equations, name + "_memory");
                 Equations::State z{.name = own, .unit = unit, .start = equations.states[state].start};
                 z.symbol = graph.variable(own);
                 z.rate = m.divide(m.subtract(w, z.symbol), p[1]);

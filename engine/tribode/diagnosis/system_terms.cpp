@@ -15,6 +15,14 @@ std::string unit_of_quotient(const std::string& a, const std::string& b) {
     return !dimension || dimension->empty() ? "" : to_readable_text(dimension);
 }
 
+std::string free_name(const Equations& equations, std::string name) {
+    const auto is_taken = [&](const auto& list) {
+        return std::ranges::any_of(list, [&](const auto& one) { return one.name == name; });
+    };
+    while (is_taken(equations.states) || is_taken(equations.discrete)) name += "_";
+    return name;
+}
+
 void replace_inner(Equations& equations, std::size_t output, Term changed) {
     const Term now = equations.outputs[output].value;
     std::vector<std::size_t> shown;

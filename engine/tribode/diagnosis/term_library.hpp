@@ -78,6 +78,9 @@ double rms_of_values(const std::vector<double>& values);
 // Of a divided by b, where both are known; a plain number has none.
 std::string unit_of_quotient(const std::string& a, const std::string& b);
 
+// A name for a state or a discrete variable that none has yet: this one, with "_" behind it as often as it takes.
+std::string free_name(const Equations& equations, std::string name);
+
 // Each adds its terms to the list.
 void add_shapes(TermLibrary& library,
                 bool with_nameless);      // functions of one variable or two in a derivative or an output
