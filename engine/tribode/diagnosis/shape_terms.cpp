@@ -197,8 +197,8 @@ class Shapes {
 
     // Dry friction that holds the velocity at zero, a force that nature chooses.
     void sticking(const SystemVariable& velocity) {
-        const auto holds = [&](const auto& contact) { return contact.quantity == velocity.symbol; };
-        if (std::ranges::any_of(library_.model.equations.contacts, holds)) return;
+        const auto& contacts = library_.model.equations.contacts;
+        if (std::ranges::find(contacts, velocity.symbol, &Equations::Contact::quantity) != contacts.end()) return;
         SystemTerm made{.name = physical("dry_friction", velocity.name),
                         .equation = target_->name,
                         .of = velocity.name,
@@ -225,6 +225,8 @@ class Shapes {
     // What dry friction is larger by near rest [Stribeck 1902], as a share of it or of what holds the velocity there.
     void stribeck(const SystemVariable& velocity) {
         const double size = size_of(velocity);
+        const auto& e = library_.model.equations;
+        const auto held = std::ranges::find(e.contacts, velocity.symbol, &Equations::Contact::quantity);
         for (const double share : {0.02, 0.1, 0.3}) {
             const double start = share * size;
             SystemTerm made{.name = "stribeck_friction",
@@ -237,13 +239,23 @@ class Shapes {
             if (!(rms > 0)) continue;
             made.parameters = {library_.amplitude(*target_, "rise", rms, "1"),
                                {"velocity", start, min_width * size, size, start, velocity.unit}};
+            if (held != e.contacts.end()) {
+                // Then it is a part of that level, whatever the force is multiplied by in the derivative.
+                Parameter& rise = made.parameters[0];
+                const double level = rms_of_values(library_.values_of(held->level));
+                if (level > 0 && std::isfinite(level)) {
+                    rise.start = 0.1 * level;
+                    rise.scale = level;
+                }
+                const auto named = std::ranges::find(e.parameters, held->level, &Equations::Parameter::symbol);
+                rise.unit = named == e.parameters.end() ? "" : named->unit;
+            }
             made.parameters[0].low = 0;
             made.apply = [target = *target_, v = velocity.symbol](Equations& equations, const std::vector<Term>& p) {
                 const TermArithmetic m{*equations.graph};
                 const Term ratio = m.divide(v, p[1]),
                            near = m.multiply(p[0], m.g.make(Op::exp, m.negate(m.multiply(ratio, ratio))));
-                const auto holds = [&](const auto& contact) { return contact.quantity == v; };
-                const auto contact = std::ranges::find_if(equations.contacts, holds);
+                const auto contact = std::ranges::find(equations.contacts, v, &Equations::Contact::quantity);
                 if (contact != equations.contacts.end()) {
                     contact->level = m.add(contact->level, near);
                     contact->release = m.add(contact->release, p[0]);

@@ -84,6 +84,7 @@ class Diagnoser {
         }
         compare_on_validation(search);
         weigh_on_validation(search);
+        weigh_earlier_steps(search);
         take_doubtful(search);
         stop_if_asked();
         name_effects(search);
@@ -271,7 +272,8 @@ class Diagnoser {
             result_.hypotheses.emplace_back();
         }
         for (std::size_t i = 0; i < found.size(); ++i) {
-            SystemHypothesis one{kinds_of(found[i]), found[i].score(), rms_of_errors(found[i].fitted),
+            SystemHypothesis one{kinds_of(found[i]), kept_of(found[i], current), found[i].score(),
+                                 rms_of_errors(found[i].fitted),
                                  rms_of_errors(found[i].predicted), ""};
             const double fitted = 1 - one.fitted / rms_of_errors(current.fitted);
             if (chosen == i) {
@@ -741,18 +743,7 @@ class Diagnoser {
             errors.push_back(std::move(own));
         }
         const auto least = std::ranges::min_element(errors, {}, rms_of_errors);
-        const double in_search = independent_errors(step.candidate),
-                     there = static_cast<double>(least->size()) / correlation_length(*least);
-        std::vector<double> scores; // of both, each with its errors
-        for (std::size_t i = 0; i < found.size(); ++i) {
-            scores.push_back(
-                std::exp((in_search * std::log(found[i].score()) + there * std::log(rms_of_errors(errors[i]))) /
-                         (in_search + there)));
-        }
-        std::vector<std::size_t> passed(found.size());
-        std::iota(passed.begin(), passed.end(), std::size_t{0});
-        std::ranges::stable_sort(
-            passed, {}, [&](std::size_t i) { return scores[i] * price_of_names(found[i], in_search + there); });
+        const auto [scores, passed, independent] = scores_of_both(found, errors);
         const std::size_t best = passed.front();
         const double certainty = probability_of_gain(before.on_validation, errors[best]);
         const bool changes = best > 0 && best == static_cast<std::size_t>(least - errors.begin()) &&
@@ -772,9 +763,120 @@ class Diagnoser {
             tell_replaced(step.candidate, rms_of_errors(errors[0]) / rms_of_errors(errors[best]) - 1);
         }
         step.weighed.clear();
-        step.weigh(before.candidate, found, passed, changes ? best : 0, scores, in_search + there, search.errors());
+        step.weigh(before.candidate, found, passed, changes ? best : 0, scores, independent, search.errors());
         steps_.back() = std::move(step);
         if (changes) conclude(search, std::move(fits[best]));
+    }
+
+    struct Scores {
+        std::vector<double> scores;
+        std::vector<std::size_t> order; // the best first, with what names cost
+        double independent;             // errors
+    };
+
+    // By the search and by the errors on the validation records, each with its independent errors. The first candidate is the one that
+    // the others are compared to.
+    static Scores scores_of_both(const std::vector<SystemCandidate>& found,
+                                 const std::vector<std::vector<double>>& errors) {
+        const auto least = std::ranges::min_element(errors, {}, rms_of_errors);
+        const double in_search = independent_errors(found.front()),
+                     there = static_cast<double>(least->size()) / correlation_length(*least);
+        Scores made{{}, std::vector<std::size_t>(found.size()), in_search + there};
+        for (std::size_t i = 0; i < found.size(); ++i) {
+            made.scores.push_back(
+                std::exp((in_search * std::log(found[i].score()) + there * std::log(rms_of_errors(errors[i]))) /
+                         made.independent));
+        }
+        std::iota(made.order.begin(), made.order.end(), std::size_t{0});
+        std::ranges::stable_sort(made.order, {}, [&](std::size_t i) {
+            return made.scores[i] * price_of_names(found[i], made.independent);
+        });
+        return made;
+    }
+
+    // A rival of an earlier step may do better beside what came later: each takes the place of that step's terms in the last model. One
+    // that is likelier stays there.
+    void weigh_earlier_steps(const SystemSearch& search) {
+        for (std::size_t s = 1; s + 1 < steps_.size(); ++s) weigh_earlier_step(search, s);
+    }
+
+    void weigh_earlier_step(const SystemSearch& search, std::size_t s) {
+        const SystemCandidate& last = steps_.back().candidate;
+        const SystemStep& step = steps_[s];
+        const auto own_kinds = kinds_from(step.candidate, step.before);
+        std::set<std::size_t> own; // places
+        for (std::size_t t = 0; t < last.terms.size(); ++t) {
+            if (own_kinds.contains(last.terms[t].kind())) own.insert(t);
+        }
+        if (own.size() != own_kinds.size()) return; // others took their place
+        const SystemCandidate base = search.with_others(last, own, last, last.terms.size());
+        const auto other_kinds = kinds_from(base, 0);
+        std::vector<SystemCandidate> rivals;
+        std::vector<std::size_t> contender_of;
+        for (std::size_t c = 1; c < step.contenders.size(); ++c) {
+            const SystemCandidate& contender = step.contenders[c];
+            const std::size_t first = kept_of(contender, steps_[s - 1].candidate);
+            const auto kinds = kinds_from(contender, first);
+            const bool is_there =
+                std::ranges::any_of(kinds, [&](const auto& kind) { return other_kinds.contains(kind); });
+            if (is_there || contender.terms.size() == first) continue;
+            rivals.push_back(search.with_others(last, own, contender, first));
+            contender_of.push_back(c);
+        }
+        if (rivals.empty() || search.late()) return;
+        for_each_index(rivals.size(), control_, fmt::format("fitting {} rivals beside the other terms", rivals.size()),
+                       [&](std::size_t i) {
+                           if (!search.fit(rivals[i])) rivals[i].predicted.clear();
+                       });
+        stop_if_asked();
+        std::erase_if(contender_of, [&, i = std::size_t{0}](std::size_t) mutable { return rivals[i++].predicted.empty(); });
+        std::erase_if(rivals, [](const SystemCandidate& one) { return one.predicted.empty(); });
+        std::vector<const SystemCandidate*> list;
+        for (const auto& one : rivals) list.push_back(&one);
+        auto all = judged(search, list, ended_after(fit_share));
+        if (!std::ranges::all_of(all, [](const auto& one) { return one.has_value(); })) return;
+        std::vector<SystemCandidate> found = {last};
+        // Its own terms last, as those of the rivals are.
+        std::vector<SystemTerm> terms = base.terms;
+        for (const std::size_t t : own) terms.push_back(last.terms[t]);
+        found.front().terms = terms;
+        std::vector<std::vector<double>> errors = {errors_after(result_.validation)};
+        std::vector<std::size_t> place = {0}; // among the rivals
+        for (std::size_t i = 0; i < rivals.size(); ++i) {
+            auto those = errors_after(all[i]->validation);
+            if (all[i]->errors.empty() || !std::isfinite(rms_of_errors(those))) continue;
+            found.push_back(rivals[i]);
+            found.back().values = all[i]->values;
+            errors.push_back(std::move(those));
+            place.push_back(i);
+        }
+        if (found.size() < 2) return;
+        const auto [scores, order, independent] = scores_of_both(found, errors);
+        const std::size_t best = order.front();
+        const bool changes =
+            best > 0 && probability_of_gain(errors.front(), errors[best]) >= sure_enough && !refused(found[best]) &&
+            !is_too_rich(found[best]) &&
+            is_worth_its_price(found[best], last.model.parameters.size(), errors.front(), errors[best], found.size()) &&
+            are_sure(search, found[best], base.terms.size(), *all[place[best]]);
+        SystemStep changed = step;
+        changed.weighed.clear();
+        changed.same_as.clear();
+        changed.weigh(base, found, order, changes ? best : 0, scores, independent, search.errors());
+        changed.contenders = step.contenders; // beside the model that the step began with
+        if (changes) {
+            const SystemCandidate& contender = step.contenders[contender_of[place[best]]];
+            changed.candidate = contender;
+            changed.before = kept_of(contender, steps_[s - 1].candidate);
+            tell_replaced(found[best], rms_of_errors(errors.front()) / rms_of_errors(errors[best]) - 1);
+        }
+        steps_[s] = std::move(changed);
+        if (!changes) return;
+        SystemStep& end = steps_.back();
+        end.candidate = found[best];
+        end.before = found[best].terms.size();
+        end.on_validation = errors[best];
+        end.on_fitted = all[place[best]]->errors;
+        conclude(search, *std::move(all[place[best]]));
     }
 
     Judged fitted_to_all(const SystemSearch& search, const SystemCandidate& candidate) const {

@@ -27,6 +27,7 @@ struct SystemDiagnosisOptions {
 // predicted, relative to the standard deviation of the outputs.
 struct SystemHypothesis {
     std::vector<std::string> names; // of all its terms, the new ones last
+    std::size_t before = 0;         // of these, how many the model had that it was tried beside
     double score = 0;               // rms that it promises on other records
     double fitted = 0, predicted = 0;
     std::string lost; // why it lost; empty: it was taken

@@ -10,6 +10,7 @@
 #include <filesystem>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <map>
 #include <numeric>
 
 namespace tribode {
@@ -105,25 +106,29 @@ Plot responses(const SystemDiagnosis& d, const SystemComparison& one) {
 }
 
 Plot maps(const SystemDiagnosis& d, const SystemComparison& one) {
+    constexpr std::size_t max_panels = 8;
     Plot plot{.title = "Errors over what was measured: means and twice their standard errors"};
-    const auto& output = d.before.equations.outputs[d.before.measured[0]];
-    const auto before = differences(one.record.outputs[0], one.before[0]);
-    const auto after = differences(one.record.outputs[0], one.after[0]);
-    const auto add = [&](const std::string& name, const std::string& unit, const std::vector<double>& x) {
-        Panel panel{.x_label = label(name, unit), .y_label = label("measured - simulated", output.unit)};
-        for (const auto& [title, errors, color] : {std::tuple{"the model as given, fitted", &before, before_color},
-                                                   {"with what was missing", &after, after_color}}) {
-            Series series = binned(title, x, *errors, one.first);
-            series.color = color;
-            if (!series.x.empty() && (errors == &before || !d.effects.empty()))
-                panel.series.push_back(std::move(series));
+    const auto& inputs = d.before.equations.inputs;
+    for (std::size_t o = 0; o < one.record.outputs.size(); ++o) {
+        const std::string name = measured_name(d.before, o);
+        const std::string unit = d.before.equations.outputs[d.before.measured[o]].unit;
+        const auto before = differences(one.record.outputs[o], one.before[o]);
+        const auto after = differences(one.record.outputs[o], one.after[o]);
+        const auto add = [&](const std::string& x_label, const std::vector<double>& x) {
+            Panel panel{.x_label = x_label, .y_label = label(name + ": measured - simulated", unit)};
+            for (const auto& [title, errors, color] : {std::tuple{"the model as given, fitted", &before, before_color},
+                                                       {"with what was missing", &after, after_color}}) {
+                Series series = binned(title, x, *errors, one.first);
+                series.color = color;
+                if (!series.x.empty() && (errors == &before || !d.effects.empty()))
+                    panel.series.push_back(std::move(series));
+            }
+            if (!panel.series.empty() && plot.panels.size() < max_panels) plot.panels.push_back(std::move(panel));
+        };
+        add(label(name, unit), one.record.outputs[o]);
+        for (std::size_t i = 0; i < one.record.inputs.size(); ++i) {
+            if (!one.record.inputs[i].empty()) add(label(inputs[i].name, inputs[i].unit), one.record.inputs[i]);
         }
-        if (!panel.series.empty()) plot.panels.push_back(std::move(panel));
-    };
-    add(measured_name(d.before, 0), output.unit, one.record.outputs[0]);
-    for (std::size_t i = 0; i < one.record.inputs.size() && plot.panels.size() < 4; ++i) {
-        if (one.record.inputs[i].empty()) continue;
-        add(d.before.equations.inputs[i].name, d.before.equations.inputs[i].unit, one.record.inputs[i]);
     }
     return plot;
 }
@@ -220,11 +225,27 @@ ReportSection what_was_tried(const SystemDiagnosis& d) {
         "The errors are relative to the standard deviation of the outputs; the score is the error that the model "
         "promises on other records of this kind.",
         hidden)});
-    ReportTable table;
-    table.columns = {{"terms"}, {"score"}, {"fitted"}, {"predicted"}, {"outcome"}};
+    // Of several fits of the same terms beside the same model the one that was taken, or the best.
+    using Key = std::pair<std::string, std::string>;
+    std::map<Key, const SystemHypothesis*> best;
+    std::vector<Key> order;
     for (const auto& one : d.hypotheses) {
-        table.rows.push_back({fmt::format("{}", fmt::join(one.names, "; ")), one.score, one.fitted, one.predicted,
-                              one.lost.empty() ? "taken" : one.lost});
+        const auto begin = one.names.begin(), middle = begin + static_cast<std::ptrdiff_t>(one.before);
+        Key key{one.before == 0 ? "the model as given" : fmt::format("{}", fmt::join(begin, middle, "; ")),
+                fmt::format("{}", fmt::join(middle, one.names.end(), "; "))};
+        const auto [place, is_new] = best.try_emplace(key, &one);
+        if (is_new) {
+            order.push_back(std::move(key));
+        } else if (!place->second->lost.empty() && (one.lost.empty() || one.score < place->second->score)) {
+            place->second = &one;
+        }
+    }
+    ReportTable table;
+    table.columns = {{"beside"}, {"terms"}, {"score"}, {"fitted"}, {"predicted"}, {"outcome"}};
+    for (const Key& key : order) {
+        const SystemHypothesis& one = *best.at(key);
+        table.rows.push_back(
+            {key.first, key.second, one.score, one.fitted, one.predicted, one.lost.empty() ? "taken" : one.lost});
     }
     section.blocks.push_back(table);
     if (d.out_of_time) section.blocks.push_back(Paragraph{"The budget of time ended the search."});
@@ -259,6 +280,11 @@ std::string undetermined_sentence(const SystemDiagnosis& d) {
         const double before = own != given.end() ? std::abs(own->value) : 0;
         const bool is_larger = before > 0 && one.standard_error > std::max(std::abs(one.value), before);
         if (is_larger || !std::isfinite(one.standard_error)) names.push_back(one.name);
+    }
+    for (const auto& effect : d.effects) {
+        for (std::size_t i = 0; i < effect.values.size(); ++i) {
+            if (!(effect.standard_errors[i] <= std::abs(effect.values[i]))) names.push_back(effect.parameters[i]);
+        }
     }
     if (names.empty()) return "";
     return fmt::format(" These records do not determine {}.", fmt::join(names, ", "));

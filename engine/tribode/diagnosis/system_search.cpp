@@ -865,26 +865,35 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
 }
 
 SystemCandidate SystemSearch::without(const SystemCandidate& candidate, std::size_t term) const {
+    return with_others(candidate, {term}, candidate, candidate.terms.size());
+}
+
+SystemCandidate SystemSearch::with_others(const SystemCandidate& candidate, const std::set<std::size_t>& left_out,
+                                          const SystemCandidate& other, std::size_t first) const {
     // Built again from the first model, its values where they are.
-    SystemCandidate less{.model = first_, .library = candidate.library, .substeps = candidate.substeps};
-    const auto place = [&](std::size_t end) {
+    SystemCandidate made{.model = first_,
+                         .library = std::max(candidate.library, other.library),
+                         .substeps = std::max(candidate.substeps, other.substeps)};
+    const auto place = [&](const SystemCandidate& one, std::size_t end) {
         std::size_t begin = first_.parameters.size();
-        for (std::size_t t = 0; t < end; ++t) begin += candidate.terms[t].parameters.size();
-        return static_cast<std::ptrdiff_t>(begin);
+        for (std::size_t t = 0; t < end; ++t) begin += one.terms[t].parameters.size();
+        return one.values.begin() + static_cast<std::ptrdiff_t>(begin);
     };
-    less.values.assign(candidate.values.begin(), candidate.values.begin() + place(0));
-    less.values.insert(less.values.end(), candidate.values.begin() + place(candidate.terms.size()),
-                       candidate.values.end());
-    for (std::size_t t = 0; t < candidate.terms.size(); ++t) {
-        if (t == term) continue;
-        const std::vector<double> own(candidate.values.begin() + place(t), candidate.values.begin() + place(t + 1));
+    made.values.assign(candidate.values.begin(), place(candidate, 0));
+    made.values.insert(made.values.end(), place(candidate, candidate.terms.size()), candidate.values.end());
+    const auto add = [&](const SystemCandidate& from, std::size_t t) {
+        const std::vector<double> own(place(from, t), place(from, t + 1));
         std::string text;
-        less.values = more_values(less.model, less.values, own);
-        less.model = extended(less.model, candidate.terms[t], own, &text);
-        less.terms.push_back(candidate.terms[t]);
-        less.texts.push_back(text);
+        made.values = more_values(made.model, made.values, own);
+        made.model = extended(made.model, from.terms[t], own, &text);
+        made.terms.push_back(from.terms[t]);
+        made.texts.push_back(text);
+    };
+    for (std::size_t t = 0; t < candidate.terms.size(); ++t) {
+        if (!left_out.contains(t)) add(candidate, t);
     }
-    return less;
+    for (std::size_t t = first; t < other.terms.size(); ++t) add(other, t);
+    return made;
 }
 
 SystemCandidate SystemSearch::pruned(SystemCandidate candidate) const {

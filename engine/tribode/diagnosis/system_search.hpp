@@ -74,6 +74,10 @@ class SystemSearch {
 
     SystemCandidate without(const SystemCandidate& candidate, std::size_t term) const; // not fitted
 
+    // Without some terms, and with those of another candidate from this one on behind the others; not fitted.
+    SystemCandidate with_others(const SystemCandidate& candidate, const std::set<std::size_t>& left_out,
+                                const SystemCandidate& other, std::size_t first) const;
+
     // To what is shown, from its values; false where it cannot be simulated.
     bool fit(SystemCandidate& candidate) const;
 

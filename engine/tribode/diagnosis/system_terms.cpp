@@ -302,8 +302,21 @@ SystemModel extended(const SystemModel& model, const SystemTerm& term, const std
         add(parameter, values[i]);
     }
     for (const auto& constant : term.constants) add(constant, constant.start);
-    const Term added = term.apply(more.equations, symbols);
-    if (text) *text = more.equations.graph->text(added);
+    if (!text) {
+        term.apply(more.equations, symbols);
+        return more;
+    }
+    // What is there already has a name: a formula that repeats it cannot be read.
+    std::unordered_map<Term, std::string> names;
+    const auto name = [&](Term value, const std::string& own) {
+        if (operand_count((*more.equations.graph)[value].op) > 0) names.try_emplace(value, own);
+    };
+    for (const auto& signal : more.inner) {
+        const auto& output = more.equations.outputs[signal.output];
+        name(output.value, output.name);
+    }
+    for (const auto& state : more.equations.states) name(state.rate, fmt::format("der({})", state.name));
+    *text = more.equations.graph->text(term.apply(more.equations, symbols), names);
     return more;
 }
 

@@ -61,7 +61,7 @@ double apply(Op op, double a, double b, double c) {
     case Op::multiply: return a * b;
     case Op::divide: return a / b;
     case Op::negate: return -a;
-    case Op::power: return std::pow(a, b);
+    case Op::power: return power(a, b);
     case Op::sin: return std::sin(a);
     case Op::cos: return std::cos(a);
     case Op::tan: return std::tan(a);
@@ -576,7 +576,7 @@ const char* Expressions::continuous_name(Term select) const {
     return is_abs ? "abs" : nullptr;
 }
 
-std::string Expressions::text(Term root) const {
+std::string Expressions::text(Term root, const std::unordered_map<Term, std::string>& names) const {
     // Bottom up; a text longer than this is of no use to a reader, and shared terms may make it huge.
     constexpr std::size_t longest = 2000;
     std::unordered_map<Term, std::string> texts;
@@ -590,11 +590,17 @@ std::string Expressions::text(Term root) const {
         };
         const auto part = [&](Term operand, int least) {
             const Term one = shown(operand);
+            if (names.contains(operand)) {
+                const bool is_word = texts[operand].find(' ') == std::string::npos;
+                return is_word ? texts[operand] : fmt::format("({})", texts[operand]);
+            }
             const int strength = notation_of(is_sign_times(one) ? Op::multiply : nodes_[one].op).strength;
             return strength >= least || strength == 0 ? texts[operand] : fmt::format("({})", texts[operand]);
         };
         std::string& text = texts[term];
-        if (node.op == Op::constant) {
+        if (const auto named = names.find(term); named != names.end()) {
+            text = named->second;
+        } else if (node.op == Op::constant) {
             text = to_text(node.value);
         } else if (node.op == Op::variable) {
             text = names_[node.a];

@@ -543,6 +543,7 @@ inline void Tape::interpret(const Cell* at, const Cell* end, double* registers, 
         case op(Op::any):
             of_operands(cell, [](double a, double b, double) { return a != 0 || b != 0 ? 1.0 : 0.0; });
             break;
+        case op(Op::power): of_operands(cell, [](double a, double b, double) { return power(a, b); }); break;
         case op(Op::floor): of_operands(cell, [](double a, double, double) { return std::floor(a); }); break;
         case op(Op::sin): function(cell, [](const double* x, double* y) { lane_functions::sin<lanes>(x, y); }); break;
         case op(Op::cos): function(cell, [](const double* x, double* y) { lane_functions::cos<lanes>(x, y); }); break;
@@ -756,7 +757,7 @@ std::string c_text(Op op, const std::string& a, const std::string& b, const std:
     case Op::multiply: return fmt::format("{} * {}", a, b);
     case Op::divide: return fmt::format("{} / {}", a, b);
     case Op::negate: return fmt::format("-{}", a);
-    case Op::power: return fmt::format("pow({}, {})", a, b);
+    case Op::power: return fmt::format("power({}, {})", a, b);
     case Op::sin: return fmt::format("sin({})", a);
     case Op::cos: return fmt::format("cos({})", a);
     case Op::tan: return fmt::format("tan({})", a);
@@ -801,6 +802,8 @@ const char* Tape::c_declarations() {
            "double sin(double), cos(double), tan(double), asin(double), acos(double), atan(double), tanh(double);\n"
            "double exp(double), log(double), sqrt(double), floor(double), pow(double, double), atan2(double, "
            "double);\n"
+           "static double power(double a, double b) {\n" // as power() of expressions.hpp
+           "  return b == 2 ? a * a : b == 3 ? a * a * a : b == 1 ? a : b == 4 ? (a * a) * (a * a) : pow(a, b);\n}\n"
            "typedef union { double bits; const void *table; double (*value)(const void *, double, double, double); } "
            "cell;\n"
            "static double lookup(const double *k, double x, double y, double side) {\n"
