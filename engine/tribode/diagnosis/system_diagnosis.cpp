@@ -272,9 +272,12 @@ class Diagnoser {
             result_.hypotheses.emplace_back();
         }
         for (std::size_t i = 0; i < found.size(); ++i) {
-            SystemHypothesis one{kinds_of(found[i]), kept_of(found[i], current), found[i].score(),
+            SystemHypothesis one{kinds_of(found[i]),
+                                 kept_of(found[i], current),
+                                 found[i].score(),
                                  rms_of_errors(found[i].fitted),
-                                 rms_of_errors(found[i].predicted), ""};
+                                 rms_of_errors(found[i].predicted),
+                                 ""};
             const double fitted = 1 - one.fitted / rms_of_errors(current.fitted);
             if (chosen == i) {
                 // taken
@@ -788,9 +791,8 @@ class Diagnoser {
                          made.independent));
         }
         std::iota(made.order.begin(), made.order.end(), std::size_t{0});
-        std::ranges::stable_sort(made.order, {}, [&](std::size_t i) {
-            return made.scores[i] * price_of_names(found[i], made.independent);
-        });
+        std::ranges::stable_sort(
+            made.order, {}, [&](std::size_t i) { return made.scores[i] * price_of_names(found[i], made.independent); });
         return made;
     }
 
@@ -829,7 +831,8 @@ class Diagnoser {
                            if (!search.fit(rivals[i])) rivals[i].predicted.clear();
                        });
         stop_if_asked();
-        std::erase_if(contender_of, [&, i = std::size_t{0}](std::size_t) mutable { return rivals[i++].predicted.empty(); });
+        std::erase_if(contender_of,
+                      [&, i = std::size_t{0}](std::size_t) mutable { return rivals[i++].predicted.empty(); });
         std::erase_if(rivals, [](const SystemCandidate& one) { return one.predicted.empty(); });
         std::vector<const SystemCandidate*> list;
         for (const auto& one : rivals) list.push_back(&one);

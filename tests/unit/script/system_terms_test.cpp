@@ -214,6 +214,115 @@ TEST(SystemTerms, OneFrictionHoldsAVelocity) {
         0);
 }
 
+// A term with its values is the system in which it is written out.
+void expect_written_out(const Case& plain, const std::string& kind, const std::string& first_parameter,
+                        const std::vector<double>& own, const Case& written) {
+    const auto term = std::find_if(plain.terms.begin(), plain.terms.end(), [&](const auto& one) {
+        return one.kind() == kind && one.parameters.front().name == first_parameter;
+    });
+    ASSERT_NE(term, plain.terms.end()) << kind;
+    const auto found =
+        plain.outputs(extended(plain.model, *term, own), more_values(plain.model, plain.model.values(1), own));
+    const auto there = written.outputs(written.model, written.model.values(1));
+    const auto without = plain.outputs(plain.model, plain.model.values(1));
+    ASSERT_EQ(found.size(), there.size()) << kind;
+    double moved = 0;
+    for (std::size_t k = 0; k < there[0].size(); ++k) {
+        ASSERT_NEAR(found[0][k], there[0][k], 1e-7) << kind;
+        moved = std::max(moved, std::abs(there[0][k] - without[0][k]));
+    }
+    EXPECT_GT(moved, 1e-3) << kind;
+}
+
+TEST(SystemTerms, AControllersOutputMayActLate) {
+    const TemporaryFolder folder;
+    const auto with = [&](const std::string& states, const std::string& drive, const std::string& more) {
+        return Case(folder,
+                    R"(
+            return require "tribode".system { inputs = { r = 0 }, states = { x = 0.1, v = 0)" +
+                        states + R"( },
+                der = function(s)
+                  local ahead = 30 * (s.r - s.x) - 4 * s.v
+                  return { x = s.v, v = math.sin()" +
+                        drive + ")" + more + R"( }
+                end,
+                outputs = function(s) return { y = s.x } end })",
+                    "t,r,y");
+    };
+    // It begins where it is: 30 (0 - 0.1).
+    const Case plain = with("", "ahead", "");
+    const auto lag = std::ranges::find_if(plain.terms, [](const auto& term) {
+        return term.name == "lag" && term.equation.find("r - x") != std::string::npos &&
+               term.equation.find("v") != std::string::npos;
+    });
+    ASSERT_NE(lag, plain.terms.end());
+    expect_written_out(plain, lag->kind(), "time", {0.05}, with(", i = -3", "s.i", ", i = (ahead - s.i)/0.05"));
+}
+
+TEST(SystemTerms, FrictionRisesTowardRestAsThatOfAPartDoes) {
+    const TemporaryFolder folder;
+    const auto with = [&](const std::string& options) {
+        return Case(folder,
+                    R"(
+            return require "tribode".system { inputs = { u = 0 }, states = { x = 0, v = 0.5 },
+                parameters = { level = { value = 0.2, unit = "N" } },
+                parts = { f = require "tribode".parts.coulomb { velocity = "v",
+                          level = function(s) return s.level end)" +
+                        options + R"( } },
+                der = function(s) return { x = s.v, v = (s.u - s.x - s.f.force) / 0.3 } end,
+                outputs = function(s) return { y = s.x } end })",
+                    "t,u,y");
+    };
+    const Case plain = with("");
+    expect_written_out(plain, "stribeck_friction in der(v) of v", "rise", {0.3, 0.1},
+                       with(", static = 0.5, stribeck_velocity = 0.1, exponent = 2"));
+    const auto term = std::ranges::find(plain.terms, "stribeck_friction", &SystemTerm::name);
+    EXPECT_EQ(term->parameters[0].unit, "N"); // that of the level, and not of the derivative
+}
+
+TEST(SystemTerms, AForceMayActAboutAPlace) {
+    const TemporaryFolder folder;
+    const auto with = [&](const std::string& force) {
+        return Case(folder,
+                    R"(
+            return require "tribode".system { inputs = { u = 0 }, states = { x = 0.3, v = 0 },
+                der = function(s)
+                  local r = (s.x - 0.1) / 0.05
+                  return { x = s.v, v = 3 * s.u - 20 * s.x)" +
+                        force + R"( }
+                end,
+                outputs = function(s) return { y = s.x } end })",
+                    "t,u,y");
+    };
+    const Case plain = with("");
+    expect_written_out(plain, "local_force in der(v) of x", "a", {0.7, 0.1, 0.05}, with("+ 0.7*math.exp(-r*r)"));
+    expect_written_out(plain, "detent in der(v) of x", "a", {0.7, 0.1, 0.05}, with("+ 0.7*r*math.exp(-r*r)"));
+}
+
+// A formula says what is added, and names what was there.
+TEST(SystemTerms, FormulasNameWhatWasThere) {
+    const TemporaryFolder folder;
+    const Case c(folder, R"(
+        return require "tribode".system { inputs = { r = 0 }, states = { x = 0.1, v = 0 },
+            der = function(s) return { x = s.v, v = 30 * math.sin(s.r - s.x) - 4 * s.v } end,
+            outputs = function(s) return { y = s.x } end })",
+                 "t,r,y");
+    const auto text_of = [&](SystemModel model, const std::vector<std::string>& kinds) {
+        std::string text;
+        for (const auto& kind : kinds) {
+            const auto term = std::ranges::find_if(c.terms, [&](const auto& one) { return one.kind() == kind; });
+            if (term == c.terms.end()) return "no " + kind;
+            std::vector<double> own;
+            for (const auto& parameter : term->parameters) own.push_back(parameter.start);
+            model = extended(model, *term, own, &text);
+        }
+        return text;
+    };
+    EXPECT_EQ(text_of(c.model, {"saturation in r - x", "dead_zone in r - x"}),
+              "(r - x) - min(dead_zone_width, max(r - x, -dead_zone_width))");
+    EXPECT_EQ(text_of(c.model, {"rate_limit in der(v)"}), "min(rate_limit_limit, max(der(v), -rate_limit_limit))");
+}
+
 TEST(InnerSignals, ATermOfWhatIsSharedActsOnBothSides) {
     const TemporaryFolder folder;
     const auto with = [&](const std::string& spring) {
@@ -232,10 +341,6 @@ TEST(InnerSignals, ATermOfWhatIsSharedActsOnBothSides) {
         })";
     };
     const Case plain(folder, with("s.k * bend"), "t,u,bend");
-    const auto wanted = [&](const std::string& spring) {
-        const Case c(folder, with(spring), "t,u,bend");
-        return c.outputs(c.model, c.model.values(1));
-    };
     struct Pair {
         std::string kind, spring;
         double value;
@@ -244,19 +349,8 @@ TEST(InnerSignals, ATermOfWhatIsSharedActsOnBothSides) {
          {Pair{"cubic_stiffness in x1 - x2", "s.k * (bend + 6 * bend ^ 3)", 6},
           Pair{"backlash in x1 - x2", "s.k * (bend - math.min(math.max(bend, -s.gap), s.gap))", 0.02},
           Pair{"cubic_stiffness in what der(v1) and der(v2) share of x1 - x2", "s.k * bend + s.a * bend ^ 3", 300}}) {
-        const auto term = std::find_if(plain.terms.begin(), plain.terms.end(),
-                                       [&, name = kind](const auto& one) { return one.kind() == name; });
-        ASSERT_NE(term, plain.terms.end()) << kind;
-        const std::vector<double> own = {value};
-        const auto found =
-            plain.outputs(extended(plain.model, *term, own), more_values(plain.model, plain.model.values(1), own));
-        const auto there = wanted(spring), without = plain.outputs(plain.model, plain.model.values(1));
-        double moved = 0;
-        for (std::size_t k = 0; k < there[0].size(); ++k) {
-            ASSERT_NEAR(found[0][k], there[0][k], 1e-7) << kind;
-            moved = std::max(moved, std::abs(there[0][k] - without[0][k]));
-        }
-        EXPECT_GT(moved, 1e-3) << kind;
+        const std::string parameter = kind.starts_with("backlash") ? "width" : "a";
+        expect_written_out(plain, kind, parameter, {value}, Case(folder, with(spring), "t,u,bend"));
     }
     // What only the search needs is not shown.
     EXPECT_EQ(without_inner_signals(plain.model).outputs.size(), 1u);
