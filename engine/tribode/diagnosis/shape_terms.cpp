@@ -25,6 +25,7 @@ struct Shape {
     std::function<Term(const TermArithmetic&, const std::vector<Term>& w, const std::vector<Term>& p)> term;
     std::vector<Parameter> parameters = {};
     std::string text = {}; // of what has no name
+    bool is_flexible = false;
 };
 
 class Shapes {
@@ -116,6 +117,7 @@ class Shapes {
         const double rms = rms_of_values(phi);
         if (!(rms > 0) || !std::isfinite(rms)) return;
         SystemTerm made{.name = shape.name, .equation = target_->name};
+        made.is_flexible = shape.is_flexible;
         std::vector<Term> symbols;
         for (const auto* variable : shape.of) {
             made.of += (made.of.empty() ? "" : " ") + variable->name;
@@ -292,7 +294,9 @@ class Shapes {
                  [hill, ratio](const TermArithmetic& m, const auto& x, const auto& p) {
                      return hill(m, ratio(m, x[0], p));
                  },
-                 parameters});
+                 parameters,
+                 {},
+                 true});
             add({"detent",
                  {&position},
                  "1",
@@ -304,7 +308,9 @@ class Shapes {
                      const Term r = ratio(m, x[0], p);
                      return m.multiply(r, hill(m, r));
                  },
-                 parameters});
+                 parameters,
+                 {},
+                 true});
         }
     }
 
@@ -384,6 +390,7 @@ class Shapes {
         if (levels.size() < 3) return;
         SystemTerm made{
             .name = curve_term, .equation = target_->name, .of = variable.name, .variables = {variable.name}};
+        made.is_flexible = true;
         made.amplitudes = levels.size();
         made.neutral.assign(levels.size(), 0);
         for (std::size_t i = 0; i < levels.size(); ++i) {

@@ -109,7 +109,7 @@ class Screen {
     std::vector<ScreenedTerms> pairs(const std::function<bool()>& late) const {
         std::vector<ScreenedTerms> found;
         auto some = best_of_each_form();
-        std::erase_if(some, [&](std::size_t i) { return terms_[i].name == curve_term; }); // would be in all pairs
+        std::erase_if(some, [&](std::size_t i) { return terms_[i].is_flexible; });
         const double all = open_.squaredNorm();
         for (std::size_t a = 0; a < some.size(); ++a) {
             for (std::size_t b = a + 1; b < some.size() && !late(); ++b) {
@@ -150,7 +150,7 @@ class Screen {
     std::vector<ScreenedTerms> sums(const std::function<bool()>& late) const {
         std::map<std::string, std::vector<std::size_t>> of; // each derivative and output: the best term of each form
         for (const std::size_t i : best_of_each_form()) {
-            if (!terms_[i].variables.empty() && terms_[i].name != curve_term) of[terms_[i].equation].push_back(i);
+            if (!terms_[i].variables.empty() && !terms_[i].is_flexible) of[terms_[i].equation].push_back(i);
         }
         std::vector<ScreenedTerms> found;
         for (const auto& [equation, some] : of) {

@@ -291,7 +291,7 @@ std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening,
     std::size_t further = 0;
     for (const auto& single : screening.singles) {
         const SystemTerm& term = terms[single.terms[0]];
-        if (term.name == curve_term) continue; // see curved()
+        if (term.is_flexible) continue; // see flexible()
         const bool is_first = named[term.name]++ == 0;
         // A term of one value is quickly fitted, and one that turns the motion into another one explains little to first order.
         const bool is_quick = term.parameters.size() == 1 && count[term.kind()] == 0;
@@ -362,7 +362,7 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
     };
     if (!is_enough()) add(followed(current));
     if (!is_enough()) add(fitted(deepened(current, found, terms), terms));
-    if (!is_enough()) add(curved(current, screening, terms));
+    if (!is_enough()) add(flexible(current, screening, terms));
     sort_by_score(found);
     reconsider_inputs(found);
     return found;
@@ -555,6 +555,7 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
         std::vector<OnSegments> list;
         for (const auto& single :
              screened_singles(one.model, one.values, one.errors, terms, fit_segments(one.substeps), control_, late_)) {
+            if (terms[single.terms[0]].is_flexible) continue;
             auto more = extended_on_segments(one, single, terms);
             if (!known.insert(forms_of(more.terms, terms)).second) continue;
             list.push_back(std::move(more));
@@ -671,7 +672,7 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
         for (const auto& single : screened) {
             const SystemTerm& second = terms[single.terms[0]];
             // Two of a kind say little, and a pair is the same in either order.
-            if (kinds.contains(second.kind()) || seconds.contains(second.form()) || second.name == curve_term) continue;
+            if (kinds.contains(second.kind()) || seconds.contains(second.form()) || second.is_flexible) continue;
             // Functions of the same variable make up a curve together that none of them is, as drag and dry friction do.
             const bool is_same_variable = second.equation == first.equation && second.of == first.of;
             // Others that explain to first order what a better one does say nothing new, but one with one parameter may do so with
@@ -688,12 +689,15 @@ std::vector<SystemSearch::Hypothesis> SystemSearch::deepened(const SystemCandida
     return list;
 }
 
-// The likeliest curves, the best of them also with a delay or a lag. Beside richer terms of a screening they would crowd out all else.
-std::vector<SystemCandidate> SystemSearch::curved(const SystemCandidate& current, const Screening& screening,
-                                                  const std::vector<SystemTerm>& terms) const {
+// The likeliest curves and other flexible terms, the best of them also with a delay or a lag. Among the terms of a screening they would
+// crowd out all else.
+std::vector<SystemCandidate> SystemSearch::flexible(const SystemCandidate& current, const Screening& screening,
+                                                    const std::vector<SystemTerm>& terms) const {
     std::vector<Hypothesis> list;
+    std::map<std::string, std::size_t> of_name;
     for (const auto& single : screening.singles) {
-        if (terms[single.terms[0]].name == curve_term && list.size() < fitted_curves) list.push_back({current, single});
+        const SystemTerm& term = terms[single.terms[0]];
+        if (term.is_flexible && ++of_name[term.name] <= fitted_curves) list.push_back({current, single});
     }
     auto found = fitted(list, terms);
     if (found.empty()) return found;

@@ -117,8 +117,8 @@ class SystemSearch {
                                      const std::vector<SystemTerm>& terms) const;
     void add_timing(const SystemCandidate& one, const std::vector<SystemTerm>& terms, std::set<std::string>& forms,
                     std::vector<Hypothesis>& list) const;
-    std::vector<SystemCandidate> curved(const SystemCandidate& current, const Screening& screening,
-                                        const std::vector<SystemTerm>& terms) const;
+    std::vector<SystemCandidate> flexible(const SystemCandidate& current, const Screening& screening,
+                                          const std::vector<SystemTerm>& terms) const;
     std::vector<SystemCandidate> followed(const SystemCandidate& current) const;
     std::vector<ScreenedTerms> chosen(const Screening& screening, const std::vector<SystemTerm>& terms) const;
 

@@ -27,6 +27,8 @@ struct SystemTerm {
     std::vector<double> neutral = {0};
     std::vector<Parameter> constants = {}; // parameters that are not fitted
     std::size_t looked_at = 1;             // frequencies among which its own was the best
+    bool is_flexible =
+        false; // follows so much that it would be in all pairs and sums: it is tried alone, after the others
     // Puts the term into the equations, with variables for its parameters and constants. Returns what was added, for a reader.
     std::function<Term(Equations&, const std::vector<Term>& parameters)> apply;
 
