@@ -831,9 +831,11 @@ class Diagnoser {
                            if (!search.fit(rivals[i])) rivals[i].predicted.clear();
                        });
         stop_if_asked();
-        std::erase_if(contender_of,
-                      [&, i = std::size_t{0}](std::size_t) mutable { return rivals[i++].predicted.empty(); });
-        std::erase_if(rivals, [](const SystemCandidate& one) { return one.predicted.empty(); });
+        for (std::size_t i = rivals.size(); i-- > 0;) {
+            if (!rivals[i].predicted.empty()) continue;
+            rivals.erase(rivals.begin() + static_cast<std::ptrdiff_t>(i));
+            contender_of.erase(contender_of.begin() + static_cast<std::ptrdiff_t>(i));
+        }
         std::vector<const SystemCandidate*> list;
         for (const auto& one : rivals) list.push_back(&one);
         auto all = judged(search, list, ended_after(fit_share));
