@@ -252,7 +252,8 @@ class Shapes {
                 const auto named = std::ranges::find(e.parameters, held->level, &Equations::Parameter::symbol);
                 rise.unit = named == e.parameters.end() ? "" : named->unit;
             }
-            made.parameters[0].low = 0;
+            // Of a measured force the sign is as it was measured.
+            if (held != e.contacts.end() || !target_->is_output) made.parameters[0].low = 0;
             made.apply = [target = *target_, v = velocity.symbol](Equations& equations, const std::vector<Term>& p) {
                 const TermArithmetic m{*equations.graph};
                 const Term ratio = m.divide(v, p[1]),

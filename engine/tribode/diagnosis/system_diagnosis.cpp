@@ -877,8 +877,9 @@ class Diagnoser {
         steps_[s] = std::move(changed);
         if (!changes) return;
         SystemStep& end = steps_.back();
+        const std::size_t brought = end.candidate.terms.size() - end.before, terms_now = found[best].terms.size();
         end.candidate = found[best];
-        end.before = found[best].terms.size();
+        end.before = std::min(end.before, terms_now - std::min(brought, terms_now));
         end.on_validation = errors[best];
         end.on_fitted = all[place[best]]->errors;
         conclude(search, *std::move(all[place[best]]));
