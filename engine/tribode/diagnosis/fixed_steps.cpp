@@ -20,9 +20,29 @@ namespace {
 constexpr double same_instant = 1e-7;
 
 constexpr std::size_t most_delays = 6;
+constexpr std::size_t most_lanes = 8;
+constexpr double as_long = 0.9; // of the longest of some runs side by side, for another one to be among them
 
-double value_of(const std::array<double, 4>& piece, double s) {
-    return piece[0] + s * (piece[1] + s * (piece[2] + s * piece[3]));
+using Piece = std::array<double, 4>; // a cubic over a sample
+
+double value_of(const Piece& piece, double s) { return piece[0] + s * (piece[1] + s * (piece[2] + s * piece[3])); }
+
+// The straight lines over n pieces each with the same mean and first moment.
+std::vector<Piece> straightened(const std::vector<Piece>& pieces, std::size_t n) {
+    std::vector<Piece> lines;
+    const double share = 1 / static_cast<double>(n);
+    for (std::size_t first = 0; first < pieces.size(); first += n) {
+        double mean = 0, moment = 0; // about the middle
+        for (std::size_t k = 0; k < n; ++k) {
+            const bool is_over = first + k >= pieces.size();
+            const auto [a, b, c, d] = is_over ? Piece{value_of(pieces.back(), 1), 0, 0, 0} : pieces[first + k];
+            const double own = a + b / 2 + c / 3 + d / 4, rising = a / 2 + b / 3 + c / 4 + d / 5;
+            mean += share * own;
+            moment += share * ((static_cast<double>(k) * share - 0.5) * own + share * rising);
+        }
+        lines.push_back({mean - 6 * moment, 12 * moment, 0, 0});
+    }
+    return lines;
 }
 
 } // namespace
@@ -96,8 +116,10 @@ std::optional<FixedSteps> FixedSteps::of(const SystemModel& model) {
     return made;
 }
 
-FixedSteps::Course FixedSteps::course(const SystemRecord& record, std::size_t samples, Interpolation between) const {
-    Course c{.begin = record.t.front(), .samples = std::min(samples, record.size())};
+FixedSteps::Course FixedSteps::course(const SystemRecord& record, std::size_t used, Interpolation between,
+                                      std::size_t n) const {
+    used = std::min(used, record.size());
+    Course c{.begin = record.t.front(), .samples = (used + n - 1) / n};
     for (std::size_t i = 0; i < input_count_; ++i) {
         const bool has_column = i < record.inputs.size() && !record.inputs[i].empty();
         if (!has_column) {
@@ -109,17 +131,30 @@ FixedSteps::Course FixedSteps::course(const SystemRecord& record, std::size_t sa
         }
     }
     if (is_static()) {
-        for (std::size_t k = 0; k < c.samples; ++k) c.intervals.push_back({record.t[k], 0, k, true});
+        for (std::size_t k = 0; k < c.samples; ++k) c.intervals.push_back({record.t[k * n], 0, k * n, true});
         return c;
     }
     c.period = median_step(record.t);
-    c.holds = between == Interpolation::hold;
+    c.holds = between == Interpolation::hold && n == 1;
     const double near = same_instant * c.period;
+    if (n > 1) {
+        for (auto& pieces : c.inputs) {
+            auto& values = c.at_samples.emplace_back();
+            for (std::size_t k = 0; k < used; k += n) {
+                const double place = (record.t[k] - c.begin) / c.period, piece = std::floor(place + same_instant);
+                const auto last = static_cast<double>(pieces.size() - 1);
+                values.push_back(value_of(pieces[static_cast<std::size_t>(std::clamp(piece, 0.0, last))],
+                                          pieces.size() == 1 ? 0 : std::clamp(place - piece, 0.0, 1.0)));
+            }
+            if (pieces.size() > 1) pieces = straightened(pieces, n);
+        }
+        c.period *= static_cast<double>(n);
+    }
     const auto grid = [&](std::size_t k) { return c.begin + static_cast<double>(k) * c.period; };
     std::size_t piece = 0, sample = 0;
     double next_grid = grid(0);
     while (sample < c.samples) {
-        const double at = record.t[sample] + near; // of the next output
+        const double at = record.t[sample * n] + near; // of the next output
         if (next_grid <= at) {
             // An output at this instant or right behind it takes the new piece.
             const bool is_sample = at - next_grid <= 2 * near;
@@ -127,7 +162,7 @@ FixedSteps::Course FixedSteps::course(const SystemRecord& record, std::size_t sa
             if (is_sample) ++sample;
             next_grid = grid(++piece);
         } else {
-            c.intervals.push_back({record.t[sample], 0, piece > 0 ? piece - 1 : 0, true});
+            c.intervals.push_back({record.t[sample * n], 0, piece > 0 ? piece - 1 : 0, true});
             ++sample;
         }
     }
@@ -137,13 +172,27 @@ FixedSteps::Course FixedSteps::course(const SystemRecord& record, std::size_t sa
     return c;
 }
 
-// The runs of up to so many sets of values side by side. A number of each is beside that of the others: place i * lanes + lane.
+bool FixedSteps::Course::begins_as(const Course& other) const {
+    const double near = same_instant * period;
+    if (intervals.size() < other.intervals.size() || holds != other.holds ||
+        at_samples.empty() != other.at_samples.empty() || !(std::abs(period - other.period) < near)) {
+        return false;
+    }
+    return std::equal(other.intervals.begin(), other.intervals.end(), intervals.begin(),
+                      [&](const Interval& a, const Interval& b) {
+                          return a.piece == b.piece && a.is_sample == b.is_sample &&
+                                 std::abs((a.start - other.begin) - (b.start - begin)) < near;
+                      });
+}
+
+// Up to so many runs side by side, the first of which is the longest: its intervals are those of all. A number of each is beside that
+// of the others: place i * lanes + lane.
 template <std::size_t lanes>
 class FixedSteps::Run {
   public:
-    Run(const FixedSteps& model, const Course& course, std::span<const std::vector<double>> sets)
+    Run(const FixedSteps& model, Simulations simulations)
         : m_(model),
-          course_(course),
+          course_(*simulations.front().course),
           n_(m_.starts_.size()),
           mode_(1 + m_.input_count_ + m_.delayed_.size()),
           x_(n_ * lanes),
@@ -154,10 +203,14 @@ class FixedSteps::Run {
           y_(m_.output_count_ * lanes),
           delay_(m_.delayed_.size() * lanes),
           behind_(m_.delayed_.size() * lanes),
-          sets_(sets.size()) {
-        // A lane that has no set of its own does what the first one does.
-        const auto own = [&](std::size_t l) -> const std::vector<double>& { return sets[l < sets.size() ? l : 0]; };
+          runs_(simulations.size()) {
+        // A lane that has no run of its own does what the first one does.
+        const auto run = [&](std::size_t l) { return simulations[l < runs_ ? l : 0]; };
+        const auto own = [&](std::size_t l) -> const std::vector<double>& { return *run(l).values; };
         for (std::size_t l = 0; l < lanes; ++l) {
+            courses_[l] = run(l).course;
+            later_[l] = courses_[l]->begin - course_.begin;
+            has_one_course_ = has_one_course_ && courses_[l] == &course_;
             for (std::size_t i = 0; i < m_.parameters_.size(); ++i) p_[i * lanes + l] = m_.parameters_[i];
             for (std::size_t i = 0; i < n_; ++i) x_[i * lanes + l] = m_.starts_[i];
             for (std::size_t i = 0; i < m_.moved_parameters_.size(); ++i) {
@@ -174,7 +227,7 @@ class FixedSteps::Run {
             Tape::SideBySide<lanes>(m_.delays_, p_.data()).evaluate(x_.data(), u_.data(), delay_.data());
     }
 
-    void over(std::size_t substeps, std::vector<double>& all) {
+    void over(std::size_t substeps, Outputs all) {
         std::size_t sample = 0;
         const bool is_together = m_.delayed_.empty() && !m_.friction_;
         AlignedVector<double> cut((m_.delayed_.size() + 2) * lanes);
@@ -212,7 +265,7 @@ class FixedSteps::Run {
   private:
     using Each = std::array<double, lanes>;
 
-    void take_outputs(const Course::Interval& interval, std::size_t sample, std::vector<double>& all) {
+    void take_outputs(const Course::Interval& interval, std::size_t sample, Outputs all) {
         if (m_.delayed_.empty()) {
             set_inputs(interval.piece, interval.start);
         } else {
@@ -221,11 +274,18 @@ class FixedSteps::Run {
             find_pieces(t);
             set_inputs(interval.piece, t);
         }
+        for (std::size_t i = 0; i < course_.at_samples.size(); ++i) {
+            for (std::size_t l = 0; l < lanes; ++l) {
+                const auto& values = courses_[l]->at_samples[i];
+                u_[(1 + i) * lanes + l] = values[std::min(sample, values.size() - 1)];
+            }
+        }
         if (m_.friction_) find_modes();
         outputs_->evaluate(x_.data(), u_.data(), y_.data());
-        for (std::size_t l = 0; l < sets_; ++l) {
-            for (std::size_t o = 0; o < m_.output_count_; ++o) {
-                all[(l * m_.output_count_ + o) * course_.samples + sample] = y_[o * lanes + l];
+        for (std::size_t l = 0; l < runs_; ++l) {
+            const std::size_t samples = courses_[l]->samples;
+            for (std::size_t o = 0; sample < samples && o < m_.output_count_; ++o) {
+                all[l][o * samples + sample] = y_[o * lanes + l];
             }
         }
     }
@@ -240,29 +300,40 @@ class FixedSteps::Run {
         }
     }
 
-    const std::array<double, 4>& piece_of(std::size_t input, double place) const {
-        const auto& pieces = course_.inputs[input];
+    const Piece& piece_of(std::size_t l, std::size_t input, double place) const {
+        const auto& pieces = courses_[l]->inputs[input];
         return pieces[std::min(static_cast<std::size_t>(std::max(place, 0.0)), pieces.size() - 1)];
     }
 
     double start_of(std::size_t piece) const { return course_.begin + static_cast<double>(piece) * course_.period; }
 
+    // Instants are those of the first run's course; others began later.
+    void set_time(double t) {
+        for (std::size_t l = 0; l < lanes; ++l) u_[l] = t + later_[l];
+    }
+    void set_time(const Each& t) {
+        for (std::size_t l = 0; l < lanes; ++l) u_[l] = t[l] + later_[l];
+    }
+
     // Of all lanes, at one instant, without delays.
     void set_inputs(std::size_t piece, double t) {
-        std::fill_n(u_.begin(), lanes, t);
-        const double share = (t - start_of(piece)) / course_.period;
+        set_time(t);
+        const double share = (t - start_of(piece)) / course_.period, place = static_cast<double>(piece);
         for (std::size_t i = 0; i < m_.input_count_; ++i) {
-            std::fill_n(&u_[(1 + i) * lanes], lanes, value_of(piece_of(i, static_cast<double>(piece)), share));
+            if (has_one_course_) {
+                std::fill_n(&u_[(1 + i) * lanes], lanes, value_of(piece_of(0, i, place), share));
+                continue;
+            }
+            for (std::size_t l = 0; l < lanes; ++l) u_[(1 + i) * lanes + l] = value_of(piece_of(l, i, place), share);
         }
     }
 
     void set_inputs(std::size_t piece, const Each& t) {
-        std::copy_n(t.begin(), lanes, u_.begin());
-        const double start = start_of(piece);
+        set_time(t);
+        const double start = start_of(piece), at = static_cast<double>(piece);
         for (std::size_t i = 0; i < m_.input_count_; ++i) {
-            const auto& now = piece_of(i, static_cast<double>(piece));
             for (std::size_t l = 0; l < lanes; ++l) {
-                u_[(1 + i) * lanes + l] = value_of(now, (t[l] - start) / course_.period);
+                u_[(1 + i) * lanes + l] = value_of(piece_of(l, i, at), (t[l] - start) / course_.period);
             }
         }
         for (std::size_t d = 0; d < m_.delayed_.size(); ++d) {
@@ -271,7 +342,7 @@ class FixedSteps::Run {
                 const double place = behind_[d * lanes + l];
                 const double s = (t[l] - delay_[d * lanes + l] - course_.begin) / course_.period - place;
                 u_[(1 + m_.input_count_ + d) * lanes + l] =
-                    place < 0 ? course_.inputs[input].front()[0] : value_of(piece_of(input, place), s);
+                    place < 0 ? courses_[l]->inputs[input].front()[0] : value_of(piece_of(l, input, place), s);
             }
         }
     }
@@ -318,7 +389,7 @@ class FixedSteps::Run {
         Each t;
         for (std::size_t l = 0; l < lanes; ++l) t[l] = std::clamp(start[l] + share * length[l], first_[l], last_[l]);
         if (course_.holds && are_inputs_set_) { // the inputs are those of the part's start
-            std::copy_n(t.begin(), lanes, u_.begin());
+            set_time(t);
         } else {
             set_inputs(piece_, t);
             are_inputs_set_ = true;
@@ -328,7 +399,7 @@ class FixedSteps::Run {
     void go_to(double start, double length, double share) {
         const double t = std::clamp(start + share * length, first_[0], last_[0]);
         if (course_.holds && are_inputs_set_) {
-            std::fill_n(u_.begin(), lanes, t);
+            set_time(t);
         } else {
             set_inputs(piece_, t);
             are_inputs_set_ = true;
@@ -474,34 +545,50 @@ class FixedSteps::Run {
 
     const FixedSteps& m_;
     const Course& course_;
+    std::array<const Course*, lanes> courses_;
+    bool has_one_course_ = true;
     std::size_t n_, mode_; // states; place of the mode in u
     AlignedVector<double> x_, stage_, slopes_, u_, p_, y_, delay_, behind_, before_;
     std::optional<Tape::SideBySide<lanes>> rates_, outputs_, holding_;
-    std::size_t sets_, piece_ = 0;
-    Each first_, last_, excess_, lets_go_to_;
+    std::size_t runs_, piece_ = 0;
+    Each later_, first_, last_, excess_, lets_go_to_;
     bool are_inputs_set_ = false, look_anew_ = true; // what holds is to be found
 };
 
 // With the widest registers that the processor has, as Tape::SideBySide.
-[[gnu::flatten]] TRIBODE_CLONES void FixedSteps::run_four(const Course& course, Sets sets, std::size_t substeps,
-                                                          std::vector<double>& all) const {
-    Run<4>(*this, course, sets).over(substeps, all);
+[[gnu::flatten]] TRIBODE_CLONES void FixedSteps::run_four(Simulations simulations, std::size_t substeps,
+                                                          Outputs all) const {
+    Run<4>(*this, simulations).over(substeps, all);
 }
 
-[[gnu::flatten]] TRIBODE_CLONES void FixedSteps::run_eight(const Course& course, Sets sets, std::size_t substeps,
-                                                           std::vector<double>& all) const {
-    Run<8>(*this, course, sets).over(substeps, all);
+[[gnu::flatten]] TRIBODE_CLONES void FixedSteps::run_eight(Simulations simulations, std::size_t substeps,
+                                                           Outputs all) const {
+    Run<8>(*this, simulations).over(substeps, all);
 }
 
-std::vector<double> FixedSteps::outputs(const Course& course, std::span<const std::vector<double>> sets,
-                                        std::size_t substeps) const {
-    std::vector<double> all(sets.size() * output_count_ * course.samples, std::numeric_limits<double>::quiet_NaN());
-    if (sets.size() == 1) {
-        Run<1>(*this, course, sets).over(substeps, all);
-    } else if (sets.size() <= 4) {
-        run_four(course, sets, substeps, all);
-    } else {
-        run_eight(course, sets, substeps, all);
+std::vector<std::vector<double>> FixedSteps::outputs(Simulations simulations, std::size_t substeps) const {
+    std::vector<std::vector<double>> all;
+    for (const auto& one : simulations) {
+        all.emplace_back(output_count_ * one.course->samples, std::numeric_limits<double>::quiet_NaN());
+    }
+    for (std::size_t first = 0, count = 0; first < simulations.size(); first += count) {
+        const Course& leader = *simulations[first].course;
+        const auto least = as_long * static_cast<double>(leader.intervals.size());
+        const auto goes_beside = [&](const Course& one) {
+            return one.group == leader.group && one.intervals.size() <= leader.intervals.size() &&
+                   static_cast<double>(one.intervals.size()) >= least;
+        };
+        const std::size_t most = std::min(most_lanes, simulations.size() - first);
+        for (count = 1; count < most && goes_beside(*simulations[first + count].course);) ++count;
+        const auto some = simulations.subspan(first, count);
+        const auto into = std::span(all).subspan(first, count);
+        if (count == 1) {
+            Run<1>(*this, some).over(substeps, into);
+        } else if (count <= 4) {
+            run_four(some, substeps, into);
+        } else {
+            run_eight(some, substeps, into);
+        }
     }
     return all;
 }

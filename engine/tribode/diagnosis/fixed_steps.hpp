@@ -17,8 +17,6 @@ namespace tribode {
 // run at instants of its own: where the velocity, as a cubic over the step, or the force that holds it says so.
 class FixedSteps {
   public:
-    static constexpr std::size_t most_lanes = 8;
-
     // Nothing where the equations have more than rates and outputs and one dry friction on a state: algebraic variables, clocks,
     // events that set something, other forces that hold something at rest, or delays of more than an input.
     static std::optional<FixedSteps> of(const SystemModel& model);
@@ -33,16 +31,26 @@ class FixedSteps {
         std::vector<Interval> intervals;                        // the last one has no length
         double begin = 0, period = 1;                           // of the pieces [s]
         std::vector<std::vector<std::array<double, 4>>> inputs; // of each input of the equations
+        std::vector<std::vector<double>> at_samples; // of each input where an output is taken; empty: as the pieces say
         std::size_t samples = 0;
-        bool holds = false; // all inputs are constant between samples
-    };
-    Course course(const SystemRecord& record, std::size_t samples, Interpolation between) const;
+        bool holds = false;    // all inputs are constant between samples
+        std::size_t group = 0; // those that go side by side: their intervals are the same, but for their start
 
-    // Of each set of values (parameters of the model, then its start values), at most most_lanes, the measured outputs:
-    // place (set * outputs + output) * samples + sample. `substeps`: of each interval. A set whose run is not finite has
-    // values that are none.
-    std::vector<double> outputs(const Course& course, std::span<const std::vector<double>> sets,
-                                std::size_t substeps) const;
+        // Whether the intervals of the other one are those that this one begins with.
+        bool begins_as(const Course& other) const;
+    };
+    // Of every n-th of the samples that count (`used`, from the first one). Inputs are then straight lines over n samples, with the
+    // mean and the first moment of what they are there.
+    Course course(const SystemRecord& record, std::size_t used, Interpolation between, std::size_t n = 1) const;
+
+    // A run to be made.
+    struct Simulation {
+        const Course* course;
+        const std::vector<double>* values; // parameters of the model, then its start values
+    };
+    // Of each the measured outputs: place output * samples + sample. Those of a group that follow one another, and whose courses are
+    // about as long, go side by side. `substeps`: of each interval. One whose run is not finite has values that are none.
+    std::vector<std::vector<double>> outputs(std::span<const Simulation> simulations, std::size_t substeps) const;
 
     std::size_t measured() const { return output_count_; }
     bool is_static() const { return starts_.empty(); } // no states: steps do not matter
@@ -57,9 +65,10 @@ class FixedSteps {
     FixedSteps() = default;
     template <std::size_t lanes>
     class Run;
-    using Sets = std::span<const std::vector<double>>;
-    void run_four(const Course& course, Sets sets, std::size_t substeps, std::vector<double>& all) const;
-    void run_eight(const Course& course, Sets sets, std::size_t substeps, std::vector<double>& all) const;
+    using Simulations = std::span<const Simulation>;
+    using Outputs = std::span<std::vector<double>>;
+    void run_four(Simulations simulations, std::size_t substeps, Outputs all) const;
+    void run_eight(Simulations simulations, std::size_t substeps, Outputs all) const;
 
     std::vector<double> starts_, parameters_, own_inputs_; // values, where they do not move
     std::vector<std::size_t> moved_parameters_, moved_starts_;

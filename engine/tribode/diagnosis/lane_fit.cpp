@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 namespace tribode {
 
@@ -25,25 +26,6 @@ bool all_finite(const std::vector<double>& values) {
     return std::all_of(values.begin(), values.end(), [](double value) { return std::isfinite(value); });
 }
 
-// Every n-th sample; an input that holds its value between samples has its mean over those that are left out.
-SystemRecord thinned(const SystemRecord& record, std::size_t used, std::size_t n, Interpolation between) {
-    SystemRecord made{.source = record.source, .inputs = {}, .outputs = {}};
-    const auto each = [&](const std::vector<double>& values, bool mean) {
-        std::vector<double> some;
-        for (std::size_t k = 0; k < std::min(used, values.size()); k += n) {
-            double sum = 0;
-            const std::size_t end = mean ? std::min(k + n, used) : k + 1;
-            for (std::size_t i = k; i < end; ++i) sum += values[i];
-            some.push_back(sum / static_cast<double>(end - k));
-        }
-        return some;
-    };
-    made.t = each(record.t, false);
-    for (const auto& values : record.inputs) made.inputs.push_back(each(values, between == Interpolation::hold));
-    for (const auto& values : record.outputs) made.outputs.push_back(each(values, false));
-    return made;
-}
-
 } // namespace
 
 LaneFit::LaneFit(const SystemFit& fit, const SystemModel& model, FixedSteps steps)
@@ -51,15 +33,32 @@ LaneFit::LaneFit(const SystemFit& fit, const SystemModel& model, FixedSteps step
       model_(model),
       steps_(std::move(steps)),
       noise_(fit.noise()) {
-    lay_out();
+    lay_out(1);
 }
 
-void LaneFit::lay_out() {
+void LaneFit::lay_out(std::size_t every) {
+    every_ = every;
     courses_.clear();
+    order_.clear();
+    first_row_.assign(1, 0);
     for (std::size_t r = 0; r < fit_.records().size(); ++r) {
-        courses_.push_back(
-            steps_.course(record(r), thinned_.empty() ? fit_.used()[r] : thinned_[r].size(), fit_.interpolation()));
+        courses_.push_back(steps_.course(fit_.records()[r], fit_.used()[r], fit_.interpolation(), every));
+        if (courses_[r].samples > 0) order_.push_back(r);
+        std::size_t row = first_row_.back();
+        for (const auto& measured : fit_.records()[r].outputs) {
+            for (std::size_t k = 0; k < courses_[r].samples; ++k) row += std::isnan(measured[k * every]) ? 0 : 1;
+        }
+        first_row_.push_back(row);
     }
+    std::ranges::stable_sort(order_, std::greater(), [&](std::size_t r) { return courses_[r].intervals.size(); });
+    std::vector<std::size_t> leaders; // of the groups
+    for (const std::size_t r : order_) {
+        const auto leader =
+            std::ranges::find_if(leaders, [&](std::size_t longer) { return courses_[longer].begins_as(courses_[r]); });
+        courses_[r].group = static_cast<std::size_t>(leader - leaders.begin());
+        if (leader == leaders.end()) leaders.push_back(r);
+    }
+    std::ranges::stable_sort(order_, {}, [&](std::size_t r) { return courses_[r].group; });
 }
 
 std::optional<LaneFit> LaneFit::of(const SystemFit& fit, const SystemModel& model, const std::vector<double>& values,
@@ -78,55 +77,47 @@ std::optional<LaneFit> LaneFit::of(const SystemFit& fit, const SystemModel& mode
     return made;
 }
 
-std::vector<std::vector<double>> LaneFit::errors_of_record(std::size_t r, const std::vector<std::vector<double>>& sets,
-                                                           std::size_t substeps) const {
-    const auto& measured = record(r).outputs;
-    const std::size_t samples = courses_[r].samples, outputs = steps_.measured();
-    std::vector<std::vector<double>> all;
-    for (std::size_t first = 0; first < sets.size(); first += FixedSteps::most_lanes) {
-        const std::size_t count = std::min(FixedSteps::most_lanes, sets.size() - first);
-        const auto simulated = steps_.outputs(courses_[r], std::span(sets).subspan(first, count), substeps);
-        for (std::size_t l = 0; l < count; ++l) {
-            auto& errors = all.emplace_back();
-            errors.reserve(outputs * samples);
-            const double* y = &simulated[l * outputs * samples];
-            for (std::size_t o = 0; o < outputs; ++o) {
-                for (std::size_t k = 0; k < samples; ++k, ++y) {
-                    if (!std::isnan(measured[o][k])) errors.push_back((measured[o][k] - *y) / fit_.scale()[o]);
-                }
+std::vector<std::vector<double>> LaneFit::errors_of(const std::vector<OfRecord>& runs, std::size_t substeps) const {
+    std::vector<FixedSteps::Simulation> simulations;
+    for (const auto& run : runs) simulations.push_back({&courses_[run.record], &run.values});
+    std::vector<std::vector<double>> all(runs.size());
+    const auto simulated = steps_.outputs(simulations, substeps);
+    for (std::size_t n = 0; n < runs.size(); ++n) {
+        const auto& measured = fit_.records()[runs[n].record].outputs;
+        const std::size_t outputs = steps_.measured(), samples = courses_[runs[n].record].samples;
+        all[n].reserve(outputs * samples);
+        const double* y = simulated[n].data();
+        for (std::size_t o = 0; o < outputs; ++o) {
+            for (std::size_t k = 0; k < samples; ++k, ++y) {
+                const double here = measured[o][k * every_];
+                if (!std::isnan(here)) all[n].push_back((here - *y) / fit_.scale()[o]);
             }
-            if (!all_finite(errors)) errors.clear();
         }
+        if (!all_finite(all[n])) all[n].clear();
     }
     return all;
 }
 
-std::vector<std::vector<double>> LaneFit::errors(const std::vector<std::vector<double>>& sets) const {
+std::vector<std::vector<double>> LaneFit::errors(const std::vector<std::vector<double>>& sets,
+                                                 std::size_t substeps) const {
+    std::vector<OfRecord> runs;
+    for (const std::size_t r : order_) {
+        for (const auto& values : sets) runs.push_back({r, model_.values_of(values, r)});
+    }
+    const auto errors = errors_of(runs, substeps);
+    std::vector<std::size_t> place(courses_.size()); // of the first run of a record
+    for (std::size_t n = 0; n < order_.size(); ++n) place[order_[n]] = n * sets.size();
     std::vector<std::vector<double>> all(sets.size());
-    std::vector<bool> runs(sets.size(), true);
-    for (std::size_t r = 0; r < courses_.size(); ++r) {
-        if (courses_[r].samples == 0) continue;
-        std::vector<std::vector<double>> own;
-        for (const auto& values : sets) own.push_back(model_.values_of(values, r));
-        const auto errors = errors_of_record(r, own, substeps_);
-        for (std::size_t l = 0; l < sets.size(); ++l) {
-            runs[l] = runs[l] && !errors[l].empty();
-            all[l].insert(all[l].end(), errors[l].begin(), errors[l].end());
-        }
-    }
     for (std::size_t l = 0; l < sets.size(); ++l) {
-        if (!runs[l]) all[l].clear();
-    }
-    return all;
-}
-
-std::vector<double> LaneFit::errors_with(const std::vector<double>& values, std::size_t substeps) const {
-    std::vector<double> all;
-    for (std::size_t r = 0; r < courses_.size(); ++r) {
-        if (courses_[r].samples == 0) continue;
-        const auto errors = errors_of_record(r, {model_.values_of(values, r)}, substeps)[0];
-        if (errors.empty()) return {};
-        all.insert(all.end(), errors.begin(), errors.end());
+        for (std::size_t r = 0; r < courses_.size(); ++r) {
+            if (courses_[r].samples == 0) continue;
+            const auto& own = errors[place[r] + l];
+            if (own.size() < first_row_[r + 1] - first_row_[r]) { // the run is not finite
+                all[l].clear();
+                break;
+            }
+            all[l].insert(all[l].end(), own.begin(), own.end());
+        }
     }
     return all;
 }
@@ -161,20 +152,27 @@ bool LaneFit::shorten(const std::vector<double>& values) {
     return false;
 }
 
+void LaneFit::lengthen(const std::vector<double>& values) {
+    if (steps_.is_static() || substeps_ == 1) return;
+    for (auto fine = errors_with(values, substeps_); substeps_ > 1; substeps_ /= 2) {
+        auto coarse = errors_with(values, substeps_ / 2);
+        if (fine.empty() || coarse.empty() || !(rms_of_difference(coarse, fine) < negligible(fine))) return;
+        fine = std::move(coarse);
+    }
+}
+
 bool LaneFit::thin_out(const std::vector<double>& values) {
-    if (steps_.is_static()) return false;
-    const auto fine = errors_with(values, substeps_);
-    const std::size_t substeps = substeps_;
+    if (steps_.is_static() || substeps_ > 1) return false;
+    const auto fine = errors_with(values, 1);
     if (fine.empty()) return false;
-    for (std::size_t n = most_thinned; n > 1; n /= 2) {
-        std::vector<SystemRecord> some;
+    std::size_t kept = 1;
+    for (std::size_t n = 2; n <= most_thinned; n *= 2) {
         std::vector<double> common; // of the errors of all samples
         std::size_t row = 0;
         bool is_enough = true;
         for (std::size_t r = 0; r < fit_.records().size(); ++r) {
             const std::size_t used = fit_.used()[r];
             is_enough = is_enough && (used == 0 || used / n >= least_samples);
-            some.push_back(thinned(fit_.records()[r], used, n, fit_.interpolation()));
             for (const auto& measured : fit_.records()[r].outputs) {
                 for (std::size_t k = 0; k < used; ++k) {
                     if (std::isnan(measured[k])) continue;
@@ -183,30 +181,24 @@ bool LaneFit::thin_out(const std::vector<double>& values) {
                 }
             }
         }
-        if (!is_enough) continue;
-        thinned_ = std::move(some);
-        lay_out();
-        for (substeps_ = 1; substeps_ < n * substeps; substeps_ *= 2) {
-            const auto errors = errors_with(values, substeps_);
-            if (!errors.empty() && rms_of_difference(errors, common) < negligible(errors)) return true;
-        }
+        if (!is_enough) break;
+        lay_out(n);
+        const auto errors = errors_with(values, 1);
+        if (errors.empty() || !(rms_of_difference(errors, common) < negligible(errors))) break;
+        kept = n;
     }
-    thinned_.clear();
-    substeps_ = substeps;
-    lay_out();
-    return false;
+    if (kept < every_) lay_out(kept);
+    return kept > 1;
 }
 
 Eigen::MatrixXd LaneFit::jacobian(const std::vector<double>& values, const std::vector<double>& errors) const {
     Eigen::MatrixXd matrix =
         Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(errors.size()), static_cast<Eigen::Index>(values.size()));
     const std::size_t parameters = model_.parameters.size(), starts = model_.starts.size();
-    Eigen::Index row = 0;
-    for (std::size_t r = 0; r < courses_.size(); ++r) {
-        if (courses_[r].samples == 0) continue;
+    std::vector<OfRecord> runs; // of each value of a record
+    std::vector<double> moves;
+    for (const std::size_t r : order_) {
         const auto here = model_.values_of(values, r);
-        std::vector<double> moves(parameters + starts);
-        std::vector<std::vector<double>> sets(parameters + starts, here);
         for (std::size_t i = 0; i < parameters + starts; ++i) {
             double scale = std::abs(here[i]), move = 0;
             if (i < parameters) {
@@ -218,20 +210,20 @@ Eigen::MatrixXd LaneFit::jacobian(const std::vector<double>& values, const std::
                 scale = std::max({scale, std::abs(state.start), 1e-3 * state.nominal});
                 move = difference_step * (scale > 0 ? scale : 1);
             }
-            sets[i][i] += move;
-            moves[i] = sets[i][i] - here[i];
+            runs.push_back({r, here});
+            runs.back().values[i] += move;
+            moves.push_back(runs.back().values[i] - here[i]);
         }
-        auto moved = errors_of_record(r, sets, substeps_);
-        const auto rows = static_cast<Eigen::Index>(record(r).measured(courses_[r].samples));
-        for (std::size_t i = 0; i < parameters + starts; ++i) {
-            if (moved[i].empty() || moves[i] == 0) continue;
-            const std::size_t place = i < parameters ? i : i + r * starts; // of all values
-            for (Eigen::Index k = 0; k < rows; ++k) {
-                matrix(row + k, static_cast<Eigen::Index>(place)) =
-                    (errors[static_cast<std::size_t>(row + k)] - moved[i][static_cast<std::size_t>(k)]) / moves[i];
-            }
+    }
+    const auto moved = errors_of(runs, substeps_);
+    for (std::size_t n = 0; n < runs.size(); ++n) {
+        if (moves[n] == 0) continue;
+        const std::size_t r = runs[n].record, i = n % (parameters + starts);
+        const std::size_t place = i < parameters ? i : i + r * starts; // of all values
+        for (std::size_t k = 0; k < moved[n].size(); ++k) {
+            matrix(static_cast<Eigen::Index>(first_row_[r] + k), static_cast<Eigen::Index>(place)) =
+                (errors[first_row_[r] + k] - moved[n][k]) / moves[n];
         }
-        row += rows;
     }
     return matrix;
 }

@@ -416,6 +416,7 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
     auto lanes = LaneFit::of(*this, model, start, substeps_);
     Result result{.values = start};
     if (fixed_steps_only_ && !lanes) return result;
+    if (lanes && substeps_ > 0) lanes->lengthen(start);
     if (lanes && iterations > 1) {
         // Most of the way over fewer samples, where steps of their length do. From there the noise of all samples moves the values
         // a little.
