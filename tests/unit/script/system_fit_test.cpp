@@ -488,6 +488,119 @@ TEST(LaneFit, StepsEndWhereALateInputBegins) {
     }
 }
 
+// Of every fourth sample only, in one step each: what a lag of 2 s makes of held samples at random, in closed form. Inputs with their
+// mean alone would be off by 0.02. An output takes the input of its instant.
+TEST(LaneFit, InputsOfFewerSamplesKeepTheirFirstMoment) {
+    const TemporaryFolder folder;
+    const SystemModel model = model_of(folder, R"(parameters = { r = 0.5 }, inputs = { u = 0 }, states = { x = 0 },
+        der = function(s) return { x = s.r * (s.u - s.x) } end,
+        outputs = function(s) return { a = s.x, b = s.u } end)");
+    constexpr std::size_t samples = 400;
+    SystemRecord record = record_of(samples, 0.1, {[](double) { return 0.0; }});
+    for (std::size_t k = 0; k < samples; ++k) record.inputs[0][k] = standard_normal(7, 0, k);
+    std::vector<double> exact = {0};
+    for (const double u : record.inputs[0]) exact.push_back(u + (exact.back() - u) * std::exp(-0.05));
+    const auto steps = FixedSteps::of(model);
+    ASSERT_TRUE(steps);
+    const auto course = steps->course(record, samples, Interpolation::hold, 4);
+    ASSERT_EQ(course.samples, samples / 4);
+    const auto y = outputs_of(*steps, course, {model.values(1)}, 1)[0];
+    for (std::size_t k = 0; k < course.samples; ++k) {
+        EXPECT_NEAR(y[k], exact[4 * k], 4e-4) << k;
+        EXPECT_EQ(y[course.samples + k], record.inputs[0][4 * k]) << k;
+    }
+    // Lines stay as they are, and delays count in samples of the record.
+    const SystemModel late = model_of(folder, R"(parameters = { T = 0.5 }, inputs = { u = 0 }, states = { x = 0 },
+        der = function(s) return { x = tb.delay(s.u, s.T) } end, outputs = function(s) return { y = s.x } end)");
+    for (std::size_t k = 0; k < samples; ++k) record.inputs[0][k] = record.t[k];
+    const auto late_steps = FixedSteps::of(late);
+    ASSERT_TRUE(late_steps);
+    const auto late_course = late_steps->course(record, samples, Interpolation::linear, 4);
+    const auto x = outputs_of(*late_steps, late_course, {late.values(1)}, 1)[0];
+    for (std::size_t k = 0; k < late_course.samples; ++k) {
+        EXPECT_NEAR(x[k], 0.5 * std::pow(std::max(0.0, record.t[4 * k] - 0.5), 2), 1e-9) << k;
+    }
+}
+
+// Records that began at other times and are not as long go side by side, each with its own inputs, delays and time: to rounding as
+// alone. One with uneven instants goes alone.
+TEST(LaneFit, RecordsOfOneKindGoSideBySide) {
+    const TemporaryFolder folder;
+    const SystemModel model = model_of(folder, R"(
+        parameters = { T = 0.123 }, inputs = { u = 0 }, states = { x = 0.3, v = 0 },
+        parts = { f = tb.parts.coulomb { velocity = "v", level = 0.3 } },
+        der = function(s)
+          return { x = s.v, v = tb.delay(s.u, s.T) + math.sin(s.t) - 0.4 * s.x - 0.2 * s.v - s.f.force }
+        end,
+        outputs = function(s) return { y = s.x + s.u } end)");
+    std::vector<SystemRecord> records;
+    const auto u = [](double t) { return std::sin(2.3 * t) + 0.4 * std::cos(9 * t); };
+    for (std::size_t r = 0; r < 11; ++r) {
+        auto& record = records.emplace_back(record_of(200 + r % 3, 0.05, {}));
+        for (double& t : record.t) t += 1.7 * static_cast<double>(r);
+        if (r == 5) record.t[50] += 0.01;
+        record.inputs.emplace_back();
+        for (const double t : record.t) record.inputs[0].push_back(u(t));
+        record.outputs.assign(model.measured.size(), std::vector<double>(record.size(), 0));
+    }
+    std::vector<std::size_t> used;
+    for (const auto& record : records) used.push_back(record.size());
+    const std::vector<double> scale(model.measured.size(), 1);
+    const SystemFit fit(records, scale, Interpolation::hold, used);
+    const auto values = model.values(records.size());
+    const auto lanes = LaneFit::of(fit, model, values, 2);
+    ASSERT_TRUE(lanes);
+    const auto errors = lanes->errors({values})[0];
+    std::size_t row = 0;
+    for (std::size_t r = 0; r < records.size(); ++r) {
+        const std::vector<SystemRecord> one = {records[r]};
+        const SystemFit alone(one, scale, Interpolation::hold, {used[r]});
+        const auto own_lanes = LaneFit::of(alone, model, model.values(1), 2);
+        ASSERT_TRUE(own_lanes);
+        const auto own = own_lanes->errors({model.values(1)})[0];
+        for (const double e : own) {
+            ASSERT_LT(row, errors.size());
+            EXPECT_NEAR(errors[row++], e, 1e-9) << "record " << r;
+        }
+    }
+    EXPECT_EQ(row, errors.size());
+    const auto steps = FixedSteps::of(model);
+    ASSERT_TRUE(steps);
+    std::vector<FixedSteps::Course> courses;
+    for (const auto& record : records) {
+        courses.push_back(steps->course(record, record.size(), Interpolation::hold));
+    }
+    EXPECT_TRUE(courses[2].begins_as(courses[0])); // the longest
+    EXPECT_FALSE(courses[0].begins_as(courses[2]));
+    EXPECT_FALSE(courses[2].begins_as(courses[5]));
+}
+
+// Steps that another candidate needed become as long as these values allow.
+TEST(LaneFit, StepsAreAsLongAsTheValuesAllow) {
+    const TemporaryFolder folder;
+    const SystemModel model = model_of(folder, R"(parameters = { r = 2 }, inputs = { u = 0 }, states = { x = 0 },
+        der = function(s) return { x = s.r * (s.u - s.x) } end, outputs = function(s) return { y = s.x } end)");
+    std::vector<SystemRecord> records = {record_of(4000, 0.01, {[](double t) { return std::sin(t); }})};
+    records[0].outputs = {records[0].inputs[0]};
+    SystemFit fit(records, {1}, Interpolation::linear, {4000});
+    fit.begin_search();
+    for (const auto& [rate, substeps] : {std::pair(2.0, 1u), std::pair(600.0, 4u)}) {
+        auto lanes = LaneFit::of(fit, model, {rate, 0}, 32);
+        ASSERT_TRUE(lanes);
+        EXPECT_EQ(lanes->substeps(), 32u);
+        lanes->lengthen({rate, 0});
+        EXPECT_EQ(lanes->substeps(), substeps) << rate;
+        // Over fewer samples only where one step of a sample is enough.
+        const auto all = lanes->errors({{rate, 0}})[0];
+        EXPECT_EQ(lanes->thin_out({rate, 0}), substeps == 1);
+        const auto some = lanes->errors({{rate, 0}})[0];
+        EXPECT_EQ(some.size(), substeps == 1 ? 500u : 4000u);
+        for (std::size_t k = 0; k < some.size(); ++k) {
+            EXPECT_NEAR(some[k], all[k * (all.size() / some.size())], 0.01 * rms_of_errors(all));
+        }
+    }
+}
+
 // Dry friction sticks and slips within steps: of a mass on a spring that is pushed, which rests at the turns of each push, and of one
 // whose force jumps at samples and lets go only above the level of its slip. The order is that of smooth steps.
 TEST(LaneFit, DryFrictionSticksAndSlipsWithinSteps) {
