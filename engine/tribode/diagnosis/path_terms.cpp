@@ -72,6 +72,15 @@ void add_overflows(TermLibrary& library) {
 
 namespace {
 
+// Of a lag or a delay.
+double start_of_lag(const TermLibrary& library) { return std::max(2 * library.step, 1e-3 * library.duration); }
+
+// Its least value stands for none.
+Parameter lag_time(const TermLibrary& library) {
+    const double start = start_of_lag(library);
+    return {"time", start, no_lag * library.step, 0.5 * library.duration, start, "s"};
+}
+
 // Replaces an input by a function of it, everywhere.
 void add_input_path(TermLibrary& library, const SystemVariable& input, const std::string& name,
                     std::vector<Parameter> parameters, std::vector<double> neutral,
@@ -137,8 +146,8 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
                        });
     }
     if (library.model.equations.states.empty() || !(library.duration > 0)) return;
-    const double step = library.step, lag = std::max(2 * step, 1e-3 * library.duration), none = no_lag * step;
-    add_input_path(library, input, "lag", {{"time", lag, none, 0.5 * library.duration, lag, "s"}}, {none},
+    const double step = library.step, late = start_of_lag(library);
+    add_input_path(library, input, "lag", {lag_time(library)}, {lag_time(library).low},
                    [name = input.name, unit](const TermArithmetic& m, Equations& equations, Term u, const auto& p) {
                        Equations::State behind{.name = name + "_behind", .unit = unit};
                        behind.symbol = equations.graph->variable(behind.name);
@@ -162,14 +171,14 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
                        {{.name = "time", .start = 0.5 * step, .unit = "s"}});
     }
     add_input_path(
-        library, input, "delay", {{"time", lag, 0, 0.25 * library.duration, lag, "s"}}, {0},
+        library, input, "delay", {{"time", late, 0, 0.25 * library.duration, late, "s"}}, {0},
         [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.g.make(Op::delay, u, p[0]); });
     // Before the record the input may have been what it is where nothing is connected, and not its first value.
     const auto& inputs = library.model.equations.inputs;
     const auto own =
         std::find_if(inputs.begin(), inputs.end(), [&](const auto& one) { return one.symbol == input.symbol; });
     if (own == inputs.end() || input.values.empty() || own->value == input.values.front()) return;
-    add_input_path(library, input, "delay", {{"time", lag, 0, 0.25 * library.duration, lag, "s"}}, {0},
+    add_input_path(library, input, "delay", {{"time", late, 0, 0.25 * library.duration, late, "s"}}, {0},
                    [time = library.model.equations.time, begin = library.fit.records()[0].t.front(),
                     before = own->value](const TermArithmetic& m, Equations&, Term u, const auto& p) {
                        return m.where(m.less(m.subtract(time, p[0]), m.number(begin)), m.number(before),
@@ -225,13 +234,13 @@ void add_output_paths(TermLibrary& library, std::size_t o) {
     }
     add("clipping", {"limit", high - 0.05 * span, low, high + 0.05 * span, span, output.unit}, high + 0.05 * span,
         [](const TermArithmetic& m, Term y, Term p) { return m.where(m.less(p, y), p, y); });
-    if (!library.model.equations.states.empty() && library.duration > 0) {
-        const double step = library.step, lag = std::max(2 * step, 1e-3 * library.duration), none = no_lag * step;
+    const auto& measured = library.fit.records()[0].outputs[o];
+    const auto first = std::ranges::find_if(measured, [](double y) { return !std::isnan(y); });
+    if (!library.model.equations.states.empty() && library.duration > 0 && first != measured.end()) {
         SystemTerm made{.name = "lag", .equation = "output " + output.name};
-        made.parameters = {{"time", lag, none, 0.5 * library.duration, lag, "s"}};
-        made.neutral = {none};
-        made.apply = [place, first = library.fit.records()[0].outputs[o][0]](Equations& equations,
-                                                                             const std::vector<Term>& p) {
+        made.parameters = {lag_time(library)};
+        made.neutral = {made.parameters[0].low};
+        made.apply = [place, first = *first](Equations& equations, const std::vector<Term>& p) {
             const TermArithmetic m{*equations.graph};
             Equations::Output& shown = equations.outputs[place];
             Equations::State behind{.name = shown.name + "_behind", .unit = shown.unit, .start = first};
@@ -275,10 +284,9 @@ void add_inner_paths(TermLibrary& library, const SystemModel::InnerSignal& signa
     const auto& unit = output.unit;
     // What it drives follows it late, as the current of a coil does the output of a controller.
     if (library.duration > 0) {
-        const double step = library.step, lag = std::max(2 * step, 1e-3 * library.duration), none = no_lag * step;
         SystemTerm made{.name = "lag", .equation = output.name};
-        made.parameters = {{"time", lag, none, 0.5 * library.duration, lag, "s"}};
-        made.neutral = {none};
+        made.parameters = {lag_time(library)};
+        made.neutral = {made.parameters[0].low};
         made.apply = [place = signal.output, first = values.front()](Equations& equations, const std::vector<Term>& p) {
             const TermArithmetic m{*equations.graph};
             const Term ahead = equations.outputs[place].value;

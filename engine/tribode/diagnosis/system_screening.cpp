@@ -20,6 +20,7 @@ constexpr std::size_t max_pairs = 60;
 constexpr double rest_of_sum = 0.7; // of what a shorter one leaves: as much as a sum may leave
 constexpr std::size_t max_sums = 6;
 constexpr double too_large = 10;    // an effect of a probe, times the errors
+constexpr double runs_away = 1e3;   // the effect of a lag or a mode, times the errors: its steps may be too long
 constexpr int max_probe_sizes = 4;  // to make it smaller
 constexpr double alike = 0.95;      // cosine of the angle between what two terms explain
 constexpr double told_apart = 1e-3; // of the effect of a probe, beside what free values can do; less is rounding
@@ -186,11 +187,13 @@ class Screen {
     }
 
   private:
-    // Steps that follow the model are short enough for the small effect of a term too, unless it is faster than all else.
+    // Steps that follow the model are short enough for the small effect of a term too, unless it is faster than all else. A lag or a mode
+    // may be.
     std::vector<double> errors(const SystemModel& more, const std::vector<double>& values) const {
-        if (more.equations.states.size() == model_.equations.states.size()) {
-            auto there = fit_.errors(more, values);
-            if (there.size() == samples_) return there;
+        auto there = fit_.errors(more, values);
+        const bool has_more = more.equations.states.size() > model_.equations.states.size();
+        if (there.size() == samples_ && !(has_more && (error_ - thinned(there)).norm() > runs_away * error_.norm())) {
+            return there;
         }
         return careful_.errors(more, values);
     }

@@ -44,6 +44,7 @@ constexpr double negligible = 0.02;     // of what the best single term explains
 constexpr double explains_little = 0.5; // errors over the outputs' deviations
 // Iterations of a fit at first, of the best and of those that begin anew, and of those that promise most; and how many go on.
 constexpr int first_iterations = 6, iterations = 20, last_iterations = 60;
+constexpr double first_least_gain = 1e-3; // of the squared errors, by one of the first iterations
 constexpr std::size_t gone_on = 16, plain_gone_on = 6, grown = 10, polished = 8, plain_polished = 4;
 // Far from where a term was screened its effect may be another: its amplitudes begin with the first of these shares at which
 // the error is no larger than without it.
@@ -160,6 +161,7 @@ bool SystemSearch::fit(SystemCandidate& candidate) const { return fit(candidate,
 
 bool SystemSearch::fit(SystemCandidate& candidate, int steps, bool growing, const FoundMinimum* found) const {
     SystemFit part = fit_of(shown_, candidate.substeps);
+    if (steps <= first_iterations) part.begin_search(candidate.substeps, first_least_gain);
     if (found) part.look_elsewhere(*found);
     if (is_followed_ && FixedSteps::of(candidate.model.with(candidate.values))) part.keep_to_fixed_steps();
     const auto ended = [this] { return late(); };
@@ -284,8 +286,8 @@ SystemCandidate SystemSearch::with_way_over_segments(SystemCandidate candidate) 
     return candidate;
 }
 
-std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening,
-                                                const std::vector<SystemTerm>& terms) const {
+std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening, const std::vector<SystemTerm>& terms,
+                                                bool from_afar) const {
     std::vector<ScreenedTerms> list;
     std::map<std::string, std::size_t> count, named;
     std::size_t further = 0;
@@ -294,7 +296,7 @@ std::vector<ScreenedTerms> SystemSearch::chosen(const Screening& screening,
         if (term.is_flexible) continue; // see flexible()
         const bool is_first = named[term.name]++ == 0;
         // A term of one value is quickly fitted, and one that turns the motion into another one explains little to first order.
-        const bool is_quick = term.parameters.size() == 1 && count[term.kind()] == 0;
+        const bool is_quick = from_afar && term.parameters.size() == 1 && count[term.kind()] == 0;
         if (!is_quick && single.explained < negligible * screening.singles.front().explained) continue;
         if (!is_quick && !is_first && (further == fitted_singles || count[term.kind()] == fitted_of_a_kind)) continue;
         ++count[term.kind()];
@@ -334,11 +336,13 @@ std::vector<SystemTerm> SystemSearch::terms_beside(const SystemCandidate& curren
 }
 
 std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) {
+    // Without what it lacks most, a model may have been led far off.
+    const bool from_afar = current.terms.empty();
     const auto terms = terms_beside(current, false);
     const Screening screening = screened_terms(current.model, current.values, current.fitted, terms,
                                                fit_of(shown_, current.substeps), control_, late_);
     std::vector<Hypothesis> list;
-    for (auto& some : chosen(screening, terms)) {
+    for (auto& some : chosen(screening, terms, from_afar)) {
         list.push_back({current, std::move(some)});
     }
     if (current.terms.empty() && rms_of_errors(current.fitted) > explains_little) {
@@ -352,7 +356,7 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
             list.push_back({current, {.terms = {i}, .starts = {{terms[i].parameters[0].start}}}});
         }
     }
-    auto found = fitted(list, terms);
+    auto found = fitted(list, terms, from_afar);
     // Where one leaves nothing but noise, a second one has nothing to explain.
     const auto is_enough = [&] {
         return std::any_of(found.begin(), found.end(), [](const auto& one) { return one.is_noise; });
@@ -361,7 +365,7 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
         found.insert(found.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
     };
     if (!is_enough()) add(followed(current));
-    if (!is_enough()) add(fitted(deepened(current, found, terms), terms));
+    if (!is_enough()) add(fitted(deepened(current, found, terms), terms, from_afar));
     if (!is_enough()) add(flexible(current, screening, terms));
     sort_by_score(found);
     reconsider_inputs(found);
@@ -564,8 +568,8 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
         return list;
     };
     std::vector<OnSegments> list;
-    for (auto& some :
-         chosen(screened_terms(begin.model, begin.values, begin.errors, terms, fit_begin, control_, late_), terms)) {
+    for (auto& some : chosen(screened_terms(begin.model, begin.values, begin.errors, terms, fit_begin, control_, late_),
+                             terms, current.terms.empty())) {
         list.push_back(extended_on_segments(begin, some, terms));
         known.insert(forms_of(list.back().terms, terms));
     }
@@ -622,7 +626,7 @@ std::vector<SystemCandidate> SystemSearch::followed(const SystemCandidate& curre
                                    followed.from.values.begin() + (place - one.values.begin()));
         best.push_back(std::move(followed));
     }
-    return fitted(best, terms);
+    return fitted(best, terms, current.terms.empty());
 }
 
 // A delay or a lag does what time constants do, but for what shows where these have moved: each form that is not known beside a model.
@@ -699,13 +703,14 @@ std::vector<SystemCandidate> SystemSearch::flexible(const SystemCandidate& curre
         const SystemTerm& term = terms[single.terms[0]];
         if (term.is_flexible && ++of_name[term.name] <= fitted_curves) list.push_back({current, single});
     }
-    auto found = fitted(list, terms);
+    const bool from_afar = current.terms.empty();
+    auto found = fitted(list, terms, from_afar);
     if (found.empty()) return found;
     sort_by_score(found);
     list.clear();
     std::set<std::string> forms;
     add_timing(found.front(), terms, forms, list);
-    std::ranges::move(fitted(list, terms), std::back_inserter(found));
+    std::ranges::move(fitted(list, terms, from_afar), std::back_inserter(found));
     return found;
 }
 
@@ -786,7 +791,7 @@ SystemCandidate SystemSearch::with_given_values(SystemCandidate candidate) const
 }
 
 std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>& list,
-                                                  const std::vector<SystemTerm>& terms) const {
+                                                  const std::vector<SystemTerm>& terms, bool from_afar) const {
     std::vector<SystemCandidate> start(list.size()), found(list.size());
     const auto sum = [&](std::size_t c) { return SystemFit::sum_of_squares(found[c].fitted); };
     const auto fit_each = [&](const std::vector<std::size_t>& some, const std::string& what, const auto& one) {
@@ -827,7 +832,7 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
     fit_each(all, "fitting", [&](std::size_t c) {
         start[c] = started(list[c], terms);
         if (!late()) try_from(c, start[c], first_iterations, false);
-        if (late() || list[c].is_followed || list[c].terms.terms.size() > 1 || found[c].is_noise) return;
+        if (late() || !from_afar || list[c].is_followed || list[c].terms.terms.size() > 1 || found[c].is_noise) return;
         if (auto other = sized(start[c])) try_from(c, *std::move(other), first_iterations, true);
         if (found[c].is_noise || late()) return;
         auto given = with_given_values(start[c]);
@@ -856,7 +861,7 @@ std::vector<SystemCandidate> SystemSearch::fitted(const std::vector<Hypothesis>&
         go_on_with(c, iterations);
         // Without the term the other values made up for it, and may have led into another minimum. So once more from the values
         // as they were given.
-        if (found[c].is_noise || late()) return;
+        if (found[c].is_noise || late() || !from_afar) return;
         try_from(c, with_given_values(found[c]), iterations, true);
     });
     // What promises most is followed to its minimum, in whatever valley of values it lies: a few percent decide.
@@ -932,7 +937,7 @@ std::optional<SystemCandidate> SystemSearch::exchanged(const SystemCandidate& ca
                 list.push_back({less, single});
                 if (list.size() == alternatives) break;
             }
-            for (auto& other : fitted(list, terms)) {
+            for (auto& other : fitted(list, terms, false)) {
                 if (other.score() < worth_exchanging * (best ? *best : present).score()) best = std::move(other);
             }
         }

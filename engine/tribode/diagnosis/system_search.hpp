@@ -111,8 +111,9 @@ class SystemSearch {
     SystemCandidate started(const Hypothesis& hypothesis, const std::vector<SystemTerm>& terms) const;
     std::optional<SystemCandidate> sized(SystemCandidate candidate) const;
     SystemCandidate with_given_values(SystemCandidate candidate) const;
-    std::vector<SystemCandidate> fitted(const std::vector<Hypothesis>& list,
-                                        const std::vector<SystemTerm>& terms) const;
+    // `from_afar`: also from starts that do not begin where the model is without the terms.
+    std::vector<SystemCandidate> fitted(const std::vector<Hypothesis>& list, const std::vector<SystemTerm>& terms,
+                                        bool from_afar) const;
     std::vector<Hypothesis> deepened(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
                                      const std::vector<SystemTerm>& terms) const;
     void add_timing(const SystemCandidate& one, const std::vector<SystemTerm>& terms, std::set<std::string>& forms,
@@ -120,7 +121,8 @@ class SystemSearch {
     std::vector<SystemCandidate> flexible(const SystemCandidate& current, const Screening& screening,
                                           const std::vector<SystemTerm>& terms) const;
     std::vector<SystemCandidate> followed(const SystemCandidate& current) const;
-    std::vector<ScreenedTerms> chosen(const Screening& screening, const std::vector<SystemTerm>& terms) const;
+    std::vector<ScreenedTerms> chosen(const Screening& screening, const std::vector<SystemTerm>& terms,
+                                      bool from_afar) const;
 
     const SystemModel& first_;
     const std::vector<SystemRecord>& records_;
