@@ -36,7 +36,7 @@ constexpr int iterations_of_all_in_search = 1;
 constexpr double least_gain_of_part = 0.03; // where more of the records will be fitted
 constexpr double quick_gain = 0.5;          // what an iteration of a quick fit leaves of the squared errors
 constexpr double most_bent = 0.375;         // of a step, for what corrects it
-constexpr std::size_t most_bends = 4;       // of the trials, the best ones
+constexpr std::size_t most_bends = 4;       // of the trials
 constexpr double as_good_a_step = 1.01;     // of the squared errors of the best
 constexpr double near_known = 0.1;          // of the errors, between two ends of fits that are one
 constexpr double differs_by_chance = 1.05;  // of the mean squared errors, over some samples
@@ -547,11 +547,9 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
                             Eigen::Map<const Eigen::VectorXd>(errors[l].data(), j.rows()) - e;
                     }
                     const Eigen::MatrixXd products = normal.product(off);
-                    std::vector<std::size_t> best_first(sets.size());
-                    std::iota(best_first.begin(), best_first.end(), std::size_t{0});
-                    std::ranges::stable_sort(best_first, {}, [&](std::size_t l) { return tried[l].sum; });
-                    for (const std::size_t l : best_first) {
-                        if (errors[l].empty() || bent.size() == most_bends) continue;
+                    // Of long steps first: those leave the valley, and gain most from being bent.
+                    for (std::size_t l = 0; l < sets.size() && bent.size() < most_bends; ++l) {
+                        if (errors[l].empty()) continue;
                         Eigen::VectorXd step(norm.size());
                         for (Eigen::Index i = 0; i < step.size(); ++i) {
                             const auto place = static_cast<std::size_t>(i);
