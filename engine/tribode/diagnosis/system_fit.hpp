@@ -81,6 +81,7 @@ class SystemFit {
         least_gain_ = least_gain;
     }
     bool is_search() const { return is_search_; }
+    std::size_t substeps() const { return substeps_; }
 
     // From here on a fit of this model gives up that comes near these values, as it would end there once more, or whose errors will not
     // become less than these. They must outlive it.

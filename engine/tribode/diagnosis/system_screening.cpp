@@ -1,4 +1,5 @@
 #include "tribode/diagnosis/system_screening.hpp"
+#include "tribode/diagnosis/lane_fit.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/QR>
@@ -19,8 +20,9 @@ constexpr double min_of_pair = 1.2, rest_of_pair = 0.7;
 constexpr std::size_t max_pairs = 60;
 constexpr double rest_of_sum = 0.7; // of what a shorter one leaves: as much as a sum may leave
 constexpr std::size_t max_sums = 6;
-constexpr double too_large = 10;    // an effect of a probe, times the errors
-constexpr double runs_away = 1e3;   // the effect of a lag or a mode, times the errors: its steps may be too long
+constexpr double too_large = 10;  // an effect of a probe, times the errors
+constexpr double runs_away = 1e3; // the effect of a lag or a mode, times the errors: its steps may be too long
+constexpr std::size_t lanes_of_pack = 8, finer = 4;
 constexpr int max_probe_sizes = 4;  // to make it smaller
 constexpr double alike = 0.95;      // cosine of the angle between what two terms explain
 constexpr double told_apart = 1e-3; // of the effect of a probe, beside what free values can do; less is rounding
@@ -33,6 +35,7 @@ class Screen {
           values_(values),
           terms_(terms),
           fit_(fit),
+          finer_(fit),
           careful_(fit),
           samples_(errors.size()),
           stride_(std::max<std::size_t>(1, errors.size() / max_rows)),
@@ -40,46 +43,33 @@ class Screen {
           basis_(free_directions(errors)),
           open_(rest(error_)),
           effect_(terms.size()) {
+        finer_.begin_search(finer * fit.substeps());
         careful_.begin_search();
     }
 
-    // The effect of each amplitude of a term at its start, less what free values can do.
-    void simulate(std::size_t i) {
-        const SystemTerm& term = terms_[i];
-        effect_[i] = Eigen::MatrixXd::Zero(error_.size(), static_cast<Eigen::Index>(term.amplitudes));
-        for (std::size_t a = 0; a < term.amplitudes; ++a) {
-            // An effect far larger than the errors, such as that of a negative damping over a long record, says nothing to first
-            // order about one as large as they are: then with less of the amplitude.
-            double share = 1;
-            for (int attempt = 0; attempt < max_probe_sizes; ++attempt) {
-                std::vector<double> own;
-                for (std::size_t p = 0; p < term.parameters.size(); ++p) {
-                    const double start = term.parameters[p].start;
-                    if (p >= term.amplitudes) {
-                        own.push_back(start);
-                    } else {
-                        own.push_back(p == a ? term.neutral[p] + share * (start - term.neutral[p]) : term.neutral[p]);
-                    }
-                }
-                const SystemModel more = extended(model_, term, own);
-                const auto there = errors(more, more_values(model_, values_, own));
-                if (there.size() != samples_) {
-                    share *= 0.01;
-                    continue;
-                }
-                const Eigen::VectorXd moved = error_ - thinned(there); // what it adds to the outputs
-                if (moved.norm() < 1e-9 * std::sqrt(static_cast<double>(error_.size()))) break;
-                const double excess = moved.norm() / (too_large * error_.norm());
-                if (excess > 1 && attempt + 1 < max_probe_sizes) {
-                    share *= 0.3 / excess;
-                    continue;
-                }
-                // What free values do as well is not told apart from them.
-                const Eigen::VectorXd left = rest(moved);
-                if (left.norm() > told_apart * moved.norm()) {
-                    effect_[i].col(static_cast<Eigen::Index>(a)) = left / share;
-                }
-                break;
+    // Terms that follow one another, whose amplitudes have a lane each.
+    std::vector<std::vector<std::size_t>> packs() const {
+        std::vector<std::vector<std::size_t>> made;
+        std::size_t lanes = lanes_of_pack;
+        for (std::size_t i = 0; i < terms_.size(); ++i) {
+            if (lanes + terms_[i].amplitudes > lanes_of_pack) {
+                made.emplace_back();
+                lanes = 0;
+            }
+            made.back().push_back(i);
+            lanes += terms_[i].amplitudes;
+        }
+        return made;
+    }
+
+    // The effect of each amplitude at its start, less what free values can do.
+    void simulate(const std::vector<std::size_t>& pack) {
+        const auto together = effects_together(pack);
+        for (std::size_t n = 0; n < pack.size(); ++n) {
+            const SystemTerm& term = terms_[pack[n]];
+            effect_[pack[n]] = Eigen::MatrixXd::Zero(error_.size(), static_cast<Eigen::Index>(term.amplitudes));
+            for (std::size_t a = 0; a < term.amplitudes; ++a) {
+                simulate(pack[n], a, together[n].empty() ? nullptr : &together[n][a]);
             }
         }
     }
@@ -187,13 +177,112 @@ class Screen {
     }
 
   private:
+    // Its values where one amplitude is a share of what it starts with and the others are neutral.
+    static std::vector<double> probe(const SystemTerm& term, std::size_t amplitude, double share) {
+        std::vector<double> own;
+        for (std::size_t p = 0; p < term.parameters.size(); ++p) {
+            const double start = term.parameters[p].start;
+            if (p >= term.amplitudes) {
+                own.push_back(start);
+            } else {
+                own.push_back(p == amplitude ? term.neutral[p] + share * (start - term.neutral[p]) : term.neutral[p]);
+            }
+        }
+        return own;
+    }
+
+    // `first`: the errors with the whole of this amplitude, where they are known.
+    void simulate(std::size_t i, std::size_t amplitude, const std::vector<double>* first) {
+        const SystemTerm& term = terms_[i];
+        // An effect far larger than the errors, such as that of a negative damping over a long record, says nothing to first
+        // order about one as large as they are: then with less of the amplitude.
+        double share = 1;
+        for (int attempt = 0; attempt < max_probe_sizes; ++attempt) {
+            std::vector<double> there;
+            if (attempt == 0 && first) {
+                there = *first;
+            } else {
+                const auto own = probe(term, amplitude, share);
+                there = errors(extended(model_, term, own), more_values(model_, values_, own));
+            }
+            if (there.size() != samples_) {
+                share *= 0.01;
+                continue;
+            }
+            const Eigen::VectorXd moved = error_ - thinned(there); // what it adds to the outputs
+            if (moved.norm() < 1e-9 * std::sqrt(static_cast<double>(error_.size()))) break;
+            const double excess = moved.norm() / (too_large * error_.norm());
+            if (excess > 1 && attempt + 1 < max_probe_sizes) {
+                share *= 0.3 / excess;
+                continue;
+            }
+            // What free values do as well is not told apart from them.
+            const Eigen::VectorXd left = rest(moved);
+            if (left.norm() > told_apart * moved.norm()) {
+                effect_[i].col(static_cast<Eigen::Index>(amplitude)) = left / share;
+            }
+            break;
+        }
+    }
+
+    // The errors with each amplitude of some terms: all of these are in one model, and all but one of each lane are neutral. Nothing of
+    // those that add states or hold something at rest, of delays, which would take the others' time, and of limits, which are neutral
+    // only where nothing else moves what they limit.
+    std::vector<std::vector<std::vector<double>>> effects_together(const std::vector<std::size_t>& pack) const {
+        std::vector<std::vector<std::vector<double>>> found(pack.size());
+        if (fit_.substeps() == 0) return found;
+        SystemModel more = model_;
+        std::vector<double> values = values_;
+        struct Place {
+            std::size_t in_pack, first_value;
+        };
+        std::vector<Place> places;
+        for (std::size_t n = 0; n < pack.size(); ++n) {
+            const SystemTerm& term = terms_[pack[n]];
+            const auto neutral = probe(term, term.amplitudes, 0);
+            SystemModel with_it = extended(more, term, neutral);
+            const bool is_alone = with_it.equations.states.size() > more.equations.states.size() ||
+                                  with_it.equations.contacts.size() > more.equations.contacts.size() ||
+                                  term.name == "delay" ||
+                                  std::ranges::any_of(term.neutral, [](double value) { return value != 0; });
+            if (is_alone) continue;
+            places.push_back({n, more.parameters.size()});
+            values = more_values(more, values, neutral);
+            more = std::move(with_it);
+        }
+        if (places.empty()) return found;
+        const auto lanes = LaneFit::of(fit_, more, values, fit_.substeps());
+        if (!lanes) return found;
+        std::vector<std::vector<double>> sets;
+        for (const auto& place : places) {
+            const SystemTerm& term = terms_[pack[place.in_pack]];
+            for (std::size_t a = 0; a < term.amplitudes; ++a) {
+                sets.push_back(values);
+                sets.back()[place.first_value + a] = term.parameters[a].start;
+            }
+        }
+        auto errors = lanes->errors(sets);
+        auto next = errors.begin();
+        for (const auto& place : places) {
+            auto& own = found[place.in_pack];
+            const auto end = next + static_cast<std::ptrdiff_t>(terms_[pack[place.in_pack]].amplitudes);
+            // Where a run fails it may be the others' fault.
+            if (std::all_of(next, end, [&](const auto& one) { return one.size() == samples_; })) {
+                own.assign(std::make_move_iterator(next), std::make_move_iterator(end));
+            }
+            next = end;
+        }
+        return found;
+    }
+
     // Steps that follow the model are short enough for the small effect of a term too, unless it is faster than all else. A lag or a mode
     // may be.
     std::vector<double> errors(const SystemModel& more, const std::vector<double>& values) const {
-        auto there = fit_.errors(more, values);
         const bool has_more = more.equations.states.size() > model_.equations.states.size();
-        if (there.size() == samples_ && !(has_more && (error_ - thinned(there)).norm() > runs_away * error_.norm())) {
-            return there;
+        for (const SystemFit* fit : {&fit_, &finer_}) {
+            auto there = fit->errors(more, values);
+            if (there.size() != samples_) continue;
+            if (!has_more || (error_ - thinned(there)).norm() < runs_away * error_.norm()) return there;
         }
         return careful_.errors(more, values);
     }
@@ -319,6 +408,7 @@ class Screen {
     const std::vector<double>& values_;
     const std::vector<SystemTerm>& terms_;
     const SystemFit& fit_;
+    SystemFit finer_;   // a quarter of its steps
     SystemFit careful_; // finds how short steps have to be
     std::size_t samples_, stride_;
     Eigen::VectorXd error_;
@@ -336,8 +426,9 @@ Screen screen_of(const SystemModel& model, const std::vector<double>& values, co
                  const std::vector<SystemTerm>& terms, const SystemFit& fit, const RunControl& control,
                  const std::function<bool()>& late) {
     Screen screen(model, values, errors, terms, fit);
-    for_each_index(terms.size(), control, fmt::format("screening {} terms", terms.size()), [&](std::size_t i) {
-        if (!late()) screen.simulate(i);
+    const auto packs = screen.packs();
+    for_each_index(packs.size(), control, fmt::format("screening {} terms", terms.size()), [&](std::size_t n) {
+        if (!late()) screen.simulate(packs[n]);
     });
     return screen;
 }

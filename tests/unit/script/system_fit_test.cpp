@@ -4,6 +4,7 @@
 #include "tribode/diagnosis/system_comparison.hpp"
 #include "tribode/diagnosis/system_fit.hpp"
 #include "tribode/diagnosis/system_next_experiment.hpp"
+#include "tribode/diagnosis/system_screening.hpp"
 #include "tribode/diagnosis/system_search.hpp"
 #include "tribode/script/system_file.hpp"
 #include "unit/script/temporary_folder.hpp"
@@ -688,6 +689,43 @@ TEST(LaneFit, EventsAreNoFixedSteps) {
         when = { { crossing = function(s) return s.h end, set = function(s) return { v = -0.8 * s.v } end } },
         outputs = function(s) return { y = s.h } end)");
     EXPECT_FALSE(FixedSteps::of(ball));
+}
+
+// Terms are screened side by side, in one model; each has the effect that it has alone.
+TEST(Screening, TermsSideBySideAreScreenedAsAlone) {
+    const TemporaryFolder folder;
+    SystemModel model = model_of(folder, R"(
+        parameters = { k = 40, c = 0.8 }, inputs = { u = 0 }, states = { x = 0, v = 0 },
+        der = function(s) return { x = s.v, v = 30 * s.u - s.k * s.x - s.c * s.v } end,
+        outputs = function(s) return { y = s.x } end)");
+    std::vector<SystemRecord> records = {
+        record_of(600, 0.02, {[](double t) { return std::sin(1.3 * t) + 0.6 * std::sin(4.1 * t); }})};
+    const SystemModel true_one = model_of(folder, R"(
+        parameters = { k = 40, c = 0.8 }, inputs = { u = 0 }, states = { x = 0, v = 0 },
+        der = function(s)
+          return { x = s.v, v = 30 * s.u - s.k * s.x - s.c * s.v - 6 * s.x ^ 3 - 0.5 * tb.tanh(s.v / 0.05) }
+        end,
+        outputs = function(s) return { y = s.x } end)");
+    const SystemFit whole(records, {1}, Interpolation::linear, {600});
+    records[0].outputs = whole.simulate(true_one, true_one.values(1), 0, 600)->outputs;
+    SystemFit fit(records, {1}, Interpolation::linear, {600});
+    fit.begin_search(1);
+    const auto values = model.values(1);
+    const auto errors = fit.errors(model, values);
+    const std::vector<SystemTrace> traces = {*fit.simulate(model, values, 0, 600)};
+    const auto terms = system_terms(model, 2, fit, variables_of(model, 2, fit, traces), errors, true);
+    ASSERT_GT(terms.size(), 60u);
+    const RunControl control;
+    std::map<std::size_t, double> explained;
+    for (const auto& one : screened_singles(model, values, errors, terms, fit, control, never)) {
+        explained[one.terms[0]] = one.explained;
+    }
+    EXPECT_GT(explained.size(), 20u);
+    for (std::size_t i = 0; i < terms.size(); ++i) {
+        const auto alone = screened_singles(model, values, errors, {terms[i]}, fit, control, never);
+        ASSERT_EQ(alone.size(), explained.contains(i) ? 1u : 0u) << terms[i].kind();
+        for (const auto& one : alone) EXPECT_NEAR(one.explained, explained[i], 1e-6) << terms[i].kind();
+    }
 }
 
 // y = c u with white noise of deviation s: c is known to s / sqrt(sum u^2), and a prediction is off by that times the input.
