@@ -20,12 +20,13 @@ constexpr double min_of_pair = 1.2, rest_of_pair = 0.7;
 constexpr std::size_t max_pairs = 60;
 constexpr double rest_of_sum = 0.7; // of what a shorter one leaves: as much as a sum may leave
 constexpr std::size_t max_sums = 6;
-constexpr double too_large = 10;  // an effect of a probe, times the errors
-constexpr double runs_away = 1e3; // the effect of a lag or a mode, times the errors: its steps may be too long
-constexpr std::size_t lanes_of_pack = 8, finer = 4;
-constexpr int max_probe_sizes = 4;  // to make it smaller
-constexpr double alike = 0.95;      // cosine of the angle between what two terms explain
-constexpr double told_apart = 1e-3; // of the effect of a probe, beside what free values can do; less is rounding
+constexpr double too_large = 10;         // an effect of a probe, times the errors
+constexpr double runs_away = 1e3;        // the effect of a lag or a mode, times the errors: its steps may be too long
+constexpr std::size_t lanes_of_pack = 8; // one for each amplitude
+constexpr std::size_t finer = 4;         // times the steps of the model, for what is faster
+constexpr int max_probe_sizes = 4;       // to make it smaller
+constexpr double alike = 0.95;           // cosine of the angle between what two terms explain
+constexpr double told_apart = 1e-3;      // of the effect of a probe, beside what free values can do; less is rounding
 
 class Screen {
   public:
