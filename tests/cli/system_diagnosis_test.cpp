@@ -434,12 +434,12 @@ class SystemDiagnosisOfALag : public SystemDiagnosis {
                 local n, step, u, y = {}, {}, {{}}, {{}}
                 for i = 1, n do u[i] = {} end
                 local run = tb.run_system {{ system = require "truth", duration_s = (n - 1) * step, output_step_s = step,
-                    inputs = {{ u = {{ sample_time_s = step, values = u }} }} }}
+                    inputs = {{ u = {{ sample_time_s = step, values = u }} }}, {} }}
                 for i = 1, n do y[i] = run.values.y[i] + {} + 3e-3 * tb.standard_normal(7, k, i) end
                 tb.write_csv {{ file = name .. ".csv", columns = {{ {{ name = "t", unit = "s", values = run.t }},
                     {{ name = "u", values = u }}, {{ name = "y", values = y }} }} }}
             end)",
-                                               samples, step, input, besides));
+                                               samples, step, input, run_options, besides));
         EXPECT_EQ(program({"run", "script.lua", "-o", "records", "--quiet"}).exit_code, 0);
         usual = {"--budget", "1e6", "--max-effects", "1", "--quiet"};
         const Json d = diagnosis("lag.lua", "out");
@@ -448,7 +448,8 @@ class SystemDiagnosisOfALag : public SystemDiagnosis {
     }
 
     int samples = 300;
-    double step = 0.1; // [s]
+    double step = 0.1;       // [s]
+    std::string run_options; // of tb.run_system, by k: 1 for the first record, 2 for the second one
     std::string verdict = "effect_found";
 
     const std::string positive = "0.4 + 0.35 * math.sin(0.05 * i * k + k) + 0.05 * math.sin(0.17 * i)",
@@ -500,6 +501,19 @@ TEST_F(SystemDiagnosisOfALag, AValveWithAKneeAtEachEnd) {
 }
 
 // The first model explains nothing of it, as the speed turns as often as not.
+// What it shows follows slowly. The second record begins elsewhere, and from there.
+TEST_F(SystemDiagnosisOfALag, ASlowSensorIsAtRestWhereEachRecordBegins) {
+    run_options = "start = { x = 2 * k - 1.7, y = 2 * k - 1.7 }";
+    const Json effect = found_in(R"(
+        local tb = require "tribode"
+        return tb.system { parameters = { a = { value = 0.5, unit = "1/s" }, b = 1 }, inputs = { u = 0 }, states = { x = 0.3, y = 0.3 },
+            der = function(s) return { x = s.b * s.u - s.a * s.x, y = (s.x - s.y) / 0.6 } end })",
+                                 levels);
+    EXPECT_EQ(effect["name"], "lag");
+    EXPECT_EQ(effect["equation"], "output y");
+    EXPECT_NEAR(effect["parameters"]["lag_time"].get<double>(), 0.6, 0.02);
+}
+
 TEST_F(SystemDiagnosisOfALag, ASensorThatDoesNotTellTheDirection) {
     const Json effect = found_in(lag("f"), levels, "math.abs(run.values.y[i]) - run.values.y[i]");
     EXPECT_EQ(effect["name"], "magnitude");

@@ -112,6 +112,12 @@ std::optional<FixedSteps> FixedSteps::of(const SystemModel& model) {
     made.rates_ = Tape(graph, variables, rates, parts);
     made.outputs_ = Tape(graph, variables, outputs, parts);
     made.delays_ = Tape(graph, variables, seconds, parts);
+    for (const auto& one : model.beginnings) {
+        if (std::ranges::find(model.starts, one.state) == model.starts.end()) made.beginnings_.push_back(one);
+    }
+    std::vector<Term> at_rest;
+    for (const auto& one : made.beginnings_) at_rest.push_back(one.at_rest);
+    made.at_rest_ = Tape(graph, variables, at_rest, parts);
     if (!holding.empty()) made.friction_ = Friction{velocity, Tape(graph, variables, holding, parts)};
     return made;
 }
@@ -120,6 +126,9 @@ FixedSteps::Course FixedSteps::course(const SystemRecord& record, std::size_t us
                                       std::size_t n) const {
     used = std::min(used, record.size());
     Course c{.begin = record.t.front(), .samples = (used + n - 1) / n};
+    for (const auto& one : beginnings_) {
+        c.measured_first.push_back(one.measured ? record.first_measured(*one.measured) : std::nullopt);
+    }
     for (std::size_t i = 0; i < input_count_; ++i) {
         const bool has_column = i < record.inputs.size() && !record.inputs[i].empty();
         if (!has_column) {
@@ -225,6 +234,7 @@ class FixedSteps::Run {
         if (m_.friction_) holding_.emplace(m_.friction_->holding, p_.data());
         if (!m_.delayed_.empty())
             Tape::SideBySide<lanes>(m_.delays_, p_.data()).evaluate(x_.data(), u_.data(), delay_.data());
+        if (!m_.beginnings_.empty()) begin();
     }
 
     void over(std::size_t substeps, Outputs all) {
@@ -265,7 +275,21 @@ class FixedSteps::Run {
   private:
     using Each = std::array<double, lanes>;
 
-    void take_outputs(const Course::Interval& interval, std::size_t sample, Outputs all) {
+    // States whose start values follow from the records. One may follow another one before it.
+    void begin() {
+        set_inputs_of(course_.intervals.front(), 0);
+        Tape::SideBySide<lanes> at_rest(m_.at_rest_, p_.data());
+        AlignedVector<double> values(m_.beginnings_.size() * lanes);
+        for (std::size_t b = 0; b < m_.beginnings_.size(); ++b) {
+            at_rest.evaluate(x_.data(), u_.data(), values.data());
+            for (std::size_t l = 0; l < lanes; ++l) {
+                x_[m_.beginnings_[b].state * lanes + l] =
+                    courses_[l]->measured_first[b].value_or(values[b * lanes + l]);
+            }
+        }
+    }
+
+    void set_inputs_of(const Course::Interval& interval, std::size_t sample) {
         if (m_.delayed_.empty()) {
             set_inputs(interval.piece, interval.start);
         } else {
@@ -280,6 +304,10 @@ class FixedSteps::Run {
                 u_[(1 + i) * lanes + l] = values[std::min(sample, values.size() - 1)];
             }
         }
+    }
+
+    void take_outputs(const Course::Interval& interval, std::size_t sample, Outputs all) {
+        set_inputs_of(interval, sample);
         if (m_.friction_) find_modes();
         outputs_->evaluate(x_.data(), u_.data(), y_.data());
         for (std::size_t l = 0; l < runs_; ++l) {

@@ -32,6 +32,7 @@ class FixedSteps {
         double begin = 0, period = 1;                           // of the pieces [s]
         std::vector<std::vector<std::array<double, 4>>> inputs; // of each input of the equations
         std::vector<std::vector<double>> at_samples; // of each input where an output is taken; empty: as the pieces say
+        std::vector<std::optional<double>> measured_first; // of each beginning of the model, see SystemModel
         std::size_t samples = 0;
         bool holds = false;    // all inputs are constant between samples
         std::size_t group = 0; // those that go side by side: their intervals are the same, but for their start
@@ -74,7 +75,9 @@ class FixedSteps {
     std::vector<std::size_t> moved_parameters_, moved_starts_;
     std::size_t input_count_ = 0, output_count_ = 0;
     std::vector<std::size_t> delayed_; // the input of each
-    Tape rates_, outputs_, delays_;    // of states; time, inputs, delayed inputs, mode of the friction; parameters
+    // Of states; time, inputs, delayed inputs, mode of the friction; parameters.
+    Tape rates_, outputs_, delays_, at_rest_;
+    std::vector<SystemModel::Beginning> beginnings_;
     std::optional<Friction> friction_;
 };
 

@@ -85,12 +85,13 @@ Parameter lag_time(const TermLibrary& library) {
 void add_input_path(TermLibrary& library, const SystemVariable& input, const std::string& name,
                     std::vector<Parameter> parameters, std::vector<double> neutral,
                     std::function<Term(const TermArithmetic&, Equations&, Term u, const std::vector<Term>& p)> path,
-                    std::vector<Parameter> constants = {}) {
+                    std::vector<Parameter> constants = {}, std::function<Term(const Equations&)> begins_as = {}) {
     SystemTerm made{.name = name, .equation = "input " + input.name};
     made.amplitudes = neutral.size();
     made.parameters = std::move(parameters);
     made.constants = std::move(constants);
     made.neutral = std::move(neutral);
+    made.begins_as = std::move(begins_as);
     made.apply = [u = input.symbol, path = std::move(path)](Equations& equations, const std::vector<Term>& p) {
         const TermArithmetic m{*equations.graph};
         const Term stand_in = equations.graph->variable("stand_in");
@@ -147,14 +148,18 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
     }
     if (library.model.equations.states.empty() || !(library.duration > 0)) return;
     const double step = library.step, late = start_of_lag(library);
-    add_input_path(library, input, "lag", {lag_time(library)}, {lag_time(library).low},
-                   [name = input.name, unit](const TermArithmetic& m, Equations& equations, Term u, const auto& p) {
-                       Equations::State behind{.name = name + "_behind", .unit = unit};
-                       behind.symbol = equations.graph->variable(behind.name);
-                       behind.rate = m.divide(m.subtract(u, behind.symbol), p[0]);
-                       equations.states.push_back(behind);
-                       return behind.symbol;
-                   });
+    const auto lag_from = [name = input.name, unit](double start) {
+        return [name, unit, start](const TermArithmetic& m, Equations& equations, Term u, const auto& p) {
+            Equations::State behind{.name = name + "_behind", .unit = unit, .start = start};
+            behind.symbol = equations.graph->variable(behind.name);
+            behind.rate = m.divide(m.subtract(u, behind.symbol), p[0]);
+            equations.states.push_back(behind);
+            return behind.symbol;
+        };
+    };
+    const double first = input.values.front();
+    add_input_path(library, input, "lag", {lag_time(library)}, {lag_time(library).low}, lag_from(first), {},
+                   [u = input.symbol](const Equations&) { return u; });
     // A play before what the input drives: it holds its place until the input has moved by the width to either side, and follows
     // as fast as the samples show.
     for (const double share : {0.05, 0.2}) {
@@ -173,14 +178,12 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
     add_input_path(
         library, input, "delay", {{"time", late, 0, 0.25 * library.duration, late, "s"}}, {0},
         [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.g.make(Op::delay, u, p[0]); });
-    // Before the record the input may have been what it is where nothing is connected, and not its first value.
-    const auto& inputs = library.model.equations.inputs;
-    const auto own =
-        std::find_if(inputs.begin(), inputs.end(), [&](const auto& one) { return one.symbol == input.symbol; });
-    if (own == inputs.end() || input.values.empty() || own->value == input.values.front()) return;
+    const auto before = library.before(input);
+    if (!before) return;
+    add_input_path(library, input, "lag", {lag_time(library)}, {lag_time(library).low}, lag_from(*before));
     add_input_path(library, input, "delay", {{"time", late, 0, 0.25 * library.duration, late, "s"}}, {0},
                    [time = library.model.equations.time, begin = library.fit.records()[0].t.front(),
-                    before = own->value](const TermArithmetic& m, Equations&, Term u, const auto& p) {
+                    before = *before](const TermArithmetic& m, Equations&, Term u, const auto& p) {
                        return m.where(m.less(m.subtract(time, p[0]), m.number(begin)), m.number(before),
                                       m.g.make(Op::delay, u, p[0]));
                    });
@@ -234,12 +237,13 @@ void add_output_paths(TermLibrary& library, std::size_t o) {
     }
     add("clipping", {"limit", high - 0.05 * span, low, high + 0.05 * span, span, output.unit}, high + 0.05 * span,
         [](const TermArithmetic& m, Term y, Term p) { return m.where(m.less(p, y), p, y); });
-    const auto& measured = library.fit.records()[0].outputs[o];
-    const auto first = std::ranges::find_if(measured, [](double y) { return !std::isnan(y); });
-    if (!library.model.equations.states.empty() && library.duration > 0 && first != measured.end()) {
+    const auto first = library.fit.records()[0].first_measured(o);
+    if (!library.model.equations.states.empty() && library.duration > 0 && first) {
         SystemTerm made{.name = "lag", .equation = "output " + output.name};
         made.parameters = {lag_time(library)};
         made.neutral = {made.parameters[0].low};
+        made.begins_as = [place](const Equations& equations) { return equations.outputs[place].value; };
+        made.begins_as_measured = o;
         made.apply = [place, first = *first](Equations& equations, const std::vector<Term>& p) {
             const TermArithmetic m{*equations.graph};
             Equations::Output& shown = equations.outputs[place];
@@ -287,6 +291,7 @@ void add_inner_paths(TermLibrary& library, const SystemModel::InnerSignal& signa
         SystemTerm made{.name = "lag", .equation = output.name};
         made.parameters = {lag_time(library)};
         made.neutral = {made.parameters[0].low};
+        made.begins_as = [place = signal.output](const Equations& equations) { return equations.outputs[place].value; };
         made.apply = [place = signal.output, first = values.front()](Equations& equations, const std::vector<Term>& p) {
             const TermArithmetic m{*equations.graph};
             const Term ahead = equations.outputs[place].value;

@@ -144,14 +144,16 @@ std::vector<SystemTerm::Parameter> parameters_of_mode(SystemTerm::Parameter ampl
             {"damping", 0.05, 1e-4, 2, 0.1}};
 }
 
-// An input u acts as u + gain q, where q vibrates and u drives it.
-SystemTerm mode_of_input(const SystemVariable& input, double frequency) {
+// An input u acts as u + gain q, where q vibrates and u drives it; at rest until the record begins, at u or at what that was before.
+SystemTerm mode_of_input(const SystemVariable& input, double frequency, std::optional<double> before) {
     SystemTerm made{.name = "resonant_mode", .equation = "input " + input.name};
     made.parameters = parameters_of_mode({.name = "gain", .start = 0.01}, frequency);
-    made.apply = [u = input.symbol, name = input.name, unit = input.unit](Equations& equations,
-                                                                          const std::vector<Term>& p) {
+    if (!before) made.begins_as = [u = input.symbol](const Equations&) { return u; };
+    made.apply = [u = input.symbol, name = input.name, unit = input.unit,
+                  start = before.value_or(input.values.front())](Equations& equations, const std::vector<Term>& p) {
         const TermArithmetic m{*equations.graph};
-        const auto states = vibration(equations, name, unit, u, p[1], p[2]);
+        auto states = vibration(equations, name, unit, u, p[1], p[2]);
+        states[0].start = start;
         const Term stand_in = equations.graph->variable("stand_in");
         equations.replace({{u, stand_in}});
         const Term changed = m.add(u, m.multiply(p[0], states[0].symbol));
@@ -240,7 +242,9 @@ void add_periodic(TermLibrary& library) {
     };
     for (const double period : best.found) {
         for (const auto& input : library.variables) {
-            if (!input.state) add(mode_of_input(input, 1 / period));
+            if (input.state) continue;
+            add(mode_of_input(input, 1 / period, {}));
+            if (const auto before = library.before(input)) add(mode_of_input(input, 1 / period, before));
         }
         for (const TermTarget& target : library.targets) {
             if (is_velocity(library, target)) add(mode_that_acts_back(library, target, 1 / period));

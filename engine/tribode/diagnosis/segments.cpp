@@ -35,7 +35,8 @@ class Cutter {
             made.first_of.push_back(made.records.size());
             const auto bounds = bounds_of(r, length);
             // Where the first segment begins the whole record does.
-            SystemModel one = model_.with(own_values(r));
+            SystemModel one = model_;
+            one.equations = model_.begun(values_, r, fit_.records()[r]);
             std::vector<double> from;
             for (const std::size_t i : made.model.starts) from.push_back(one.equations.states[i].start);
             for (std::size_t s = 0; s < bounds.size(); ++s) {
@@ -62,8 +63,6 @@ class Cutter {
     }
 
   private:
-    std::vector<double> own_values(std::size_t r) const { return model_.values_of(values_, r); }
-
     struct Bounds {
         std::size_t begin, end;
     };

@@ -655,6 +655,7 @@ class Shapes {
                 .name = "memory", .equation = target_->name, .of = variable.name, .variables = {variable.name}};
             made.parameters = {library_.amplitude(*target_, "a", rms_of_values(variable.values), variable.unit),
                                {"time", time, 0.5 * step, 0.5 * library_.duration, time, "s"}};
+            made.begins_as = [w = variable.symbol](const Equations&) { return w; };
             made.apply = [target = *target_, name = variable.name, unit = variable.unit, w = variable.symbol,
                           state = *variable.state](Equations& equations, const std::vector<Term>& p) {
                 auto& graph = *equations.graph;

@@ -951,8 +951,12 @@ class Diagnoser {
             uncertainty_of(steps_.back().candidate.model, search.fit_of_all(), current.validation_values);
         const auto& first = steps_.front().candidate;
         const auto& last = steps_.back().candidate;
-        result_.before = shown(first.model.with(baseline_values_));
-        result_.after = shown(last.model.with(final_values_));
+        const auto as_the_first_record = [&](SystemModel model, const std::vector<double>& values) {
+            model.equations = model.begun(values, 0, records_[0]);
+            return shown(std::move(model));
+        };
+        result_.before = as_the_first_record(first.model, baseline_values_);
+        result_.after = as_the_first_record(last.model, final_values_);
         result_.fitted.clear();
         for (std::size_t r = 0; r < records_.size(); ++r) {
             result_.fitted.push_back(against_first(records_[r], 0, final_values_, r, last));

@@ -42,6 +42,44 @@ constexpr double near_known = 0.1;          // of the errors, between two ends o
 constexpr double differs_by_chance = 1.05;  // of the mean squared errors, over some samples
 constexpr double agreed = 4;                // times what is negligible: fixed steps and those of another solver
 
+// The derivatives of a start value that follows from others (SystemModel::Beginning) by the values of a record.
+struct MovesOfBeginning {
+    std::size_t state;
+    std::vector<double> by; // parameters, then start values of the record
+};
+
+// Those of which some are not zero.
+std::vector<MovesOfBeginning> moves_of_beginnings(const SystemModel& model, const std::vector<double>& values,
+                                                  std::size_t r, const SystemRecord& record) {
+    if (model.beginnings.empty()) return {};
+    std::vector<MovesOfBeginning> all;
+    for (const auto& one : model.beginnings) all.push_back({one.state, {}});
+    const auto at = model.begun(values, r, record);
+    const std::size_t count = model.parameters.size() + model.starts.size();
+    for (std::size_t v = 0; v < count; ++v) {
+        auto moved = values;
+        double& value = moved[v < model.parameters.size() ? v : v + r * model.starts.size()];
+        const double before = value;
+        value += std::sqrt(std::numeric_limits<double>::epsilon()) * std::max(std::abs(value), 1e-3);
+        const auto there = model.begun(moved, r, record);
+        for (auto& one : all) {
+            one.by.push_back((there.states[one.state].start - at.states[one.state].start) / (value - before));
+        }
+    }
+    std::erase_if(all, [](const auto& one) { return std::ranges::all_of(one.by, [](double d) { return d == 0; }); });
+    return all;
+}
+
+// Adds to the derivatives by each value those by what follows from it.
+void add_chained(const std::vector<double>& by_value, const std::vector<std::vector<double>>& by_start,
+                 std::vector<std::vector<std::vector<double>>>& all) {
+    for (std::size_t v = 0; v < by_value.size(); ++v) {
+        for (std::size_t o = 0; by_value[v] != 0 && o < by_start.size(); ++o) {
+            for (std::size_t k = 0; k < by_start[o].size(); ++k) all[v][o][k] += by_value[v] * by_start[o][k];
+        }
+    }
+}
+
 } // namespace
 
 Eigen::MatrixXd basis_of(Eigen::MatrixXd columns) {
@@ -155,17 +193,10 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
     };
     const SystemRecord& record = records_[r];
     samples = std::min(samples, record.size());
-    Equations equations = deep_copy(model.equations);
-    for (std::size_t i = 0; i < model.parameters.size(); ++i) {
-        equations.parameters[model.parameters[i].place].value = values[i];
-    }
-    const std::size_t first_start = model.parameters.size() + r * model.starts.size();
-    for (std::size_t i = 0; i < model.starts.size(); ++i) {
-        equations.states[model.starts[i]].start = values[first_start + i];
-    }
     for (const double value : values) {
         if (!std::isfinite(value)) return failed("a value is not finite");
     }
+    Equations equations = model.begun(values, r, record);
     try {
         if (equations.states.empty() && equations.clocks.empty() && equations.whens.empty() &&
             equations.contacts.empty()) {
@@ -182,9 +213,14 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
         // What is measured at an instant is measured with the input of that instant, which acts from there on.
         const double after = 1e-7 * period;
         std::vector<std::string> by; // what the derivatives are by
+        std::size_t own_values = 0;  // of these; then the start values that follow from them
+        std::vector<MovesOfBeginning> begun;
         if (derivatives) {
             for (const auto& parameter : model.parameters) by.push_back(equations.parameters[parameter.place].name);
             for (const std::size_t state : model.starts) by.push_back(equations.states[state].name + ".start");
+            own_values = by.size();
+            begun = moves_of_beginnings(model, values, r, record);
+            for (const auto& one : begun) by.push_back(equations.states[one.state].name + ".start");
             check_delays(equations, by);
         }
         const auto delays = take_out_delays(equations);
@@ -236,6 +272,11 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
                 columns.back().resize(samples);
             }
             if (!all_finite(columns)) return failed("derivatives are not finite");
+        }
+        if (derivatives) {
+            for (std::size_t b = 0; b < begun.size(); ++b)
+                add_chained(begun[b].by, (*derivatives)[own_values + b], *derivatives);
+            derivatives->resize(own_values);
         }
         SystemTrace trace;
         const auto take = [&](const std::vector<std::string>& names, std::vector<std::vector<double>>& into) {

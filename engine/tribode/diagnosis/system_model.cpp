@@ -43,6 +43,12 @@ std::size_t SystemRecord::measured(std::size_t samples) const {
     return count;
 }
 
+std::optional<double> SystemRecord::first_measured(std::size_t output) const {
+    if (output >= outputs.size()) return std::nullopt;
+    const auto first = std::ranges::find_if(outputs[output], [](double y) { return !std::isnan(y); });
+    return first == outputs[output].end() ? std::nullopt : std::optional(*first);
+}
+
 std::vector<Stretch> stretches_of(const SystemModel& model, const std::vector<SystemRecord>& records) {
     const bool is_map = model.equations.states.empty();
     std::vector<Stretch> all;
@@ -93,6 +99,25 @@ std::vector<double> SystemModel::values_of(const std::vector<double>& values, st
     const auto begin = values.begin() + shared + static_cast<std::ptrdiff_t>(record) * own;
     one.insert(one.end(), begin, begin + own);
     return one;
+}
+
+Equations SystemModel::begun(const std::vector<double>& values, std::size_t r, const SystemRecord& record) const {
+    Equations begun = deep_copy(equations);
+    for (std::size_t i = 0; i < parameters.size(); ++i) begun.parameters[parameters[i].place].value = values[i];
+    const std::size_t own = parameters.size() + r * starts.size();
+    for (std::size_t i = 0; i < starts.size(); ++i) begun.states[starts[i]].start = values[own + i];
+    if (beginnings.empty()) return begun;
+    for (std::size_t i = 0; i < begun.inputs.size(); ++i) {
+        if (i < record.inputs.size() && !record.inputs[i].empty()) begun.inputs[i].value = record.inputs[i].front();
+    }
+    // Where an input acts late its first value has done so before.
+    for (const auto& one : beginnings) {
+        if (std::ranges::find(starts, one.state) != starts.end()) continue;
+        const auto first = one.measured ? record.first_measured(*one.measured) : std::nullopt;
+        begun.states[one.state].start = first ? *first : begun.value_at_start(one.at_rest, {});
+    }
+    for (std::size_t i = 0; i < begun.inputs.size(); ++i) begun.inputs[i].value = equations.inputs[i].value;
+    return begun;
 }
 
 SystemModel SystemModel::with(const std::vector<double>& values) const {

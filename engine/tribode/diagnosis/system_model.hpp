@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,7 @@ struct SystemRecord {
     SystemRecord head(std::size_t samples) const { return part(0, samples); } // its first samples
     SystemRecord part(std::size_t from, std::size_t samples) const;           // at the instants that they have
     std::size_t measured(std::size_t samples) const; // values of outputs among the first samples
+    std::optional<double> first_measured(std::size_t output) const;
 };
 
 // Equations of which some values may move: parameters, the same for all records, and start values, which each record has
@@ -43,11 +45,21 @@ struct SystemModel {
         Kind kind;
     };
     std::vector<InnerSignal> inner = {}; // see with_inner_signals()
+    // A state whose start value follows from the record, unless it is among those that move: what shows an output late begins where that
+    // was measured first, other memory at rest behind what it follows.
+    struct Beginning {
+        std::size_t state;
+        Term at_rest;                        // of inputs, parameters and other states
+        std::optional<std::size_t> measured; // which output, among the measured ones
+    };
+    std::vector<Beginning> beginnings = {};
 
     // The values as they are now: parameters, then the start values of each record.
     std::vector<double> values(std::size_t records) const;
     // Of all values those that concern one record.
     std::vector<double> values_of(const std::vector<double>& values, std::size_t record) const;
+    // The equations with these values, where record r begins.
+    Equations begun(const std::vector<double>& values, std::size_t r, const SystemRecord& record) const;
     // With these values as its own; of the start values those of the first record.
     SystemModel with(const std::vector<double>& values) const;
     std::size_t value_count(std::size_t records) const { return parameters.size() + records * starts.size(); }

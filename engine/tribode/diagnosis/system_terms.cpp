@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fmt/format.h>
+#include <set>
 
 namespace tribode {
 
@@ -150,6 +151,12 @@ void TermLibrary::add_inner() {
     }
 }
 
+std::optional<double> TermLibrary::before(const SystemVariable& input) const {
+    const auto own = std::ranges::find(model.equations.inputs, input.symbol, &Equations::Input::symbol);
+    const bool is_other = own != model.equations.inputs.end() && own->value != input.values.front();
+    return is_other ? std::optional(own->value) : std::nullopt;
+}
+
 std::vector<double> TermLibrary::values_of(Term term) const {
     std::vector<Term> symbols;
     std::vector<double> at;
@@ -281,6 +288,21 @@ std::vector<SystemTerm> system_terms(const SystemModel& model, std::size_t state
     return std::move(library.terms);
 }
 
+namespace {
+
+// Whether a term is of states, inputs and parameters alone.
+bool is_known_at_start(const Equations& equations, Term term) {
+    std::set<Term> known;
+    for (const auto& state : equations.states) known.insert(state.symbol);
+    for (const auto& input : equations.inputs) known.insert(input.symbol);
+    for (const auto& parameter : equations.parameters) known.insert(parameter.symbol);
+    const auto& graph = *equations.graph;
+    return std::ranges::all_of(graph.reachable(std::vector{term}),
+                               [&](Term one) { return graph[one].op != Op::variable || known.contains(one); });
+}
+
+} // namespace
+
 SystemModel extended(const SystemModel& model, const SystemTerm& term, const std::vector<double>& values,
                      std::string* text) {
     SystemModel more = model;
@@ -302,6 +324,12 @@ SystemModel extended(const SystemModel& model, const SystemTerm& term, const std
         add(parameter, values[i]);
     }
     for (const auto& constant : term.constants) add(constant, constant.start);
+    if (term.begins_as) {
+        const Term at_rest = term.begins_as(more.equations);
+        if (is_known_at_start(more.equations, at_rest)) {
+            more.beginnings.push_back({more.equations.states.size(), at_rest, term.begins_as_measured});
+        }
+    }
     if (!text) {
         term.apply(more.equations, symbols);
         return more;

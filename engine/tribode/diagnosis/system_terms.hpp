@@ -29,6 +29,10 @@ struct SystemTerm {
     std::size_t looked_at = 1;             // frequencies among which its own was the best
     bool is_flexible =
         false; // follows so much that it would be in all pairs and sums: it is tried alone, after the others
+    // Where the state that it adds begins: at rest behind this of the equations, or where this output was measured first. Empty: where
+    // it says itself.
+    std::function<Term(const Equations&)> begins_as = {};
+    std::optional<std::size_t> begins_as_measured = {}; // among the measured outputs
     // Puts the term into the equations, with variables for its parameters and constants. Returns what was added, for a reader.
     std::function<Term(Equations&, const std::vector<Term>& parameters)> apply;
 

@@ -60,6 +60,9 @@ struct TermLibrary {
     void add_inner(); // differences, and targets that several derivatives share
 
     bool is_state(Term term) const;
+    // What an input may have been before the records in place of their first value: its own, where nothing is connected. Nothing where
+    // these are the same.
+    std::optional<double> before(const SystemVariable& input) const;
     // Whether a rate is nothing but another variable or a number: the definition of a velocity, which lacks nothing.
     bool is_definition(Term rate) const;
     // Of a measured output, over the samples of the records; not a number where it was not measured.

@@ -74,6 +74,16 @@ constexpr const char* seal = R"(
         outputs = function(s) return { F = { s.area * s.p, unit = "N" } } end,
     })";
 
+const char* const heater = R"(
+    local tb = require "tribode"
+    return tb.system {
+        parameters = { k = { value = 0.5, unit = "K/s/V" }, c = { value = 0.7, unit = "1/s" }, around = { value = 2, unit = "K" } },
+        inputs = { u = { value = 4, unit = "V" } }, states = { T = { start = 1, unit = "K" }, w = { start = 0, unit = "K" } },
+        der = function(s) return { T = s.k * s.u - s.c * (s.T - s.around), w = s.c * (s.T - s.w) } end,
+        outputs = function(s) return { T = { s.T, unit = "K" } } end,
+        free = { "k", "around", "T.start" },
+    })";
+
 // With the values at which it is screened each term does something, and nothing where it is neutral. Written as Lua, with all
 // units, and read again the system runs as before.
 void check_terms(const std::string& text, const std::string& columns, const std::set<std::string>& names) {
@@ -165,6 +175,67 @@ TEST(SystemTerms, EachOfACouplingRunsAndCanBeWritten) {
         })",
                 "t,r,bend",
                 {"backlash", "saturation", "dead_zone", "cubic_stiffness", "coulomb_friction", "quadratic_drag"});
+}
+
+// What remembers begins in each record at rest behind what it follows there, or as its output was measured first; what an input was
+// before the records may also be its own value.
+TEST(SystemTerms, WhatRemembersBeginsWithEachRecord) {
+    const TemporaryFolder folder;
+    const Case c(folder, heater, "t [s],u [V],T [K]");
+    SystemRecord other = c.records[0].part(20, 100);
+    other.outputs[0][0] = std::nan("");
+    const std::vector<SystemRecord> records = {c.records[0], other};
+    const SystemFit fit(records, c.scale, Interpolation::linear, {150, 100});
+    const double first = c.records[0].inputs[0][0], later = c.records[0].inputs[0][20];
+    ASSERT_NE(first, later);
+    // k, around, the starts of T.
+    const std::vector<double> given = {0.5, 2, 1, 7};
+    const std::map<std::string, std::vector<std::pair<double, double>>> expected = {
+        {"lag in output T_measured", {{c.records[0].outputs[0][0], c.records[0].outputs[0][21]}}},
+        {"lag in input u", {{first, later}, {4, 4}}},
+        {"memory in der(T) of T", {{1, 7}}},
+        {"lag in T - w", {{1, 7}}},
+    };
+    std::map<std::string, std::set<std::pair<double, double>>> found;
+    for (const auto& term : c.terms) {
+        if (!expected.contains(term.kind())) continue;
+        SCOPED_TRACE(term.kind());
+        std::vector<double> own;
+        for (const auto& parameter : term.parameters) own.push_back(parameter.start);
+        if (term.name == "memory") own = {-0.5, 0.3}; // as large as all else
+        const SystemModel with = extended(c.model, term, own);
+        const auto values = more_values(c.model, given, own);
+        std::vector<double> starts;
+        for (std::size_t r = 0; r < 2; ++r) starts.push_back(with.begun(values, r, records[r]).states.back().start);
+        found[term.kind()].insert({starts[0], starts[1]});
+        // So it does for all solvers, and derivatives follow.
+        const auto errors = fit.errors(with, values);
+        std::vector<double> by_runs;
+        for (std::size_t r = 0; r < 2; ++r) {
+            const auto trace = fit.simulate(with, values, r, records[r].size());
+            ASSERT_TRUE(trace);
+            for (std::size_t k = 0; k < records[r].size(); ++k) {
+                const double measured = records[r].outputs[0][k];
+                if (!std::isnan(measured)) by_runs.push_back(measured - trace->outputs[0][k]);
+            }
+        }
+        ASSERT_EQ(by_runs.size(), errors.size());
+        for (std::size_t k = 0; k < errors.size(); ++k) ASSERT_NEAR(by_runs[k], errors[k], 5e-3) << k;
+        SystemModel sampled = with; // of a clock the variational equations are solved
+        sampled.equations.clocks.push_back({.name = "none", .period = 1});
+        const auto exact = fit.jacobian(sampled, values, by_runs), steps = fit.jacobian(with, values, errors);
+        EXPECT_LT((exact - steps).norm(), 0.01 * steps.norm()); // these steps are as long as a fit allows
+        EXPECT_GT(exact.norm(), 0.1);
+    }
+    for (const auto& [kind, pairs] : expected) {
+        ASSERT_EQ(found[kind].size(), pairs.size()) << kind;
+        for (const auto& [a, b] : pairs) {
+            EXPECT_TRUE(std::ranges::any_of(
+                found[kind],
+                [&](const auto& one) { return std::abs(one.first - a) < 1e-12 && std::abs(one.second - b) < 1e-12; }))
+                << kind << " " << a << " " << b;
+        }
+    }
 }
 
 // From rest to a turn dz/dx = (1 - z^2)/D, and with beta = 1/2 dz/dx = 1/D on the way back to z = 0, at whatever speed. The speed is that
