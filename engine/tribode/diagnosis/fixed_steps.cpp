@@ -143,7 +143,7 @@ FixedSteps::Course FixedSteps::course(const SystemRecord& record, std::size_t us
         for (std::size_t k = 0; k < c.samples; ++k) c.intervals.push_back({record.t[k * n], 0, k * n, true});
         return c;
     }
-    c.period = median_step(record.t);
+    c.period = sample_time(record.t);
     c.holds = between == Interpolation::hold && n == 1;
     const double near = same_instant * c.period;
     if (n > 1) {

@@ -111,6 +111,10 @@ bool is_white(const std::vector<double>& errors) {
     return chi_square < lags + 3 * std::sqrt(2.0 * lags);
 }
 
+bool is_nothing_left(const std::vector<double>& errors) {
+    return is_white(errors) || rms_of_errors(errors) < solvers_errors;
+}
+
 double probability_of_gain(const std::vector<double>& first, const std::vector<double>& second) {
     const std::size_t n = std::min(first.size(), second.size());
     if (n == 0) return 0;

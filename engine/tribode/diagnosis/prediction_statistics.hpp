@@ -7,6 +7,9 @@
 namespace tribode {
 
 // rms of the errors; infinite where there are none: nothing was simulated.
+// Errors below this share of an output's deviation say nothing: those of the solvers are up to about as large.
+constexpr double solvers_errors = 1e-6;
+
 double rms_of_errors(const std::vector<double>& errors);
 
 // Standard deviation of the white noise in a signal: robustly from differences of the fourth order, in which what moves
@@ -24,6 +27,9 @@ double correlation_length(const std::vector<double>& errors);
 // Whether the errors cannot be told from white noise, in which nothing is left to find: the sum of their squared correlations
 // over the first lags is no larger than by chance [Ljung 1978].
 bool is_white(const std::vector<double>& errors);
+
+// Whether that is so, or they are no larger than those of the solvers. Relative to the outputs' deviations.
+bool is_nothing_left(const std::vector<double>& errors);
 
 // The probability, by resampling blocks longer than the correlation, that the second errors are smaller in mean square than
 // the first ones. Both of the same samples.

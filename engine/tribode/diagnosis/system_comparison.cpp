@@ -62,7 +62,7 @@ SystemComparison compared(const ModelWithValues& before, const ModelWithValues& 
             noise = std::min(noise, white_noise(left));
             rounding = std::min(rounding, rounding_noise(part, left));
         }
-        noise = std::max(noise, rounding);
+        noise = std::max({noise, rounding, solvers_errors * scale[o]});
         floor += noise * noise / (unit[o] * unit[o]);
     }
     c.gap.floor = std::sqrt(floor / static_cast<double>(outputs));

@@ -985,7 +985,8 @@ class Diagnoser {
                 std::erase_if(measured, [](double y) { return std::isnan(y); }); // has no error
                 const std::vector<double> left(e, e + static_cast<std::ptrdiff_t>(measured.size()));
                 e += static_cast<std::ptrdiff_t>(measured.size());
-                const double own = std::max(white_noise(left), rounding_noise(measured, left) / whole.scale()[o]);
+                const double own =
+                    std::max({white_noise(left), rounding_noise(measured, left) / whole.scale()[o], solvers_errors});
                 noise += own * own * static_cast<double>(measured.size());
                 samples += static_cast<double>(measured.size());
             }

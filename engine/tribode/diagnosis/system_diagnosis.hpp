@@ -78,6 +78,7 @@ struct SystemDiagnosis {
     std::vector<SystemHypothesis> hypotheses;
     Interpolation interpolation = Interpolation::hold;
     bool out_of_time = false;
+    std::vector<std::string> remarks; // what was done to the records before, a sentence each
 };
 
 // Finds which terms a system lacks. Terms of a library (system_terms.hpp) are screened by their effect on the outputs, one by

@@ -68,6 +68,7 @@ Json system_diagnosis_json(const SystemDiagnosis& d, const std::vector<std::stri
             {"hypotheses", hypotheses},
             {"inputs", interpolation_text(d.interpolation)},
             {"out_of_time", d.out_of_time},
+            {"remarks", d.remarks},
             {"data", data},
             {"system", system_hash},
             {"version", version()},
@@ -129,6 +130,7 @@ std::string system_diagnosis_text(const SystemDiagnosis& d) {
         }
         for (const auto& name : effect.same_as) text += fmt::format("    the same as {}\n", name);
     }
+    for (const auto& remark : d.remarks) text += fmt::format("  note: {}\n", remark);
     if (d.next_experiment) text += fmt::format("  next: {}\n", d.next_experiment->text);
     if (d.out_of_time) text += "  the budget of time ended the search\n";
     return text;

@@ -209,7 +209,7 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
         for (const auto& state : equations.states) state_names.push_back(state.name);
         for (const std::size_t output : model.measured) output_names.push_back(equations.outputs[output].name);
         const std::vector<double> instants(record.t.begin(), record.t.begin() + static_cast<std::ptrdiff_t>(samples));
-        const double begin = record.t.front(), period = median_step(record.t);
+        const double begin = record.t.front(), period = sample_time(record.t);
         // What is measured at an instant is measured with the input of that instant, which acts from there on.
         const double after = 1e-7 * period;
         std::vector<std::string> by; // what the derivatives are by
@@ -302,7 +302,8 @@ double SystemFit::noise() const {
         for (std::size_t o = 0; o < record.outputs.size(); ++o, ++count) {
             std::vector<double> measured = record.outputs[o];
             std::erase_if(measured, [](double y) { return std::isnan(y); });
-            const double noise = std::max(white_noise(measured), rounding_noise(measured)) / scale_[o];
+            const double own = std::max(white_noise(measured), rounding_noise(measured)) / scale_[o];
+            const double noise = std::max(own, solvers_errors);
             sum += noise * noise;
         }
     }

@@ -3,10 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numeric>
 
 namespace tribode {
 
 namespace {
+
+constexpr double longest_step = 1.5; // of the median: longer ones are gaps
 
 // Samples of a clock at an even period, from values at instants that may be uneven.
 std::vector<double> resampled(const std::vector<double>& t, const std::vector<double>& values, double period,
@@ -16,7 +19,10 @@ std::vector<double> resampled(const std::vector<double>& t, const std::vector<do
     std::size_t i = 0;
     for (std::size_t k = 0; k < count; ++k) {
         const double now = t.front() + static_cast<double>(k) * period;
-        while (i + 1 < t.size() && t[i + 1] <= now * (1 + 1e-12)) ++i;
+        // What holds begins at the nearest instant of the clock: with the last one before it, half of all samples would act a period late
+        // where instants jitter.
+        const double reached = between == Interpolation::hold ? now + 0.5 * period : now * (1 + 1e-12);
+        while (i + 1 < t.size() && t[i + 1] <= reached) ++i;
         if (between == Interpolation::hold || i + 1 == t.size()) {
             even[k] = values[i];
         } else {
@@ -137,15 +143,19 @@ Equations deep_copy(const Equations& equations) {
     return copy;
 }
 
-double median_step(const std::vector<double>& t) {
+double sample_time(const std::vector<double>& t) {
     std::vector<double> steps;
     for (std::size_t i = 1; i < t.size(); ++i) steps.push_back(t[i] - t[i - 1]);
-    std::nth_element(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2), steps.end());
-    return steps[steps.size() / 2];
+    const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+    std::nth_element(steps.begin(), middle, steps.end());
+    const double median = *middle;
+    if (is_even(t, median)) return median;
+    std::erase_if(steps, [median](double step) { return step > longest_step * median; });
+    return std::accumulate(steps.begin(), steps.end(), 0.0) / static_cast<double>(steps.size());
 }
 
 InputSamples input_of(const SystemRecord& record, std::size_t input, Interpolation between) {
-    const double period = median_step(record.t);
+    const double period = sample_time(record.t);
     const auto& values = record.inputs[input];
     return input_samples(is_even(record.t, period) ? values : resampled(record.t, values, period, between), period,
                          record.t.front(), between);

@@ -75,7 +75,7 @@ Equations deep_copy(const Equations& equations);
 // An input of a record as it runs between its samples; at an even period, also where the instants of the record are uneven.
 InputSamples input_of(const SystemRecord& record, std::size_t input, Interpolation between);
 
-// The median of the steps between instants [s].
-double median_step(const std::vector<double>& t);
+// Between samples [s]: the mean of the steps between instants, without gaps of more than 1.5 times the median step.
+double sample_time(const std::vector<double>& t);
 
 } // namespace tribode

@@ -360,6 +360,10 @@ Report system_report(const SystemDiagnosis& d) {
         {"Where model and measurement disagree",
          {Paragraph{d.where}, Figure{"errors", "The gap over what was measured.", maps(d, d.validation.front())}}});
     report.sections.push_back(values(d));
+    if (!d.remarks.empty()) {
+        report.sections.push_back({"The records", {}});
+        for (const auto& remark : d.remarks) report.sections.back().blocks.push_back(Paragraph{remark});
+    }
     report.sections.push_back(what_was_tried(d));
     return report;
 }

@@ -57,6 +57,8 @@ constexpr std::size_t alternatives = 4;    // that are fitted in the place of a 
 constexpr double worth_exchanging = 0.97;  // of the score
 // Of the best, how many are tried with another way of the inputs, and where one suits better, how many are fitted again.
 constexpr std::size_t first_reconsidered = 3, reconsidered = 8;
+// Of a parameter that keeps its sign; and of the error, for the values that keep theirs to be taken.
+constexpr double least_of_given = 1e-4, as_good_with_signs = 1.01;
 constexpr double chance = 0.05;      // of the best of many frequencies, for a wave or a mode to be left out
 constexpr double dispensable = 1.01; // of the score without a term, for the term to be left out
 
@@ -116,7 +118,8 @@ double SystemCandidate::score() const {
     for (const auto& term : terms) parameters += term.parameters.size();
     if (is_noise) {
         const double samples = static_cast<double>(fitted.size() + predicted.size());
-        return std::sqrt((SystemFit::sum_of_squares(fitted) + SystemFit::sum_of_squares(predicted)) / samples *
+        const double squares = SystemFit::sum_of_squares(fitted) + SystemFit::sum_of_squares(predicted);
+        return std::sqrt((squares / samples + solvers_errors * solvers_errors) *
                          std::exp((static_cast<double>(parameters) * std::log(samples) +
                                    2 * static_cast<double>(terms.size()) * std::log(static_cast<double>(library))) /
                                   samples));
@@ -174,7 +177,7 @@ bool SystemSearch::fit(SystemCandidate& candidate, int steps, bool growing, cons
     candidate.substeps = result.substeps;
     candidate.predicted = fit_of(hidden_, candidate.substeps).errors(candidate.model, candidate.values);
     candidate.is_noise = false;
-    if (is_white(candidate.fitted)) fit_whole(candidate, steps);
+    if (is_nothing_left(candidate.fitted)) fit_whole(candidate, steps);
     return !candidate.predicted.empty();
 }
 
@@ -192,7 +195,7 @@ void SystemSearch::fit_whole(SystemCandidate& candidate, int steps) const {
         const auto result = part.fit(whole.model, whole.values, steps, ended);
         if (result.errors.empty() || late()) return;
         whole.values = result.values;
-        if (!is_white(result.errors)) return;
+        if (!is_nothing_left(result.errors)) return;
     }
     whole.fitted = fit_of(shown_, whole.substeps).errors(whole.model, whole.values);
     whole.predicted = fit_of(hidden_, whole.substeps).errors(whole.model, whole.values);
@@ -226,6 +229,36 @@ void SystemSearch::reconsider_inputs(SystemCandidate& candidate) {
     }
 }
 
+// Fits from the given values. A step from these may lead a time constant or a mass below zero, where no way leads back: then once more
+// with the signs that were given.
+bool SystemSearch::fit_from_afar(SystemCandidate& candidate) const {
+    const auto in_both_ways = [&](SystemCandidate& one) {
+        SystemCandidate grown = one;
+        const bool fits = fit(one, 2 * iterations);
+        const bool grows = fit(grown, 2 * iterations, true);
+        if (grows && (!fits || rms_of_errors(grown.fitted) < rms_of_errors(one.fitted))) one = std::move(grown);
+        return fits || grows;
+    };
+    const std::vector<double> given = candidate.values;
+    SystemCandidate same = candidate;
+    const bool fits = in_both_ways(candidate);
+    const auto changes_sign = [&](std::size_t p) { return given[p] * candidate.values[p] < 0; };
+    bool has_changed = false;
+    for (std::size_t p = 0; p < first_.parameters.size(); ++p) {
+        has_changed = has_changed || changes_sign(p);
+        auto& own = same.model.parameters[p];
+        if (given[p] > 0) own.low = std::max(own.low, least_of_given * given[p]);
+        if (given[p] < 0) own.high = std::min(own.high, least_of_given * given[p]);
+    }
+    if (fits && !has_changed) return true;
+    if (!in_both_ways(same)) return fits;
+    if (!fits || rms_of_errors(same.fitted) < as_good_with_signs * rms_of_errors(candidate.fitted)) {
+        same.model = first_;
+        candidate = std::move(same);
+    }
+    return true;
+}
+
 SystemCandidate SystemSearch::begin() {
     std::optional<SystemCandidate> best;
     for (const Interpolation between : ways()) {
@@ -234,13 +267,7 @@ SystemCandidate SystemSearch::begin() {
         between_ = between;
         // The first way begins with values that may be far off, the others with what it found.
         SystemCandidate candidate{.model = first_, .values = best ? best->values : first_.values(records_.size())};
-        SystemCandidate grown = candidate;
-        bool fits = fit(candidate, 2 * iterations);
-        if (!best && fit(grown, 2 * iterations, true) &&
-            (!fits || rms_of_errors(grown.fitted) < rms_of_errors(candidate.fitted))) {
-            candidate = std::move(grown);
-            fits = true;
-        }
+        const bool fits = best ? fit(candidate, 2 * iterations) : fit_from_afar(candidate);
         const bool better = fits && (!best || suits_better(candidate, *best));
         if (better) {
             best = std::move(candidate);

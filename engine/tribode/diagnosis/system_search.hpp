@@ -106,6 +106,7 @@ class SystemSearch {
     // `found`: where this model ended before; false, too, where it ends there again.
     bool fit(SystemCandidate& candidate, int iterations, bool growing = false,
              const FoundMinimum* found = nullptr) const;
+    bool fit_from_afar(SystemCandidate& candidate) const;
     void fit_whole(SystemCandidate& candidate, int iterations) const; // where white noise is all that is left then
     std::vector<SystemTerm> terms_beside(const SystemCandidate& current, bool with_nameless) const;
     SystemCandidate started(const Hypothesis& hypothesis, const std::vector<SystemTerm>& terms) const;

@@ -60,7 +60,7 @@ TermLibrary::TermLibrary(const SystemModel& m, std::size_t n, const SystemFit& f
         const auto& t = fit.records()[r].t;
         if (fit.used()[r] < 2 || t[fit.used()[r] - 1] <= duration) continue;
         duration = t[fit.used()[r] - 1];
-        step = median_step(t);
+        step = sample_time(t);
     }
     for (std::size_t i = 0; i < states; ++i) {
         const auto& state = model.equations.states[i];

@@ -692,6 +692,30 @@ TEST(LaneFit, EventsAreNoFixedSteps) {
 }
 
 // Terms are screened side by side, in one model; each has the effect that it has alone.
+// From these values a step leads to a negative time constant, and on to where nothing is to be found.
+TEST(SystemSearch, ValuesKeepTheirSignsWhereThatSuitsTheRecords) {
+    const TemporaryFolder folder;
+    const char* const equations = R"(inputs = { u = 0 }, states = { w = 0 },
+        der = function(s) return { w = (s.k * s.u - s.w) / s.tau } end, outputs = function(s) return { y = s.w } end)";
+    const auto motor = [&](double k, double tau) {
+        return model_of(folder, fmt::format("parameters = {{ k = {}, tau = {} }}, {}", k, tau, equations));
+    };
+    const SystemModel true_one = motor(2, 0.5);
+    std::vector<SystemRecord> records = {record_of(600, 0.02, {[](double t) {
+                                                       return std::sin(0.8 * t + 1) + std::sin(2.3 * t + 2) +
+                                                              std::sin(5.1 * t) + std::sin(10.7 * t + 4);
+                                                   }})};
+    const SystemFit whole(records, {1}, Interpolation::hold, {600});
+    records[0].outputs = whole.simulate(true_one, true_one.values(1), 0, 600)->outputs;
+    for (std::size_t k = 0; k < 600; ++k) records[0].outputs[0][k] += 0.02 * standard_normal(1, 0, k);
+    for (const auto& [k, tau] : {std::pair{0.2, 2.0}, {0.1, 50.0}, {0.02, 5.0}, {0.02, 50.0}}) {
+        SystemSearch search(motor(k, tau), records, {2}, never, {});
+        const auto values = search.begin().values;
+        EXPECT_NEAR(values[0], 2, 0.02) << k << " " << tau;
+        EXPECT_NEAR(values[1], 0.5, 0.01) << k << " " << tau;
+    }
+}
+
 TEST(Screening, TermsSideBySideAreScreenedAsAlone) {
     const TemporaryFolder folder;
     SystemModel model = model_of(folder, R"(
