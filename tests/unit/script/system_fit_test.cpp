@@ -698,7 +698,12 @@ TEST(SystemSearch, ValuesKeepTheirSignsWhereThatSuitsTheRecords) {
     const char* const equations = R"(inputs = { u = 0 }, states = { w = 0 },
         der = function(s) return { w = (s.k * s.u - s.w) / s.tau } end, outputs = function(s) return { y = s.w } end)";
     const auto motor = [&](double k, double tau) {
-        return model_of(folder, fmt::format("parameters = {{ k = {}, tau = {} }}, {}", k, tau, equations));
+        SystemModel made = model_of(folder, fmt::format("parameters = {{ k = {}, tau = {} }}, {}", k, tau, equations));
+        for (auto& one : made.parameters) { // as in system_model_of()
+            one.high = 1e4 * made.equations.parameters[one.place].value;
+            one.low = -one.high;
+        }
+        return made;
     };
     const SystemModel true_one = motor(2, 0.5);
     std::vector<SystemRecord> records = {record_of(600, 0.02, {[](double t) {
@@ -709,7 +714,8 @@ TEST(SystemSearch, ValuesKeepTheirSignsWhereThatSuitsTheRecords) {
     records[0].outputs = whole.simulate(true_one, true_one.values(1), 0, 600)->outputs;
     for (std::size_t k = 0; k < 600; ++k) records[0].outputs[0][k] += 0.02 * standard_normal(1, 0, k);
     for (const auto& [k, tau] : {std::pair{0.2, 2.0}, {0.1, 50.0}, {0.02, 5.0}, {0.02, 50.0}}) {
-        SystemSearch search(motor(k, tau), records, {2}, never, {});
+        const SystemModel given = motor(k, tau);
+        SystemSearch search(given, records, {2}, never, {});
         const auto values = search.begin().values;
         EXPECT_NEAR(values[0], 2, 0.02) << k << " " << tau;
         EXPECT_NEAR(values[1], 0.5, 0.01) << k << " " << tau;
