@@ -102,6 +102,8 @@ Periods periods(const TermLibrary& library, const TermTarget& target, const std:
     return best;
 }
 
+constexpr double widths_beside = 3; // of a peak, that the period may be beside it
+
 // a sin(2 pi w/period) + b cos(2 pi w/period)
 SystemTerm wave(const TermLibrary& library, const TermTarget& target, const std::string& name, const std::string& of,
                 Term w, SystemTerm::Parameter period, bool is_fitted) {
@@ -194,9 +196,10 @@ bool is_velocity(const TermLibrary& library, const TermTarget& target) {
 }
 
 SystemTerm::Parameter period_of(double period, double span, const std::string& unit) {
-    // A peak of the spectrum is period^2/span wide.
-    const double tolerance = period * std::min(0.2, 0.5 * period / span);
-    return {"period", period, period - tolerance, period + tolerance, 0.1 * tolerance, unit};
+    // A peak of the spectrum is period^2/span wide. What a model leaves that is led away by the wave itself may have it some widths beside
+    // the wave.
+    const double width = period * period / span, tolerance = std::min(0.2 * period, widths_beside * width);
+    return {"period", period, period - tolerance, period + tolerance, std::min(0.02 * period, 0.05 * width), unit};
 }
 
 } // namespace

@@ -42,6 +42,7 @@ constexpr std::size_t deepened_singles = 3, fitted_seconds = 8, fitted_curves = 
 constexpr double worth_a_fit = 0.5;     // of what the best second term explains, for a plain one
 constexpr double negligible = 0.02;     // of what the best single term explains to first order
 constexpr double explains_little = 0.5; // errors over the outputs' deviations
+constexpr double explains_most = 0.1;   // errors over those of the model before
 // Iterations of a fit at first, of the best and of those that begin anew, and of those that promise most; and how many go on.
 constexpr int first_iterations = 6, iterations = 20, last_iterations = 60;
 constexpr double first_least_gain = 1e-3; // of the squared errors, by one of the first iterations
@@ -391,6 +392,11 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
     const auto add = [&](std::vector<SystemCandidate> more) {
         found.insert(found.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
     };
+    sort_by_score(found);
+    // What explains nearly all, and leaves more than noise, may lack the way of the inputs alone.
+    if (!found.empty() && !is_enough() && found.front().score() < explains_most * rms_of_errors(current.fitted)) {
+        reconsider_inputs(found);
+    }
     if (!is_enough()) add(followed(current));
     if (!is_enough()) add(fitted(deepened(current, found, terms), terms, from_afar));
     if (!is_enough()) add(flexible(current, screening, terms));

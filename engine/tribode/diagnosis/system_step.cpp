@@ -79,6 +79,16 @@ std::vector<std::string> kinds_of(const SystemCandidate& candidate) {
     return names;
 }
 
+namespace {
+
+std::vector<std::string> sorted_kinds_of(const SystemCandidate& candidate) {
+    auto names = kinds_of(candidate);
+    std::ranges::sort(names);
+    return names;
+}
+
+} // namespace
+
 double independent_errors(const SystemCandidate& candidate) {
     return static_cast<double>(candidate.fitted.size()) / correlation_length(candidate.fitted) +
            static_cast<double>(candidate.predicted.size()) / correlation_length(candidate.predicted);
@@ -103,7 +113,12 @@ std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, c
         if ((is_as_good || is_part || is_as_likely || is_named) && price(found[i]) < price(found[taken])) taken = i;
     }
     // Another one that costs no more than a part of the best may do better than that.
-    return *std::ranges::find_if(passed, [&](std::size_t i) { return price(found[i]) <= price(found[taken]); });
+    taken = *std::ranges::find_if(passed, [&](std::size_t i) { return price(found[i]) <= price(found[taken]); });
+    // Another form of the same terms, such as dry friction as a tanh in place of one that sticks, is the same answer: the better one.
+    const auto form = std::ranges::find_if(passed, [&](std::size_t i) {
+        return sorted_kinds_of(found[i]) == sorted_kinds_of(found[taken]);
+    });
+    return found[*form].score() * as_good < found[taken].score() ? *form : taken;
 }
 
 double price_of_names(const SystemCandidate& candidate, double independent_errors) {

@@ -154,5 +154,22 @@ TEST(SystemStep, WhatFollowsARandomForceIsNoBetter) {
     EXPECT_EQ(simplest(found, {0, 1}, all_errors), 0u);
 }
 
+// Forms of one effect are the same answer, so what more parameters may follow by chance is no reason to take the worse one.
+TEST(SystemStep, OfTheFormsOfAnEffectTheBetterOneIsTaken) {
+    std::vector<SystemCandidate> found = {candidate_with({"dry_friction"}, 0.5), candidate_with({"dry_friction"}, 0.5)};
+    for (const char* name : {"width", "rise", "velocity"}) {
+        found[0].terms[0].parameters.push_back({.name = name});
+        found[0].model.parameters.emplace_back();
+    }
+    found[1].fitted = moved(found[0].fitted, 0.4);
+    found[1].predicted = moved(found[0].predicted, 0.4);
+    EXPECT_EQ(simplest(found, {0, 1}, all_errors), 0u);
+    found[1].terms[0].name = "square";
+    EXPECT_EQ(simplest(found, {0, 1}, all_errors), 1u);
+    // Where both do as well the simpler one is.
+    found[1] = candidate_with({"dry_friction"}, 0.505);
+    EXPECT_EQ(simplest(found, {0, 1}, all_errors), 1u);
+}
+
 } // namespace
 } // namespace tribode
