@@ -21,6 +21,8 @@ constexpr double worth_measuring = 1.2;          // times what the present recor
 constexpr double min_apart = 0.1;                // of the error that is left: below it the two say the same
 constexpr double clearly_apart = 1;              // of it: below this longer records are listed too
 constexpr std::size_t longer = 3;                // times as long
+constexpr double range_beyond =
+    0.5; // of the outputs' range, that they may leave it by: farther off no model can be trusted
 
 struct ListedRecord {
     std::string text;
@@ -193,6 +195,28 @@ double squares_left(const std::vector<const Difference*>& on, std::size_t parame
     return std::isfinite(squares) ? squares : 0;
 }
 
+// Where outputs may go.
+struct Bounds {
+    double low = -std::numeric_limits<double>::infinity(), high = std::numeric_limits<double>::infinity();
+};
+
+// A little beyond what was measured.
+std::vector<Bounds> bounds_of(const std::vector<SystemRecord>& records) {
+    std::vector<Bounds> all(records.front().outputs.size());
+    for (std::size_t o = 0; o < all.size(); ++o) {
+        double low = std::numeric_limits<double>::infinity(), high = -low;
+        for (const auto& record : records) {
+            for (const double y : record.outputs[o]) {
+                if (std::isnan(y)) continue;
+                low = std::min(low, y);
+                high = std::max(high, y);
+            }
+        }
+        if (low <= high) all[o] = {low - range_beyond * (high - low), high + range_beyond * (high - low)};
+    }
+    return all;
+}
+
 // Two models of which the first one, fitted to all records, would have to do what the second one does.
 class Pair {
   public:
@@ -217,12 +241,26 @@ class Pair {
     // rms of what is left on the records that are there.
     double now() const { return now_; }
 
-    // rms of what another record leaves beside these.
-    double on(const ListedRecord& one) const {
+    struct Apart {
+        double rms = 0;
+        bool stays = false; // the outputs of both, within the bounds
+    };
+    // What another record leaves beside these.
+    Apart on(const ListedRecord& one, const std::vector<Bounds>& bounds) const {
         const auto further = on_record(one);
-        if (!further) return 0;
+        if (!further) return {};
         const double squares = squares_left(with(&*further), first_.model.parameters.size()) - squares_now_;
-        return std::sqrt(std::max(squares, 0.0) / static_cast<double>(further->gap.size()));
+        Apart apart{std::sqrt(std::max(squares, 0.0) / static_cast<double>(further->gap.size())), true};
+        const auto& outputs = further->foretold.outputs;
+        Eigen::Index row = 0;
+        for (std::size_t o = 0; o < outputs.size(); ++o) {
+            const Bounds within = o < bounds.size() ? bounds[o] : Bounds{};
+            for (const double second : outputs[o]) {
+                const double first = second - scale_[o] * further->gap[row++];
+                for (const double y : {first, second}) apart.stays = apart.stays && y >= within.low && y <= within.high;
+            }
+        }
+        return apart;
     }
 
     SystemRecord foretold(const ListedRecord& one) const {
@@ -283,24 +321,47 @@ std::optional<SystemExperiment> next_system_experiment(const SystemCandidate& fi
         if (own <= others) pairs.emplace_back(first, rival, records, scale, between);
         if (others <= own) pairs.emplace_back(rival, first, records, scale, between);
     }
+    const auto bounds = bounds_of(records);
     std::vector<double> apart, told; // told: grows with the samples
+    std::vector<char> stays;         // within the bounds, all models
     const auto compare = [&] {
         const std::size_t begin = apart.size();
         apart.resize(menu.list.size());
+        stays.resize(menu.list.size(), 1);
         for_each_index(apart.size() - begin, control, "next experiment", [&](std::size_t i) {
             double least = std::numeric_limits<double>::infinity();
-            for (const Pair& pair : pairs) least = std::min(least, pair.on(menu.list[begin + i]) / left);
+            for (const Pair& pair : pairs) {
+                const auto one = pair.on(menu.list[begin + i], bounds);
+                least = std::min(least, one.rms / left);
+                if (!one.stays) stays[begin + i] = 0;
+            }
             apart[begin + i] = least;
         });
         for (std::size_t i = begin; i < apart.size(); ++i) {
             told.push_back(apart[i] * std::sqrt(static_cast<double>(menu.list[i].record.size())));
         }
-        return static_cast<std::size_t>(std::ranges::max_element(told) - told.begin());
     };
-    std::size_t best = compare();
-    if (apart[best] < clearly_apart) {
+    const auto best_of = [&](bool all) {
+        std::size_t best = 0;
+        double most = -1;
+        for (std::size_t i = 0; i < told.size(); ++i) {
+            if (told[i] <= most || !(all || stays[i])) continue;
+            most = told[i];
+            best = i;
+        }
+        return best;
+    };
+    // Of records on which the machine stays where it was, where there is one that tells the models clearly apart.
+    const auto chosen_of = [&] {
+        const std::size_t near = best_of(false);
+        return stays[near] && apart[near] >= clearly_apart ? near : best_of(true);
+    };
+    compare();
+    std::size_t best = chosen_of();
+    if (apart[best] < clearly_apart || !stays[best]) {
         menu.add_waves(longer);
-        best = compare();
+        compare();
+        best = chosen_of();
     }
     double here = std::numeric_limits<double>::infinity();
     for (const Pair& pair : pairs) here = std::min(here, pair.now() / left);

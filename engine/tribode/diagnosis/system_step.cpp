@@ -115,9 +115,8 @@ std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, c
     // Another one that costs no more than a part of the best may do better than that.
     taken = *std::ranges::find_if(passed, [&](std::size_t i) { return price(found[i]) <= price(found[taken]); });
     // Another form of the same terms, such as dry friction as a tanh in place of one that sticks, is the same answer: the better one.
-    const auto form = std::ranges::find_if(passed, [&](std::size_t i) {
-        return sorted_kinds_of(found[i]) == sorted_kinds_of(found[taken]);
-    });
+    const auto form = std::ranges::find_if(
+        passed, [&](std::size_t i) { return sorted_kinds_of(found[i]) == sorted_kinds_of(found[taken]); });
     return found[*form].score() * as_good < found[taken].score() ? *form : taken;
 }
 

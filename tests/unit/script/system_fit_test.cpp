@@ -873,5 +873,40 @@ TEST(SystemNextExperiment, SeparatesRivalsWithinTheInputsSeen) {
     EXPECT_LT(longer->apart, 1);
 }
 
+// A short pulse of the input is in its range. Held for long it would lead the outputs far beyond theirs.
+TEST(SystemNextExperiment, StaysWhereTheOutputsWere) {
+    const TemporaryFolder folder;
+    const auto candidate = [&](const std::string& more) {
+        SystemCandidate one{
+            .model =
+                model_of(folder, fmt::format(R"(parameters = {{ d = 0.5 }}, inputs = {{ u = 0 }}, states = {{ v = 0 }},
+            der = function(s) return {{ v = s.u - s.d * s.v + {} }} end, outputs = function(s) return {{ y = s.v }} end)",
+                                             more))};
+        one.values = one.model.values(1);
+        return one;
+    };
+    const auto first = candidate("0"), second = candidate("0.02 * s.v ^ 3");
+    std::vector<SystemRecord> records = {record_of(400, 0.1, {[](double t) {
+                                                       return 0.3 * std::sin(t) + (t > 10 && t < 10.5 ? 2.0 : 0) -
+                                                              (t > 20 && t < 20.5 ? 2.0 : 0);
+                                                   }})};
+    records[0].outputs =
+        SystemFit(records, {1}, Interpolation::hold, {400}).simulate(second.model, second.values, 0, 400)->outputs;
+    const auto [low, high] = std::ranges::minmax(records[0].outputs[0]);
+    for (const double left : {1e-5, 1e-4}) {
+        const auto next = next_system_experiment(first, {second}, records, {1}, Interpolation::hold, left, {});
+        ASSERT_TRUE(next);
+        EXPECT_GT(next->apart, 1);
+        for (const double y : next->record.outputs[0]) {
+            EXPECT_GE(y, low - 0.5 * (high - low));
+            EXPECT_LE(y, high + 0.5 * (high - low));
+        }
+    }
+    // Where only what lies beyond tells the models apart it is taken.
+    const auto far = next_system_experiment(first, {second}, records, {1}, Interpolation::hold, 0.3, {});
+    ASSERT_TRUE(far);
+    EXPECT_GT(std::ranges::max(far->record.outputs[0]), high + 0.5 * (high - low));
+}
+
 } // namespace
 } // namespace tribode
