@@ -351,21 +351,19 @@ std::optional<SystemExperiment> next_system_experiment(const SystemCandidate& fi
         }
         return best;
     };
-    // Of records on which the machine stays where it was, where there is one that tells the models clearly apart.
-    const auto chosen_of = [&] {
-        const std::size_t near = best_of(false);
-        return stays[near] && apart[near] >= clearly_apart ? near : best_of(true);
-    };
+    double here = std::numeric_limits<double>::infinity();
+    for (const Pair& pair : pairs) here = std::min(here, pair.now() / left);
+    const auto tells = [&](std::size_t i) { return apart[i] > worth_measuring * here && apart[i] >= min_apart; };
+    // Records on which the machine stays where it was, where one of them tells anything.
     compare();
-    std::size_t best = chosen_of();
+    std::size_t best = best_of(false);
     if (apart[best] < clearly_apart || !stays[best]) {
         menu.add_waves(longer);
         compare();
-        best = chosen_of();
+        best = best_of(false);
     }
-    double here = std::numeric_limits<double>::infinity();
-    for (const Pair& pair : pairs) here = std::min(here, pair.now() / left);
-    if (!(apart[best] > worth_measuring * here) || apart[best] < min_apart) return std::nullopt;
+    if (!stays[best] || !tells(best)) best = best_of(true);
+    if (!tells(best)) return std::nullopt;
     const ListedRecord& chosen = menu.list[best];
     SystemExperiment result{.apart = apart[best]};
     result.record = Pair(first, rivals.front(), records, scale, between).foretold(chosen);
