@@ -114,9 +114,12 @@ std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, c
     }
     // Another one that costs no more than a part of the best may do better than that.
     taken = *std::ranges::find_if(passed, [&](std::size_t i) { return price(found[i]) <= price(found[taken]); });
-    // Another form of the same terms, such as dry friction as a tanh in place of one that sticks, is the same answer: the better one.
-    const auto form = std::ranges::find_if(
-        passed, [&](std::size_t i) { return sorted_kinds_of(found[i]) == sorted_kinds_of(found[taken]); });
+    // Another form of the same terms, such as dry friction as a tanh in place of one that sticks, is the same answer: the better one. A curve
+    // of more levels is no other form.
+    const auto form = std::ranges::find_if(passed, [&](std::size_t i) {
+        return i == taken || (sorted_kinds_of(found[i]) == sorted_kinds_of(found[taken]) &&
+                              std::ranges::none_of(found[i].terms, &SystemTerm::is_flexible));
+    });
     return found[*form].score() * as_good < found[taken].score() ? *form : taken;
 }
 
