@@ -181,6 +181,23 @@ TEST_F(SystemDiagnosis, AModelThatLacksNothingIsLeftAlone) {
     EXPECT_NEAR(found["gap"]["validate"]["before"].get<double>(), 1e-3, 2e-4);
 }
 
+// One wrong sample is nothing that the model lacks, and the answer says that it was replaced.
+TEST_F(SystemDiagnosis, WhatIsDoneToARecordIsSaid) {
+    measure("0");
+    std::string rows = text_of(folder / "records/ident.csv");
+    std::size_t row = 0;
+    for (int n = 0; n < 150; ++n) row = rows.find('\n', row) + 1;
+    const std::size_t end = rows.find('\n', row), cell = rows.rfind(',', end) + 1;
+    const double x = std::stod(rows.substr(cell, end - cell));
+    folder.write("records/ident.csv", rows.replace(cell, end - cell, std::to_string(x + 1)));
+    const Json found = diagnosis("model.lua", "out");
+    EXPECT_EQ(found["verdict"], "nothing_missing");
+    ASSERT_EQ(found["remarks"].size(), 1u);
+    const std::string remark = found["remarks"][0];
+    EXPECT_NE(remark.find("ident.csv: one sample of x stands apart"), std::string::npos) << remark;
+    EXPECT_NE(text_of(folder / "out/report.html").find("one sample of x stands apart"), std::string::npos);
+}
+
 // No term of the library is this one, so none may be called the answer.
 // The fitted values follow what the force did on the fitted record, so that the model is off on the other one. A term that explains
 // a quarter of that is none; of one that explains more these records cannot tell.

@@ -21,8 +21,8 @@ constexpr double worth_measuring = 1.2;          // times what the present recor
 constexpr double min_apart = 0.1;                // of the error that is left: below it the two say the same
 constexpr double clearly_apart = 1;              // of it: below this longer records are listed too
 constexpr std::size_t longer = 3;                // times as long
-constexpr double range_beyond =
-    0.5; // of the outputs' range, that they may leave it by: farther off no model can be trusted
+// Of the outputs' range, that they may leave it by: farther off no model can be trusted.
+constexpr double range_beyond = 0.5;
 
 struct ListedRecord {
     std::string text;
