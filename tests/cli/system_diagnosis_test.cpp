@@ -443,7 +443,7 @@ class SystemDiagnosisOfALag : public SystemDiagnosis {
 
     // `besides`: what is measured besides the output.
     Json found_in(const std::string& truth, const std::string& input, const std::string& besides = "0") {
-        folder.write("lag.lua", lag("f"));
+        folder.write("lag.lua", given);
         folder.write("truth.lua", truth);
         folder.write("script.lua", fmt::format(R"(
             local tb = require "tribode"
@@ -468,6 +468,7 @@ class SystemDiagnosisOfALag : public SystemDiagnosis {
     double step = 0.1;       // [s]
     std::string run_options; // of tb.run_system, by k: 1 for the first record, 2 for the second one
     std::string verdict = "effect_found";
+    std::string given = lag("f");
 
     const std::string positive = "0.4 + 0.35 * math.sin(0.05 * i * k + k) + 0.05 * math.sin(0.17 * i)",
                       both_signs = "math.sin(0.05 * i * k + k) + 0.5 * math.sin(0.17 * i)",
@@ -517,7 +518,6 @@ TEST_F(SystemDiagnosisOfALag, AValveWithAKneeAtEachEnd) {
     EXPECT_EQ(effect["name"], "curve");
 }
 
-// The first model explains nothing of it, as the speed turns as often as not.
 // What it shows follows slowly. The second record begins elsewhere, and from there.
 TEST_F(SystemDiagnosisOfALag, ASlowSensorIsAtRestWhereEachRecordBegins) {
     run_options = "start = { x = 2 * k - 1.7, y = 2 * k - 1.7 }";
@@ -531,6 +531,42 @@ TEST_F(SystemDiagnosisOfALag, ASlowSensorIsAtRestWhereEachRecordBegins) {
     EXPECT_NEAR(effect["parameters"]["lag_time"].get<double>(), 0.6, 0.02);
 }
 
+// A staircase is held, whatever a model that lacks something says: between samples that are joined by lines the delay would be longer by
+// half of one.
+TEST_F(SystemDiagnosisOfALag, ADelayOfAStaircase) {
+    step = 0.2;
+    const Json effect = found_in(lag("s.b * tb.delay(s.u, 1.6) - s.a * s.x"), levels);
+    EXPECT_EQ(effect["name"], "delay");
+    EXPECT_NEAR(effect["parameters"]["delay_time"].get<double>(), 1.6, 0.02);
+    EXPECT_EQ(Json::parse(text_of(folder / "out/diagnosis.json"))["inputs"], "held between samples");
+}
+
+// A diode before what stores and loses.
+TEST_F(SystemDiagnosisOfALag, WhatLetsThroughOneDirectionAlone) {
+    given = lag("s.b * (s.u - s.x) - s.a * s.x");
+    const Json effect = found_in(lag("s.b * math.max(s.u - s.x - 0.2, 0) - s.a * s.x"), both_signs);
+    EXPECT_EQ(effect["name"], "one_way");
+    EXPECT_EQ(effect["equation"], "u - x");
+    EXPECT_NEAR(effect["parameters"]["one_way_closed_below"].get<double>(), 1, 0.01);
+    EXPECT_NEAR(effect["parameters"]["one_way_level"].get<double>(), 0.2, 0.02);
+}
+
+TEST_F(SystemDiagnosisOfALag, AMotorThatIsDrivenAndCoasts) {
+    const Json effect = found_in(lag("f - 0.6 * math.min(f, 0)"), levels);
+    EXPECT_EQ(effect["name"], "one_way");
+    EXPECT_EQ(effect["equation"], "der(x)");
+    EXPECT_NEAR(effect["parameters"]["one_way_closed_below"].get<double>(), 0.6, 0.02);
+    EXPECT_NEAR(effect["parameters"]["one_way_level"].get<double>(), 0, 0.02);
+}
+
+TEST_F(SystemDiagnosisOfALag, ASensorThatShowsOnlySoMuchToEitherSide) {
+    const Json effect = found_in(lag("f"), levels, "math.max(math.min(run.values.y[i], 0.6), -0.6) - run.values.y[i]");
+    EXPECT_EQ(effect["name"], "saturation");
+    EXPECT_EQ(effect["equation"], "output y");
+    EXPECT_NEAR(effect["parameters"]["saturation_limit"].get<double>(), 0.6, 0.01);
+}
+
+// The first model explains nothing of it, as the speed turns as often as not.
 TEST_F(SystemDiagnosisOfALag, ASensorThatDoesNotTellTheDirection) {
     const Json effect = found_in(lag("f"), levels, "math.abs(run.values.y[i]) - run.values.y[i]");
     EXPECT_EQ(effect["name"], "magnitude");

@@ -19,24 +19,28 @@ class Finder {
     }
 
     void add_differences() {
-        std::vector<Term> found;
+        // What is multiplied, or the argument of a function; and what such a sum adds up first, as the force of a controller to which
+        // that of friction is added.
+        std::vector<Term> found, partial;
         std::vector<Term> roots = rates();
         for (const auto& output : e_.outputs) roots.push_back(output.value);
         for (const Term term : graph_.reachable(roots)) {
-            // What is multiplied, or the argument of a function.
             const auto node = graph_[term];
-            if (node.op == Op::add || node.op == Op::subtract || node.op == Op::select || is_condition(node.op))
-                continue;
+            if (node.op == Op::select || is_condition(node.op)) continue;
             const int count = operand_count(node.op);
             for (const Term operand : {node.a, node.b}) {
                 const bool is_operand = operand == node.a ? count > 0 : count > 1;
-                if (is_operand && is_combination(operand)) found.push_back(operand);
+                if (is_operand && is_combination(operand)) (is_sum(term) ? partial : found).push_back(operand);
             }
         }
-        std::sort(found.begin(), found.end());
-        found.erase(std::unique(found.begin(), found.end()), found.end());
-        if (found.size() > max_signals) found.resize(max_signals);
-        for (const Term term : found) add(term, SystemModel::InnerSignal::Kind::difference);
+        for (auto* list : {&found, &partial}) {
+            std::ranges::sort(*list);
+            for (const Term term : *list) {
+                if (added_.size() < max_signals && added_.insert(term).second) {
+                    add(term, SystemModel::InnerSignal::Kind::difference);
+                }
+            }
+        }
     }
 
     void add_shared() {
@@ -135,6 +139,7 @@ class Finder {
     Equations& e_;
     Expressions& graph_;
     std::set<Term> moving_;
+    std::set<Term> added_; // differences
 };
 
 } // namespace

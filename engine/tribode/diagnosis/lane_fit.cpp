@@ -133,9 +133,10 @@ bool LaneFit::halve(const std::vector<double>& values) {
     return substeps_ == most_substeps || shorten(values);
 }
 
-bool LaneFit::are_short_enough(const std::vector<double>& values, const std::vector<double>& errors) const {
+bool LaneFit::are_short_enough(const std::vector<double>& values, const std::vector<double>& errors,
+                               double times) const {
     const auto fine = errors_with(values, 2 * substeps_);
-    return !fine.empty() && rms_of_difference(errors, fine) < negligible(fine);
+    return !fine.empty() && rms_of_difference(errors, fine) < times * negligible(fine);
 }
 
 bool LaneFit::shorten(const std::vector<double>& values) {

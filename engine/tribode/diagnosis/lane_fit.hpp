@@ -27,8 +27,8 @@ class LaneFit {
     // Doubles the steps as often as that changes nothing that counts at these values.
     void lengthen(const std::vector<double>& values);
 
-    // Whether halved steps come to the same errors, but for what is negligible.
-    bool are_short_enough(const std::vector<double>& values, const std::vector<double>& errors) const;
+    // Whether halved steps come to the same errors, but for so many times what is negligible.
+    bool are_short_enough(const std::vector<double>& values, const std::vector<double>& errors, double times = 1) const;
 
     // Over every n-th sample only, in one step each, n as large as that still agrees with all samples at these values. For the long
     // part of a fit; the errors are those of fewer samples then. False where all are needed.

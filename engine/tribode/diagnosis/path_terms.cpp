@@ -70,6 +70,23 @@ void add_overflows(TermLibrary& library) {
     }
 }
 
+void add_one_ways(TermLibrary& library, const std::string& equation, double size, const std::string& unit,
+                  const std::function<Term(Equations&, const Function&)>& change) {
+    for (const bool forward : {true, false}) {
+        SystemTerm made{.name = "one_way", .equation = equation};
+        made.parameters = {{forward ? "closed_below" : "closed_above", 0.1, 0, 1, 1},
+                           {"level", 0.1 * size, -size, size, size, unit}};
+        made.apply = [change, forward](Equations& equations, const std::vector<Term>& p) {
+            return change(equations, [&](const TermArithmetic& m, Term d) {
+                const Term open =
+                    forward ? m.positive(m.subtract(d, p[1])) : m.negate(m.positive(m.negate(m.add(d, p[1]))));
+                return m.subtract(d, m.multiply(p[0], m.subtract(d, open)));
+            });
+        };
+        library.terms.push_back(std::move(made));
+    }
+}
+
 namespace {
 
 // Of a lag or a delay.
@@ -237,6 +254,13 @@ void add_output_paths(TermLibrary& library, std::size_t o) {
     }
     add("clipping", {"limit", high - 0.05 * span, low, high + 0.05 * span, span, output.unit}, high + 0.05 * span,
         [](const TermArithmetic& m, Term y, Term p) { return m.where(m.less(p, y), p, y); });
+    add("clipping", {"lower", low + 0.05 * span, low - 0.05 * span, high, span, output.unit}, low - 0.05 * span,
+        [](const TermArithmetic& m, Term y, Term p) { return m.where(m.less(y, p), p, y); });
+    if (low < 0 && high > 0) {
+        const double size = std::max(-low, high);
+        add("saturation", {"limit", 0.95 * size, 0.02 * size, 1.05 * size, size, output.unit}, 1.05 * size,
+            [](const TermArithmetic& m, Term y, Term p) { return m.clip(y, m.negate(p), p); });
+    }
     const auto first = library.fit.records()[0].first_measured(o);
     if (!library.model.equations.states.empty() && library.duration > 0 && first) {
         SystemTerm made{.name = "lag", .equation = "output " + output.name};
@@ -313,6 +337,11 @@ void add_inner_paths(TermLibrary& library, const SystemModel::InnerSignal& signa
         add("saturation", {"limit", share * size, 0.02 * size, 1.2 * size, size, unit}, 1.2 * size,
             [](const TermArithmetic& m, Term d, Term p) { return m.clip(d, m.negate(p), p); });
     }
+    add_one_ways(library, output.name, size, unit, [place = signal.output](Equations& equations, const Function& of) {
+        const Term changed = of(TermArithmetic{*equations.graph}, equations.outputs[place].value);
+        replace_inner(equations, place, changed);
+        return changed;
+    });
     const double small = 0.01 / (size * size);
     add(is_deflection ? "cubic_stiffness" : "cubic",
         {"a", small, -infinity, infinity, 100 * small, unit.empty() ? "" : "1/(" + unit + ")^2"}, 0,

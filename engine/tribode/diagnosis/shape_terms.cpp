@@ -63,7 +63,7 @@ class Shapes {
             }
             if (!target_->is_inner) load_dependent_friction();
             variable_capacity();
-            rate_limit();
+            whole_derivative();
             for (const auto& difference : library_.differences) {
                 powers(difference);
                 if (changes_sign(difference)) dry_friction(difference);
@@ -532,8 +532,9 @@ class Shapes {
             {{"level", level, 0, largest, largest, variable.unit}});
     }
 
-    // The whole derivative is limited, as the output of an amplifier can only follow so fast.
-    void rate_limit() {
+    // The whole derivative is limited, as the output of an amplifier can only follow so fast; and that of a store differs by direction,
+    // as where a fan is driven and coasts.
+    void whole_derivative() {
         if (target_->is_output || target_->is_inner) return;
         const auto& state = library_.model.equations.states[target_->place];
         double largest = 0;
@@ -551,6 +552,19 @@ class Shapes {
             };
             library_.terms.push_back(std::move(made));
         }
+        // Times a factor, a difference is an inner signal, which says the same.
+        const auto node = (*library_.model.equations.graph)[state.rate];
+        const bool is_inner = std::ranges::any_of(library_.model.inner, [&](const auto& signal) {
+            return (node.op == Op::multiply || node.op == Op::divide) &&
+                   (signal.term == node.a || signal.term == node.b);
+        });
+        if (!target_->position.empty() || is_inner) return;
+        add_one_ways(library_, target_->name, largest, target_->unit,
+                     [place = target_->place](Equations& equations, const Function& of) {
+                         Term& rate = equations.states[place].rate;
+                         rate = of(TermArithmetic{*equations.graph}, rate);
+                         return rate;
+                     });
     }
 
     // Of a position: by what rate it moves. Of a state that is no position the rate is not what it moves by.

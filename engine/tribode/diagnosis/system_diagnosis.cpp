@@ -215,15 +215,16 @@ class Diagnoser {
             if (chosen) {
                 taken = found[*chosen];
                 search.reconsider_inputs(taken);
-                taken = search.pruned(std::move(taken));
-                if (auto other = search.exchanged(taken)) {
+                taken = search.pruned(search.with_given_signs(std::move(taken)));
+                for (const auto& changed : {&SystemSearch::simplified, &SystemSearch::exchanged}) {
+                    auto other = (search.*changed)(taken);
+                    if (!other) continue;
                     last.tried->push_back(*other);
                     judge(found.size() - 1);
-                    if (passed.back() + 1 == found.size()) {
-                        chosen = passed.back();
-                        taken = *std::move(other);
-                        std::ranges::stable_sort(passed, {}, [&](std::size_t i) { return found[i].score(); });
-                    }
+                    if (passed.back() + 1 != found.size()) continue;
+                    chosen = passed.back();
+                    taken = *std::move(other);
+                    std::ranges::stable_sort(passed, {}, [&](std::size_t i) { return found[i].score(); });
                 }
             }
             tell(last, gains, chosen);

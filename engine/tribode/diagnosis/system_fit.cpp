@@ -40,6 +40,7 @@ constexpr std::size_t most_bends = 4;       // of the trials
 constexpr double as_good_a_step = 1.01;     // of the squared errors of the best
 constexpr double near_known = 0.1;          // of the errors, between two ends of fits that are one
 constexpr double differs_by_chance = 1.05;  // of the mean squared errors, over some samples
+constexpr double nearly = 10;               // times what is negligible, left by the shortest steps
 constexpr double agreed = 4;                // times what is negligible: fixed steps and those of another solver
 
 // The derivatives of a start value that follows from others (SystemModel::Beginning) by the values of a record.
@@ -482,7 +483,11 @@ SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> s
         if (is_search_) {
             result.substeps = lanes->substeps();
             if (lanes->are_short_enough(result.values, result.errors)) return result;
-            if (!lanes->halve(result.values)) break;
+            if (!lanes->halve(result.values)) {
+                // Equations with a kink want short steps although they are not stiff.
+                if (lanes->are_short_enough(result.values, result.errors, nearly)) return result;
+                break;
+            }
             iterations = std::max(iterations, result.iterations + iterations_of_halved);
             continue;
         }

@@ -338,12 +338,15 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
     const std::string sizes = fmt::format(
         "The gap on the validation record decreases from {} to {} rms, noise leaves {}.",
         format_quantity(gap.before, unit, 3), format_quantity(gap.after, unit, 3), format_quantity(gap.floor, unit, 3));
-    const bool is_chance = d.verdict == "undecided" && d.effects.front().probability_of_none() > may_be_chance;
+    const auto& first = d.effects.front();
+    const bool is_chance = d.verdict == "undecided" && first.probability_of_none() > may_be_chance;
+    const bool is_likeliest = first.rivals.empty() || first.probability >= first.rivals.front().second;
     const char* begin = d.verdict == "effect_found" ? "What is missing is"
                         : is_chance                 ? "What suits the records best, though it may be chance, is"
-                        : d.verdict == "undecided"  ? "Likeliest, but not decided by these records, is"
-                        : d.verdict == "partial"    ? "A part of what is missing is"
-                                                    : "Most of what is missing has not been found; a part is";
+                        : d.verdict == "undecided" && is_likeliest ? "Likeliest, but not decided by these records, is"
+                        : d.verdict == "undecided" ? "One of several that these records do not tell apart is"
+                        : d.verdict == "partial"   ? "A part of what is missing is"
+                                                   : "Most of what is missing has not been found; a part is";
     const std::string open = rest.empty() ? ""
                                           : fmt::format(" {}, not decided by these records, may be {}.",
                                                         d.open_rest == OpenRest::little ? "A small rest" : "The rest",

@@ -53,9 +53,11 @@ constexpr double begun[] = {1, 0.25, 0.05, 0.01};
 // Where a fit gains less than this share of what screening promised, the errors are bent on the way: it is tried once more over
 // growing parts of the records.
 constexpr double kept_promise = 0.5, worth_growing = 0.1;
-constexpr double worth_another_way = 0.98; // of both errors, for another way of the inputs between samples
-constexpr std::size_t alternatives = 4;    // that are fitted in the place of a term
-constexpr double worth_exchanging = 0.97;  // of the score
+constexpr double worth_growing_again = 1.02; // of the least errors of the present way
+constexpr double least_jump = 0.02;          // of an input's range, in a staircase
+constexpr double worth_another_way = 0.98;   // of both errors, for another way of the inputs between samples
+constexpr std::size_t alternatives = 4;      // that are fitted in the place of a term
+constexpr double worth_exchanging = 0.97;    // of the score
 // Of the best, how many are tried with another way of the inputs, and where one suits better, how many are fitted again.
 constexpr std::size_t first_reconsidered = 3, reconsidered = 8;
 // Of a parameter that keeps its sign; and of the error, for the values that keep theirs to be taken.
@@ -69,6 +71,19 @@ namespace {
 
 // A delay or a lag in the path of an input or an output.
 bool is_timing(const SystemTerm& term) { return term.of.empty() && term.parameters.front().unit == "s"; }
+
+// Values that stay for some samples and then jump far.
+bool is_staircase(const std::vector<double>& values) {
+    if (values.empty()) return false;
+    const auto [low, high] = std::ranges::minmax(values);
+    std::size_t jumps = 0, moves = 0;
+    for (std::size_t k = 1; k < values.size(); ++k) {
+        const double move = std::abs(values[k] - values[k - 1]);
+        moves += move > 0 ? 1 : 0;
+        jumps += move > least_jump * (high - low) ? 1 : 0;
+    }
+    return moves > 0 && 2 * moves < values.size() && 2 * jumps > moves;
+}
 
 void sort_by_score(std::vector<SystemCandidate>& found) {
     std::ranges::stable_sort(found, {}, [](const SystemCandidate& one) { return one.score(); });
@@ -215,6 +230,15 @@ std::vector<Interpolation> SystemSearch::ways() const {
     return {Interpolation::hold, Interpolation::linear, Interpolation::band_limited};
 }
 
+// Those for a model that lacks something: what it leaves says little about the way of the inputs, but a staircase is held.
+std::vector<Interpolation> SystemSearch::first_ways() const {
+    auto all = ways();
+    const bool is_held = std::ranges::any_of(
+        records_, [](const auto& record) { return std::ranges::any_of(record.inputs, is_staircase); });
+    if (is_held) all.resize(1);
+    return all;
+}
+
 void SystemSearch::reconsider_inputs(SystemCandidate& candidate) {
     const Interpolation present = between_;
     for (const Interpolation between : ways()) {
@@ -227,6 +251,15 @@ void SystemSearch::reconsider_inputs(SystemCandidate& candidate) {
         } else {
             between_ = kept;
         }
+    }
+}
+
+// Binds the first model's parameters to their signs.
+void SystemSearch::keep_signs(SystemModel& model, const std::vector<double>& given) const {
+    for (std::size_t p = 0; p < first_.parameters.size(); ++p) {
+        auto& own = model.parameters[p];
+        if (given[p] > 0) own.low = std::max(own.low, least_of_given * given[p]);
+        if (given[p] < 0) own.high = std::min(own.high, least_of_given * given[p]);
     }
 }
 
@@ -247,10 +280,8 @@ bool SystemSearch::fit_from_afar(SystemCandidate& candidate) const {
     bool has_changed = false;
     for (std::size_t p = 0; p < first_.parameters.size(); ++p) {
         has_changed = has_changed || changes_sign(p);
-        auto& own = same.model.parameters[p];
-        if (given[p] > 0) own.low = std::max(own.low, least_of_given * given[p]);
-        if (given[p] < 0) own.high = std::min(own.high, least_of_given * given[p]);
     }
+    keep_signs(same.model, given);
     if (fits && !has_changed) return true;
     if (!in_both_ways(same)) return fits;
     if (!fits || rms_of_errors(same.fitted) < as_good_with_signs * rms_of_errors(candidate.fitted)) {
@@ -262,7 +293,7 @@ bool SystemSearch::fit_from_afar(SystemCandidate& candidate) const {
 
 SystemCandidate SystemSearch::begin() {
     std::optional<SystemCandidate> best;
-    for (const Interpolation between : ways()) {
+    for (const Interpolation between : first_ways()) {
         if (best && late()) break;
         const Interpolation kept = between_;
         between_ = between;
@@ -291,7 +322,7 @@ SystemCandidate SystemSearch::begin() {
 // A model that lacks something may be nearer the records with inputs that run as they do not. Over segments it lacks little, and the way
 // shows.
 SystemCandidate SystemSearch::with_way_over_segments(SystemCandidate candidate) {
-    const auto all = ways();
+    const auto all = first_ways();
     if (all.size() < 2 || candidate.is_noise || late()) return candidate;
     const auto segments = segmented(candidate.model, candidate.values, fit_of_shown(), late_);
     if (!segments || late()) return candidate;
@@ -437,18 +468,33 @@ void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
             others.insert(others.begin(), *at_once);
         }
         const std::size_t shorter = others.size() - best - plain.size();
-        const auto refit = [&](std::size_t begin, std::size_t end) {
+        const auto refit = [&](std::size_t begin, std::size_t end, bool growing) {
             for_each_index(end - begin, control_,
                            fmt::format("fitting {} hypotheses to inputs between samples", end - begin),
                            [&](std::size_t n) {
-                               if (!late() && !fit(others[begin + n], iterations)) others[begin + n].predicted.clear();
+                               SystemCandidate& one = others[begin + n];
+                               SystemCandidate grown = one;
+                               if (!late() && !fit(one, iterations)) one.predicted.clear();
+                               // Shifted by half a sample, a motion may come to other places, from where no way leads back.
+                               const double least = rms_of_errors(found.front().fitted);
+                               if (!growing || late() || rms_of_errors(one.fitted) < worth_growing_again * least)
+                                   return;
+                               if (!fit(grown, iterations, true)) return;
+                               if (rms_of_errors(grown.fitted) < rms_of_errors(one.fitted)) one = std::move(grown);
                            });
         };
         const std::size_t some = shorter + std::min(first_reconsidered, best);
-        refit(0, some);
-        // What is simpler, or was without its way until now, needs to do only as well.
+        refit(0, some, true);
+        // What is simpler, or was without its way until now, needs to do only as well, unless the present way does that, too.
+        const auto does_as_well_now = [&](const SystemCandidate& other) {
+            return std::ranges::any_of(found, [&](const SystemCandidate& one) {
+                return one.names_from(0) == other.names_from(0) && worth_another_way * one.score() < other.score();
+            });
+        };
         const auto is_better = [&](std::size_t i) {
-            if (i < shorter) return others[i].score() < dispensable * found.front().score();
+            if (i < shorter) {
+                return others[i].score() < dispensable * found.front().score() && !does_as_well_now(others[i]);
+            }
             return others[i].is_noise ? others[i].score() < found.front().score()
                                       : suits_better(others[i], found.front());
         };
@@ -458,7 +504,7 @@ void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
             between_ = kept;
             continue;
         }
-        refit(some, others.size());
+        refit(some, others.size(), false);
         for (std::size_t i = shorter; i < others.size(); ++i) {
             const std::size_t place = i - shorter;
             if (!others[i].predicted.empty()) found[place < best ? place : plain[place - best]] = std::move(others[i]);
@@ -950,6 +996,53 @@ SystemCandidate SystemSearch::pruned(SystemCandidate candidate) const {
         }
     }
     return candidate;
+}
+
+std::optional<SystemCandidate> SystemSearch::simplified(const SystemCandidate& candidate) const {
+    std::optional<SystemCandidate> simpler;
+    for (std::size_t i = 0; i < candidate.terms.size() && !late(); ++i) {
+        const SystemCandidate& present = simpler ? *simpler : candidate;
+        const std::size_t own = present.terms[i].parameters.size();
+        if (own == 1) continue;
+        // Not fitted without the term: the other values are right beside it.
+        SystemCandidate less = without(present, i);
+        less.fitted = fit_of_shown().errors(less.model, less.values);
+        if (less.fitted.empty()) continue;
+        const auto terms = terms_beside(less, false);
+        std::vector<Hypothesis> list;
+        std::set<std::string> forms;
+        for (const auto& single : screened_singles(less.model, less.values, less.fitted, terms,
+                                                   fit_of(shown_, less.substeps), control_, late_)) {
+            const SystemTerm& term = terms[single.terms[0]];
+            if (term.parameters.size() >= own || !forms.insert(term.form()).second) continue;
+            list.push_back({less, single});
+            if (list.size() == alternatives) break;
+        }
+        std::optional<SystemCandidate> best;
+        for (auto& other : fitted(list, terms, false)) {
+            const bool is_as_good = other.is_noise >= present.is_noise && other.score() < dispensable * present.score();
+            if (is_as_good && (!best || other.score() < best->score())) best = std::move(other);
+        }
+        if (best) simpler = std::move(best);
+    }
+    return simpler;
+}
+
+SystemCandidate SystemSearch::with_given_signs(SystemCandidate candidate) const {
+    const auto given = first_.values(records_.size());
+    SystemCandidate same = candidate;
+    bool has_changed = false;
+    for (std::size_t p = 0; p < first_.parameters.size(); ++p) {
+        if (given[p] * same.values[p] >= 0) continue;
+        same.values[p] = -same.values[p];
+        has_changed = true;
+    }
+    keep_signs(same.model, given);
+    const bool is_as_good = has_changed && fit(same, iterations) && same.is_noise >= candidate.is_noise &&
+                            same.score() < as_good_with_signs * candidate.score();
+    if (!is_as_good) return candidate;
+    same.model = candidate.model;
+    return same;
 }
 
 std::optional<SystemCandidate> SystemSearch::exchanged(const SystemCandidate& candidate) const {

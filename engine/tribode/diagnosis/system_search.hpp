@@ -68,6 +68,13 @@ class SystemSearch {
     // Without the terms that others make unnecessary.
     SystemCandidate pruned(SystemCandidate candidate) const;
 
+    // With terms of fewer parameters in the place of richer ones, where these do as well: a power law with an exponent of one is a dead
+    // zone. Nothing where none does.
+    std::optional<SystemCandidate> simplified(const SystemCandidate& candidate) const;
+
+    // With the signs of the values that were given, where these suit as well: where only a product is told, both may have changed.
+    SystemCandidate with_given_signs(SystemCandidate candidate) const;
+
     // With other terms in the place of some, one at a time, where these suit the others better: what was found first may have stood for
     // something else that was missing then. Nothing where none does.
     std::optional<SystemCandidate> exchanged(const SystemCandidate& candidate) const;
@@ -97,6 +104,7 @@ class SystemSearch {
     void reconsider_inputs(std::vector<SystemCandidate>& found); // which are in the order of their scores
     SystemCandidate with_way_over_segments(SystemCandidate candidate);
     std::vector<Interpolation> ways() const;
+    std::vector<Interpolation> first_ways() const;
     SystemFit fit_of_shown() const { return fit_of(shown_); }
     SystemFit fit_of(const std::vector<SystemRecord>& records, std::size_t substeps = 0) const {
         SystemFit made{records, scale_, between_, whole_};
@@ -106,6 +114,7 @@ class SystemSearch {
     // `found`: where this model ended before; false, too, where it ends there again.
     bool fit(SystemCandidate& candidate, int iterations, bool growing = false,
              const FoundMinimum* found = nullptr) const;
+    void keep_signs(SystemModel& model, const std::vector<double>& given) const;
     bool fit_from_afar(SystemCandidate& candidate) const;
     void fit_whole(SystemCandidate& candidate, int iterations) const; // where white noise is all that is left then
     std::vector<SystemTerm> terms_beside(const SystemCandidate& current, bool with_nameless) const;

@@ -48,6 +48,15 @@ bool has_likelier_names(const SystemCandidate& one, const SystemCandidate& other
     return gain < 2 * static_cast<double>(more - less) * std::log(named_odds);
 }
 
+// Less is plainer: a constant is a constant, though the dead zone of an input that never crosses it is the same.
+std::size_t plainness(const SystemCandidate& one) {
+    std::size_t sum = 0;
+    for (const auto& term : one.terms) {
+        sum += term.name == "constant" || term.name == "constant_force" ? 0 : term.name == "offset" ? 1 : 2;
+    }
+    return sum;
+}
+
 } // namespace
 
 Improvement improvement_of(const SystemCandidate& candidate, const SystemCandidate& current) {
@@ -120,7 +129,11 @@ std::optional<std::size_t> simplest(const std::vector<SystemCandidate>& found, c
         return i == taken || (sorted_kinds_of(found[i]) == sorted_kinds_of(found[taken]) &&
                               std::ranges::none_of(found[i].terms, &SystemTerm::is_flexible));
     });
-    return found[*form].score() * as_good < found[taken].score() ? *form : taken;
+    if (found[*form].score() * as_good < found[taken].score()) taken = *form;
+    // And of what is the same in other words, the plainest ones.
+    return *std::ranges::min_element(passed, {}, [&](std::size_t i) {
+        return std::pair(i != taken && !found[i].equals(found[taken]), plainness(found[i]));
+    });
 }
 
 double price_of_names(const SystemCandidate& candidate, double independent_errors) {
@@ -135,7 +148,9 @@ void SystemStep::weigh(const SystemCandidate& current, const std::vector<SystemC
     const auto taken = new_kinds(best, current);
     for (const std::size_t i : passed) {
         const auto kinds = new_kinds(found[i], current);
-        if (found[i].equals(best) && kinds != taken) same_as.push_back(found[i].names_from(kept_of(found[i], current)));
+        if (!found[i].equals(best) || kinds == taken) continue;
+        auto names = found[i].names_from(kept_of(found[i], current));
+        if (std::ranges::find(same_as, names) == same_as.end()) same_as.push_back(std::move(names));
     }
     struct Weight {
         double value = 0;

@@ -27,6 +27,13 @@ struct TermArithmetic {
     }
 };
 
+// Adds what lets through one direction of a signal alone, from a level on, as a diode, a check valve or a rope, and of the rest a share.
+// `size`: the largest value of the signal. `change`: replaces the signal by a function of it.
+struct TermLibrary;
+using Function = std::function<Term(const TermArithmetic&, Term)>;
+void add_one_ways(TermLibrary& library, const std::string& equation, double size, const std::string& unit,
+                  const std::function<Term(Equations&, const Function&)>& change);
+
 // A derivative, an output or an inner signal to which a term may be added.
 struct TermTarget {
     std::string name; // "der(v)", "output y", "what der(v) and der(w) share"

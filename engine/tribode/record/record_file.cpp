@@ -285,6 +285,14 @@ void convert(Column& column, const std::string& wanted, const std::string& sourc
         return;
     }
     const auto other = file_unit(wanted);
+    const auto is = [&](const char* one, const char* another) {
+        return unit && other && unit->si == one && other->si == another;
+    };
+    if (is("degC", "K") || is("K", "degC")) {
+        throw InputError(fmt::format("{}: column {} is in {}, must be in {}, whose zero is another: add or subtract "
+                                     "273.15 in the file, or give {} the unit {}",
+                                     source, column.name, column.unit, wanted, column.name, column.unit));
+    }
     if (!unit || !other || unit->si != other->si) {
         throw InputError(fmt::format("{}: column {} is in {}, must be in {}; give its factor: --scale {}=FACTOR",
                                      source, column.name, column.unit, wanted, column.name));

@@ -171,5 +171,16 @@ TEST(SystemStep, OfTheFormsOfAnEffectTheBetterOneIsTaken) {
     EXPECT_EQ(simplest(found, {0, 1}, all_errors), 1u);
 }
 
+// An input that never crosses its dead zone is shifted by it.
+TEST(SystemStep, OfWhatIsTheSameThePlainestIsNamed) {
+    std::vector<SystemCandidate> found = {candidate_with({"dead_zone"}, 0.5), candidate_with({"offset"}, 0.5),
+                                          candidate_with({"constant"}, 0.5)};
+    for (auto& one : found) one.fitted = found[0].fitted;
+    EXPECT_EQ(simplest(found, {0, 1, 2}, all_errors), 2u);
+    EXPECT_EQ(simplest(found, {0, 1}, all_errors), 1u);
+    found[2].fitted[0] *= 2;
+    EXPECT_EQ(simplest(found, {0, 1, 2}, all_errors), 1u);
+}
+
 } // namespace
 } // namespace tribode

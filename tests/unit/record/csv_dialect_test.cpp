@@ -109,6 +109,12 @@ TEST(CsvDialect, AColumnComesInTheUnitInWhichItIsWanted) {
     EXPECT_EQ(read("t,u,y\n0,500,2\n", options, wanted).table["u"].values, Values{500});
     EXPECT_EQ(refused("t,u,y\ns,N,mm\n0,1,2\n", options, wanted),
               "input: x.csv: column u is in N, must be in V; give its factor: --scale u=FACTOR");
+    // No factor leads from one to the other.
+    options.units = {{"u", "V"}, {"y", "K"}};
+    EXPECT_EQ(
+        refused("t,u,y\ns,V,degC\n0,1,2\n", options, wanted),
+        "input: x.csv: column y is in degC, must be in K, whose zero is another: add or subtract 273.15 in the file, "
+        "or give y the unit degC");
     // What has no unit there is brought to SI, whatever machines would want.
     options.units = {{"t", "s"}, {"y", "%"}};
     EXPECT_EQ(read("t [s],u [mV],y [%]\n0,500,2\n", options, wanted).table["u"].values, Values{0.5});

@@ -44,6 +44,7 @@ SystemRecord record_of(std::size_t samples, double step, const std::vector<doubl
 }
 
 const auto never = [] { return false; };
+const RunControl by_itself;
 
 // Of a script with many systems each has the terms of all, until it gets a graph of its own: the same equations, and no more.
 TEST(Equations, AGraphOfItsOwnHasWhatTheyNeedAlone) {
@@ -691,7 +692,6 @@ TEST(LaneFit, EventsAreNoFixedSteps) {
     EXPECT_FALSE(FixedSteps::of(ball));
 }
 
-// Terms are screened side by side, in one model; each has the effect that it has alone.
 // From these values a step leads to a negative time constant, and on to where nothing is to be found.
 TEST(SystemSearch, ValuesKeepTheirSignsWhereThatSuitsTheRecords) {
     const TemporaryFolder folder;
@@ -715,13 +715,139 @@ TEST(SystemSearch, ValuesKeepTheirSignsWhereThatSuitsTheRecords) {
     for (std::size_t k = 0; k < 600; ++k) records[0].outputs[0][k] += 0.02 * standard_normal(1, 0, k);
     for (const auto& [k, tau] : {std::pair{0.2, 2.0}, {0.1, 50.0}, {0.02, 5.0}, {0.02, 50.0}}) {
         const SystemModel given = motor(k, tau);
-        SystemSearch search(given, records, {2}, never, {});
+        SystemSearch search(given, records, {2}, never, by_itself);
         const auto values = search.begin().values;
         EXPECT_NEAR(values[0], 2, 0.02) << k << " " << tau;
         EXPECT_NEAR(values[1], 0.5, 0.01) << k << " " << tau;
     }
 }
 
+// Of two values of which only the product shows, both may turn around together.
+TEST(SystemSearch, SignsThatTurnedForNothingTurnBack) {
+    const TemporaryFolder folder;
+    SystemModel model = model_of(folder, R"(
+        parameters = { R = 900, C = 1.2e-6 }, inputs = { u = 0 }, states = { v = 0 },
+        der = function(s) return { v = (s.u - s.v) / (s.R * s.C) } end, outputs = function(s) return { y = s.v } end)");
+    model.starts.clear();
+    std::vector<SystemRecord> records = {
+        record_of(500, 1e-4, {[](double t) { return std::sin(900 * t) + std::sin(2300 * t); }})};
+    records[0].outputs =
+        SystemFit(records, {1}, Interpolation::hold, {500}).simulate(model, {1e-6, 800}, 0, 500)->outputs;
+    for (std::size_t k = 0; k < 500; ++k) records[0].outputs[0][k] += 0.01 * standard_normal(1, 0, k);
+    SystemSearch search(model, records, {1}, never, by_itself);
+    SystemCandidate turned{.model = model, .values = {-1e-6, -800}};
+    ASSERT_TRUE(search.fit(turned));
+    EXPECT_LT(turned.values[0], 0);
+    const auto back = search.with_given_signs(turned);
+    EXPECT_GT(back.values[0], 0);
+    EXPECT_GT(back.values[1], 0);
+    EXPECT_NEAR(back.values[0] * back.values[1], 8e-4, 1e-5);
+    EXPECT_NEAR(back.score(), turned.score(), 1e-3 * turned.score());
+    // Where the records ask for another sign than that which was given, it stays.
+    for (double& y : records[0].outputs[0]) y = -y;
+    SystemModel gain = model_of(folder, R"(
+        parameters = { k = 1 }, inputs = { u = 0 }, states = { v = 0 },
+        der = function(s) return { v = (s.k * s.u - s.v) / 8e-4 } end, outputs = function(s) return { y = s.v } end)");
+    gain.starts.clear();
+    SystemSearch other(gain, records, {1}, never, by_itself);
+    const auto reversed = other.with_given_signs(other.begin());
+    EXPECT_NEAR(reversed.values[0], -1, 0.01);
+}
+
+// A power law behind a dead zone, with an exponent of one, is that dead zone.
+TEST(SystemSearch, ATermOfFewerValuesReplacesARicherOneThatDoesNoMore) {
+    const TemporaryFolder folder;
+    const auto lag_of = [&](const std::string& u) {
+        SystemModel made = model_of(
+            folder,
+            fmt::format("parameters = {{ k = 2, tau = 0.5, width = 0.6 }}, inputs = {{ u = 0 }}, states = {{ v = 0 }}, "
+                        "der = function(s) return {{ v = (s.k * ({}) - s.v) / s.tau }} end, "
+                        "outputs = function(s) return {{ y = s.v }} end",
+                        u));
+        made.starts.clear();
+        made.parameters.pop_back();
+        return made;
+    };
+    const SystemModel model = lag_of("s.u"), truth = lag_of("s.u - math.min(math.max(s.u, -s.width), s.width)");
+    std::vector<SystemRecord> records = {
+        record_of(600, 0.02, {[](double t) { return std::sin(2 * t) + std::sin(5.3 * t); }})};
+    records[0].outputs = SystemFit(records, {1}, Interpolation::hold, {600}).simulate(truth, {2, 0.5}, 0, 600)->outputs;
+    for (std::size_t k = 0; k < 600; ++k) records[0].outputs[0][k] += 2e-3 * standard_normal(1, 0, k);
+    SystemSearch search(model, records, {1}, never, by_itself);
+    const SystemFit fit = search.fit_of_all();
+    const auto values = model.values(1);
+    const std::vector<SystemTrace> traces = {*fit.simulate(model, values, 0, 600)};
+    const auto terms =
+        system_terms(model, 1, fit, variables_of(model, 1, fit, traces), fit.errors(model, values), false);
+    const auto term = std::ranges::find_if(
+        terms, [](const SystemTerm& one) { return one.form() == "power_law in input u by width"; });
+    ASSERT_NE(term, terms.end());
+    SystemCandidate richer{.model = extended(model, *term, {0.6, 1}),
+                           .values = more_values(model, values, {0.6, 1}),
+                           .terms = {*term},
+                           .texts = {""}};
+    ASSERT_TRUE(search.fit(richer));
+    ASSERT_TRUE(richer.is_noise);
+    const auto simpler = search.simplified(richer);
+    ASSERT_TRUE(simpler);
+    ASSERT_EQ(simpler->terms.size(), 1u);
+    EXPECT_EQ(simpler->terms[0].name, "dead_zone");
+    EXPECT_NEAR(simpler->values[2], 0.6, 0.02);
+    EXPECT_FALSE(search.simplified(*simpler));
+}
+
+// Without what it lacks, this motor is nearer the record with lines between samples, half a sample ahead; but a staircase is held.
+TEST(SystemSearch, AStaircaseIsHeld) {
+    const TemporaryFolder folder;
+    const auto motor = [&](const std::string& drag) {
+        SystemModel made =
+            model_of(folder, "parameters = { k = 2, d = 1 }, inputs = { u = 0 }, states = { x = 0, v = 0 }, "
+                             "der = function(s) return { x = s.v, v = s.k * s.u - s.d * s.v - (" +
+                                 drag + ") } end, outputs = function(s) return { y = s.x } end");
+        made.starts.clear();
+        return made;
+    };
+    const SystemModel model = motor("0"), truth = motor("2 * tb.tanh(s.v / 0.1)");
+    std::vector<SystemRecord> records = {
+        record_of(600, 0.05, {[](double t) { return 3 * std::sin(std::floor(t / 0.5 + 1e-9) * 2.3); }})};
+    const auto measure = [&] {
+        records[0].outputs =
+            SystemFit(records, {1}, Interpolation::hold, {600}).simulate(truth, {2, 1}, 0, 600)->outputs;
+        for (std::size_t k = 0; k < 600; ++k) records[0].outputs[0][k] += 1e-3 * standard_normal(1, 0, k);
+    };
+    measure();
+    SystemSearch search(model, records, {1}, never, by_itself);
+    search.begin();
+    EXPECT_EQ(search.interpolation(), Interpolation::hold);
+    // What moves all the time may be anything.
+    for (double& u : records[0].inputs[0])
+        u += 1e-3 * standard_normal(2, 0, static_cast<std::uint64_t>(&u - records[0].inputs[0].data()));
+    measure();
+    SystemSearch other(model, records, {1}, never, by_itself);
+    other.begin();
+    EXPECT_NE(other.interpolation(), Interpolation::hold);
+}
+
+// Stops of springs, hit at other instants in each step, ask for steps shorter than the noise needs; they are not stiff.
+TEST(SystemSearch, ATermWithAKinkIsFitted) {
+    const TemporaryFolder folder;
+    SystemModel model = model_of(folder, R"(
+        parameters = { w2 = 400, d = 0.2, stop = 4000 }, states = { x = 0.04, v = 0 },
+        der = function(s) return { x = s.v, v = -s.w2 * s.x - s.d * s.v - s.stop * math.max(s.x - 0.02, 0) } end,
+        outputs = function(s) return { y = s.x } end)");
+    std::vector<SystemRecord> records = {record_of(1000, 0.008, {})};
+    records[0].outputs =
+        SystemFit(records, {1}, Interpolation::hold, {1000}).simulate(model, model.values(1), 0, 1000)->outputs;
+    for (std::size_t k = 0; k < 1000; ++k) records[0].outputs[0][k] += 1e-4 * standard_normal(1, 0, k);
+    SystemFit fit(records, {0.024}, Interpolation::hold, {1000});
+    fit.begin_search(32);
+    fit.keep_to_fixed_steps();
+    const auto result = fit.fit(model, {0.201, 3990, 400.2, 0, 0.04}, 20, never);
+    ASSERT_FALSE(result.errors.empty());
+    EXPECT_NEAR(result.values[1], 4000, 30);
+}
+
+// Terms are screened side by side, in one model; each has the effect that it has alone.
 TEST(Screening, TermsSideBySideAreScreenedAsAlone) {
     const TemporaryFolder folder;
     SystemModel model = model_of(folder, R"(

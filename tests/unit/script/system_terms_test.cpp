@@ -114,8 +114,9 @@ void check_terms(const std::string& text, const std::string& columns, const std:
             for (std::size_t k = 0; k < before[o].size(); ++k) {
                 moved = std::max(moved, std::abs(after[o][k] - before[o][k]));
                 ASSERT_NEAR(written[o][k], after[o][k], 1e-5);
-                // A lag of nothing is a short one; clipping leaves alone what the record shows, and this model shows more.
-                if (term.name != "lag" && term.name != "clipping") {
+                // A lag of nothing is a short one; limits of an output leave alone what the record shows, and this model shows more.
+                const bool is_limit = term.name == "clipping" || term.kind().starts_with("saturation in output");
+                if (term.name != "lag" && !is_limit) {
                     ASSERT_NEAR(same[o][k], before[o][k], 1e-5);
                 }
             }
@@ -159,7 +160,8 @@ TEST(SystemTerms, EachOfADrivenVehicleRunsAndCanBeWritten) {
 
 // Two masses behind a coupling, under a controller of their difference to a reference: what is between them acts on both.
 TEST(SystemTerms, EachOfACouplingRunsAndCanBeWritten) {
-    check_terms(R"(
+    check_terms(
+        R"(
         local tb = require "tribode"
         return tb.system {
             parameters = { k = { value = 50, unit = "1/s2" }, d = { value = 0.5, unit = "1/s" }, m = 2, kp = 20 },
@@ -173,8 +175,8 @@ TEST(SystemTerms, EachOfACouplingRunsAndCanBeWritten) {
             outputs = function(s) return { bend = { s.x1 - s.x2, unit = "m" } } end,
             free = { "d", "x1.start" },
         })",
-                "t,r,bend",
-                {"backlash", "saturation", "dead_zone", "cubic_stiffness", "coulomb_friction", "quadratic_drag"});
+        "t,r,bend",
+        {"backlash", "saturation", "dead_zone", "one_way", "cubic_stiffness", "coulomb_friction", "quadratic_drag"});
 }
 
 // What remembers begins in each record at rest behind what it follows there, or as its output was measured first; what an input was
@@ -423,8 +425,28 @@ TEST(InnerSignals, ATermOfWhatIsSharedActsOnBothSides) {
         const std::string parameter = kind.starts_with("backlash") ? "width" : "a";
         expect_written_out(plain, kind, parameter, {value}, Case(folder, with(spring), "t,u,bend"));
     }
+    for (const auto& [closed, spring] :
+         {std::pair{"closed_below", "s.k * (bend - 0.9 * (bend - math.max(bend - s.gap, 0)))"},
+          {"closed_above", "s.k * (bend - 0.9 * (bend - math.min(bend + s.gap, 0)))"}}) {
+        expect_written_out(plain, "one_way in x1 - x2", closed, {0.9, 0.02}, Case(folder, with(spring), "t,u,bend"));
+    }
     // What only the search needs is not shown.
     EXPECT_EQ(without_inner_signals(plain.model).outputs.size(), 1u);
+}
+
+// What a controller asks for, to which the plant adds its friction, may be limited.
+TEST(InnerSignals, ASumOfThePartsOfASumIsOne) {
+    const TemporaryFolder folder;
+    const auto with = [&](const std::string& drive) {
+        return "local tb = require \"tribode\" return tb.system { parameters = { kp = 60, ki = 20, d = 2, most = 1.5 "
+               "}, inputs = { r = 0 }, "
+               "states = { x = 0.1, v = 0, z = 0 }, der = function(s) local force = s.kp * (s.r - s.x) + s.ki * s.z "
+               "return { x = s.v, v = " +
+               drive + " - s.d * s.v, z = s.r - s.x } end, outputs = function(s) return { y = s.x } end }";
+    };
+    const Case plain(folder, with("force"), "t,r,y");
+    expect_written_out(plain, "saturation in kp*(r - x) + ki*z", "limit", {1.5},
+                       Case(folder, with("math.max(math.min(force, s.most), -s.most)"), "t,r,y"));
 }
 
 TEST(SystemTerms, RecordsComeInTheUnitsOfTheSystem) {
