@@ -28,6 +28,8 @@ constexpr std::size_t max_rich_attempts = 3, max_attempts = 5;
 // Of the fits to whole records: values that nearly make up for each other take many.
 constexpr int final_iterations = 100;
 constexpr double told_from_nothing = 2; // standard errors that what is there must have
+constexpr double off_by_chance = 3;     // standard deviations of a prediction; more are one of 400
+constexpr double noise_alone = 1.1;     // of the noise
 constexpr std::size_t max_terms = 12;
 // Compared on the validation records: how many, and by how much their scores may be larger than that of what was found. Where nothing
 // was, how many of them may have a term in common.
@@ -1071,9 +1073,20 @@ class Diagnoser {
     }
 
     // That uncertain values may explain what is left does not show that the model is right.
+    // What the validation records may leave: so many times the noise and, where little more than noise is left on the fitted ones,
+    // what the values that were fitted to these may be off by. A random force, of which they show more, moves values farther than that.
+    double allowed_on_validation(double times) const {
+        const Gap& fitted = result_.fitted_gap;
+        const double deviations = fitted.after < noise_alone * fitted.floor    ? off_by_chance
+                                  : fitted.after < nothing_left * fitted.floor ? told_from_nothing
+                                                                               : 0;
+        return std::hypot(times * result_.validation_gap.floor, deviations * result_.prediction_uncertainty);
+    }
+
     bool is_much_left() const {
-        const Gap &validation = result_.validation_gap, &fitted = result_.fitted_gap;
-        return validation.after > little_left * validation.floor || fitted.after > little_left * fitted.floor;
+        const Gap& fitted = result_.fitted_gap;
+        return result_.validation_gap.after > allowed_on_validation(little_left) ||
+               fitted.after > little_left * fitted.floor;
     }
 
     // Of the effects, in the order of the terms: what is left without those that are open.
@@ -1128,14 +1141,10 @@ class Diagnoser {
         return steps_.back();
     }
 
-    // A validation record may hardly show what the fitted ones do. Where noise is all that these leave, the values that were fitted
-    // may be off by twice their uncertainty.
+    // A validation record may hardly show what the fitted ones do.
     bool nothing_is_left() const {
-        const Gap &validation = result_.validation_gap, &fitted = result_.fitted_gap;
-        const double uncertainty =
-            fitted.after < nothing_left * fitted.floor ? told_from_nothing * result_.prediction_uncertainty : 0;
-        return fitted.after < little_left * fitted.floor &&
-               validation.after < std::hypot(nothing_left * validation.floor, uncertainty);
+        return result_.fitted_gap.after < little_left * result_.fitted_gap.floor &&
+               result_.validation_gap.after < allowed_on_validation(nothing_left);
     }
 
     void decide() {

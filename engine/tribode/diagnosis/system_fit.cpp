@@ -33,15 +33,16 @@ constexpr std::array side_by_side = {1.0 / 25, 1.0 / 5, 1.0, 6.0, 36.0, 216.0, 1
 constexpr int stiff_iterations = 2, iterations_of_halved = 3; // at least, in halved steps
 constexpr int iterations_of_all = 3;                          // over all samples, after a fit over some
 constexpr int iterations_of_all_in_search = 1;
-constexpr double least_gain_of_part = 0.03; // where more of the records will be fitted
-constexpr double quick_gain = 0.5;          // what an iteration of a quick fit leaves of the squared errors
-constexpr double most_bent = 0.375;         // of a step, for what corrects it
-constexpr std::size_t most_bends = 4;       // of the trials
-constexpr double as_good_a_step = 1.01;     // of the squared errors of the best
-constexpr double near_known = 0.1;          // of the errors, between two ends of fits that are one
-constexpr double differs_by_chance = 1.05;  // of the mean squared errors, over some samples
-constexpr double nearly = 10;               // times what is negligible, left by the shortest steps
-constexpr double agreed = 4;                // times what is negligible: fixed steps and those of another solver
+constexpr double least_gain_of_part = 0.03;  // where more of the records will be fitted
+constexpr double quick_gain = 0.5;           // what an iteration of a quick fit leaves of the squared errors
+constexpr double most_bent = 0.375;          // of a step, for what corrects it
+constexpr std::size_t most_bends = 4;        // of the trials
+constexpr double as_good_a_step = 1.01;      // of the squared errors of the best
+constexpr double near_known = 0.1;           // of the errors, between two ends of fits that are one
+constexpr double differs_by_chance = 1.05;   // of the mean squared errors, over some samples
+constexpr double rounding_of_records = 1e-5; // of the times, in samples
+constexpr double nearly = 10;                // times what is negligible, left by the shortest steps
+constexpr double agreed = 4;                 // times what is negligible: fixed steps and those of another solver
 
 // The derivatives of a start value that follows from others (SystemModel::Beginning) by the values of a record.
 struct MovesOfBeginning {
@@ -211,8 +212,11 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
         for (const std::size_t output : model.measured) output_names.push_back(equations.outputs[output].name);
         const std::vector<double> instants(record.t.begin(), record.t.begin() + static_cast<std::ptrdiff_t>(samples));
         const double begin = record.t.front(), period = sample_time(record.t);
-        // What is measured at an instant is measured with the input of that instant, which acts from there on.
-        const double after = 1e-7 * period;
+        // A clock of the system sees the input of its own instant, and what is measured at an instant is measured with both, which act
+        // from there on. Times of a record are rounded.
+        const double later = rounding_of_records * period;
+        for (auto& clock : equations.clocks) clock.offset += later;
+        const double after = equations.clocks.empty() ? 1e-7 * period : 2 * later;
         std::vector<std::string> by; // what the derivatives are by
         std::size_t own_values = 0;  // of these; then the start values that follow from them
         std::vector<MovesOfBeginning> begun;
@@ -241,13 +245,13 @@ std::optional<SystemTrace> SystemFit::run(const SystemModel& model, const std::v
             connect_samples(equations, inputs[i], pieces, begin);
             for (const auto& delayed : delays) {
                 if (delayed.input != inputs[i].symbol) continue;
-                InputSamples later = pieces;
-                later.offset = begin + delayed.delay;
+                InputSamples late = pieces;
+                late.offset = begin + delayed.delay;
                 // What came before the record is not known: its first value.
                 connect_samples(
                     equations,
                     {equations.graph->name(delayed.symbol), inputs[i].unit, record.inputs[i].front(), delayed.symbol},
-                    std::move(later), begin);
+                    std::move(late), begin);
             }
         }
         locate_jumps_in_time(equations);

@@ -306,13 +306,22 @@ std::string interpolation_text(Interpolation between) {
     return "";
 }
 
+// Where more than noise is left, and uncertain values may be why.
+std::string uncertainty_sentence(const SystemDiagnosis& d) {
+    const auto& gap = d.validation_gap;
+    if (d.prediction_uncertainty < gap.floor || gap.after < 1.5 * gap.floor) return "";
+    return fmt::format(" Through the uncertainty of the fitted values the prediction may be off by {}.",
+                       format_quantity(d.prediction_uncertainty, gap_unit(d), 3));
+}
+
 std::string verdict_sentence(const SystemDiagnosis& d) {
     const std::string unit = gap_unit(d);
     const auto& gap = d.validation_gap;
     if (d.verdict == "nothing_missing") {
         return fmt::format("Nothing is missing that these records can show: the model as given leaves {} rms, noise "
-                           "{}.",
-                           format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3));
+                           "{}.{}",
+                           format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3),
+                           uncertainty_sentence(d));
     }
     if (d.effects.empty()) {
         std::string text =
@@ -351,7 +360,8 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
                                           : fmt::format(" {}, not decided by these records, may be {}.",
                                                         d.open_rest == OpenRest::little ? "A small rest" : "The rest",
                                                         fmt::join(rest, "; "));
-    return fmt::format("{} {}.{} {}{}", begin, fmt::join(names, "; "), open, sizes, undetermined_sentence(d));
+    return fmt::format("{} {}.{} {}{}{}", begin, fmt::join(names, "; "), open, sizes, uncertainty_sentence(d),
+                       undetermined_sentence(d));
 }
 
 Report system_report(const SystemDiagnosis& d) {

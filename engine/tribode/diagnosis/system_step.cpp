@@ -52,7 +52,8 @@ bool has_likelier_names(const SystemCandidate& one, const SystemCandidate& other
 std::size_t plainness(const SystemCandidate& one) {
     std::size_t sum = 0;
     for (const auto& term : one.terms) {
-        sum += term.name == "constant" || term.name == "constant_force" ? 0 : term.name == "offset" ? 1 : 2;
+        const bool is_constant = term.name == "constant" || term.name == "constant_force";
+        sum += is_constant && term.equation.starts_with("der(") ? 0 : term.name == "offset" ? 1 : 2;
     }
     return sum;
 }

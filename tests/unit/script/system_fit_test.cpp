@@ -114,6 +114,33 @@ TEST(SystemFit, RowsWithoutStatesAreTakenAsTheyAre) {
     }
 }
 
+// Times in a file are decimal numbers, of which the differences are off by rounding. A command that changes at an instant of the
+// controller is the one that it sees there.
+TEST(SystemFit, AClockSeesTheInputOfItsInstant) {
+    const TemporaryFolder folder;
+    const SystemModel model = model_of(folder, R"(
+        inputs = { u = 0 }, states = { x = 0 }, discrete = { F = 0 },
+        sample = { { period_s = 0.004, set = function(s) return { F = s.u } end } },
+        der = function(s) return { x = (s.F - s.x) / 0.02 } end, outputs = function(s) return { y = s.x, held = s.F } end)");
+    for (const double rounding : {0.0, 1e-8}) {
+        SystemRecord record = record_of(400, 0.002, {[](double t) { return std::floor(t / 0.02 + 1e-9); }});
+        for (std::size_t k = 0; k < record.size(); ++k) {
+            record.t[k] = std::stod(fmt::format("{:.9g}", record.t[k])) + rounding * static_cast<double>(k % 3);
+        }
+        const std::vector<SystemRecord> records = {record};
+        const SystemFit fit(records, {1, 1}, Interpolation::hold, {400});
+        const auto trace = fit.simulate(model, model.values(1), 0, 400);
+        ASSERT_TRUE(trace);
+        double x = 0, held = 0;
+        for (std::size_t k = 0; k < 400; ++k) {
+            if (k % 2 == 0) held = record.inputs[0][k];
+            ASSERT_EQ(trace->outputs[0][k], held) << k; // in the order of their names
+            ASSERT_NEAR(trace->outputs[1][k], x, 1e-4) << k;
+            x = held + (x - held) * std::exp(-0.1);
+        }
+    }
+}
+
 // A part of a record keeps its instants: inputs and what depends on the time itself are those of the whole.
 TEST(SystemFit, APartOfARecordGoesOnAsTheWhole) {
     const TemporaryFolder folder;
