@@ -71,7 +71,7 @@ void add_overflows(TermLibrary& library) {
 }
 
 void add_one_ways(TermLibrary& library, const std::string& equation, double size, const std::string& unit,
-                  const std::function<Term(Equations&, const Function&)>& change) {
+                  const std::function<Term(Equations&, const SignalFunction&)>& change) {
     for (const bool forward : {true, false}) {
         SystemTerm made{.name = "one_way", .equation = equation};
         made.parameters = {{forward ? "closed_below" : "closed_above", 0.1, 0, 1, 1},
@@ -337,11 +337,12 @@ void add_inner_paths(TermLibrary& library, const SystemModel::InnerSignal& signa
         add("saturation", {"limit", share * size, 0.02 * size, 1.2 * size, size, unit}, 1.2 * size,
             [](const TermArithmetic& m, Term d, Term p) { return m.clip(d, m.negate(p), p); });
     }
-    add_one_ways(library, output.name, size, unit, [place = signal.output](Equations& equations, const Function& of) {
-        const Term changed = of(TermArithmetic{*equations.graph}, equations.outputs[place].value);
-        replace_inner(equations, place, changed);
-        return changed;
-    });
+    add_one_ways(library, output.name, size, unit,
+                 [place = signal.output](Equations& equations, const SignalFunction& of) {
+                     const Term changed = of(TermArithmetic{*equations.graph}, equations.outputs[place].value);
+                     replace_inner(equations, place, changed);
+                     return changed;
+                 });
     const double small = 0.01 / (size * size);
     add(is_deflection ? "cubic_stiffness" : "cubic",
         {"a", small, -infinity, infinity, 100 * small, unit.empty() ? "" : "1/(" + unit + ")^2"}, 0,

@@ -560,7 +560,7 @@ class Shapes {
         });
         if (!target_->position.empty() || is_inner) return;
         add_one_ways(library_, target_->name, largest, target_->unit,
-                     [place = target_->place](Equations& equations, const Function& of) {
+                     [place = target_->place](Equations& equations, const SignalFunction& of) {
                          Term& rate = equations.states[place].rate;
                          rate = of(TermArithmetic{*equations.graph}, rate);
                          return rate;

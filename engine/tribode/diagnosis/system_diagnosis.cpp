@@ -1073,20 +1073,9 @@ class Diagnoser {
     }
 
     // That uncertain values may explain what is left does not show that the model is right.
-    // What the validation records may leave: so many times the noise and, where little more than noise is left on the fitted ones,
-    // what the values that were fitted to these may be off by. A random force, of which they show more, moves values farther than that.
-    double allowed_on_validation(double times) const {
-        const Gap& fitted = result_.fitted_gap;
-        const double deviations = fitted.after < noise_alone * fitted.floor    ? off_by_chance
-                                  : fitted.after < nothing_left * fitted.floor ? told_from_nothing
-                                                                               : 0;
-        return std::hypot(times * result_.validation_gap.floor, deviations * result_.prediction_uncertainty);
-    }
-
     bool is_much_left() const {
-        const Gap& fitted = result_.fitted_gap;
-        return result_.validation_gap.after > allowed_on_validation(little_left) ||
-               fitted.after > little_left * fitted.floor;
+        const Gap &validation = result_.validation_gap, &fitted = result_.fitted_gap;
+        return validation.after > little_left * validation.floor || fitted.after > little_left * fitted.floor;
     }
 
     // Of the effects, in the order of the terms: what is left without those that are open.
@@ -1141,10 +1130,16 @@ class Diagnoser {
         return steps_.back();
     }
 
-    // A validation record may hardly show what the fitted ones do.
+    // A validation record may hardly show what the fitted ones do. Where little more than noise is all that these leave, the values that
+    // were fitted may be off. A random force, of which they show more, moves values farther than their uncertainty says.
     bool nothing_is_left() const {
-        return result_.fitted_gap.after < little_left * result_.fitted_gap.floor &&
-               result_.validation_gap.after < allowed_on_validation(nothing_left);
+        const Gap &validation = result_.validation_gap, &fitted = result_.fitted_gap;
+        const double deviations = fitted.after < noise_alone * fitted.floor    ? off_by_chance
+                                  : fitted.after < nothing_left * fitted.floor ? told_from_nothing
+                                                                               : 0;
+        return fitted.after < little_left * fitted.floor &&
+               validation.after <
+                   std::hypot(nothing_left * validation.floor, deviations * result_.prediction_uncertainty);
     }
 
     void decide() {

@@ -469,19 +469,20 @@ void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
         }
         const std::size_t shorter = others.size() - best - plain.size();
         const auto refit = [&](std::size_t begin, std::size_t end, bool growing) {
-            for_each_index(end - begin, control_,
-                           fmt::format("fitting {} hypotheses to inputs between samples", end - begin),
-                           [&](std::size_t n) {
-                               SystemCandidate& one = others[begin + n];
-                               SystemCandidate grown = one;
-                               if (!late() && !fit(one, iterations)) one.predicted.clear();
-                               // Shifted by half a sample, a motion may come to other places, from where no way leads back.
-                               const double least = rms_of_errors(found.front().fitted);
-                               if (!growing || late() || rms_of_errors(one.fitted) < worth_growing_again * least)
-                                   return;
-                               if (!fit(grown, iterations, true)) return;
-                               if (rms_of_errors(grown.fitted) < rms_of_errors(one.fitted)) one = std::move(grown);
-                           });
+            for_each_index(
+                end - begin, control_, fmt::format("fitting {} hypotheses to inputs between samples", end - begin),
+                [&](std::size_t n) {
+                    SystemCandidate& one = others[begin + n];
+                    SystemCandidate grown = one;
+                    if (!late() && !fit(one, iterations)) one.predicted.clear();
+                    // Shifted by half a sample, a motion may come to other places, from where no way leads back.
+                    const double least = rms_of_errors(found.front().fitted);
+                    const auto error = [](const SystemCandidate& c) {
+                        return c.predicted.empty() ? std::numeric_limits<double>::infinity() : rms_of_errors(c.fitted);
+                    };
+                    if (!growing || late() || error(one) < worth_growing_again * least) return;
+                    if (fit(grown, iterations, true) && error(grown) < error(one)) one = std::move(grown);
+                });
         };
         const std::size_t some = shorter + std::min(first_reconsidered, best);
         refit(0, some, true);

@@ -27,13 +27,6 @@ struct TermArithmetic {
     }
 };
 
-// Adds what lets through one direction of a signal alone, from a level on, as a diode, a check valve or a rope, and of the rest a share.
-// `size`: the largest value of the signal. `change`: replaces the signal by a function of it.
-struct TermLibrary;
-using Function = std::function<Term(const TermArithmetic&, Term)>;
-void add_one_ways(TermLibrary& library, const std::string& equation, double size, const std::string& unit,
-                  const std::function<Term(Equations&, const Function&)>& change);
-
 // A derivative, an output or an inner signal to which a term may be added.
 struct TermTarget {
     std::string name; // "der(v)", "output y", "what der(v) and der(w) share"
@@ -98,6 +91,13 @@ void add_curves(TermLibrary& library);    // of one variable, of any shape
 void add_periodic(TermLibrary& library);  // in a variable, or in time
 void add_overflows(TermLibrary& library); // of one state, or of one into another
 void add_paths(TermLibrary& library);     // of inputs, outputs and inner signals
+
+// A signal as a function of what it was.
+using SignalFunction = std::function<Term(const TermArithmetic&, Term signal)>;
+// Adds what lets through one direction of a signal alone, from a level on, as a diode, a check valve or a rope, and of the rest a share.
+// `size`: the largest value of the signal, in `unit`. `change`: replaces the signal by a function of it, and returns what it is then.
+void add_one_ways(TermLibrary& library, const std::string& equation, double size, const std::string& unit,
+                  const std::function<Term(Equations&, const SignalFunction&)>& change);
 
 // Puts something else in the place of an inner signal, in all equations. An output that shows the signal itself goes on doing so.
 void replace_inner(Equations& equations, std::size_t output, Term changed);
