@@ -55,6 +55,26 @@ bool holds(const std::vector<double>& values) {
     return values.size() > 1 && 2 * held >= values.size();
 }
 
+// Of values that are all on an even grid, such as those of an encoder: from one to the next. Zero: they are not, or too few are
+// different to tell.
+double grid_step(std::vector<double> values) {
+    constexpr std::size_t values_to_tell = 16;
+    constexpr double rounding = 0.05, most_off = 0.02; // of a step, as written; the share that is off all the same
+    std::erase_if(values, [](double value) { return !std::isfinite(value); });
+    std::ranges::sort(values);
+    if (values.empty()) return 0;
+    const double least = 1e-9 * (values.back() - values.front());
+    std::vector<double> steps;
+    for (std::size_t k = 1; k < values.size(); ++k) {
+        if (const double step = values[k] - values[k - 1]; step > least) steps.push_back(step);
+    }
+    if (steps.size() + 1 < values_to_tell) return 0;
+    const double one = *std::ranges::min_element(steps);
+    const auto off = std::ranges::count_if(
+        steps, [&](double step) { return std::abs(step / one - std::round(step / one)) > rounding; });
+    return static_cast<double>(off) <= most_off * static_cast<double>(steps.size()) ? one : 0;
+}
+
 } // namespace
 
 double rounding_noise(const std::vector<double>& values, const std::vector<double>& errors) {
@@ -66,7 +86,7 @@ double rounding_noise(const std::vector<double>& values, const std::vector<doubl
             jumps.push_back(std::abs(values[k] - values[k - 1]));
         }
     }
-    if (jumps.size() < jumps_to_tell) return 0;
+    if (jumps.size() < jumps_to_tell) return grid_step(values) / std::sqrt(12.0);
     const auto quarter = jumps.begin() + static_cast<std::ptrdiff_t>(jumps.size() / 4);
     std::nth_element(jumps.begin(), quarter, jumps.end());
     return *quarter / std::sqrt(12.0);

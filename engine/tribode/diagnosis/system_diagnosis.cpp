@@ -39,7 +39,7 @@ constexpr double likely_score = 3;
 constexpr double nothing_left = 1.5;
 constexpr double least_evidence = convincing / 2; // of the records, for a step to count
 constexpr double half = 0.5;                      // of the squared gap, for a partial explanation
-constexpr double far_more = 4;                    // times the gap of the fitted records
+constexpr double more = 1.5, far_more = 4;        // times the gap of the fitted records
 constexpr double least_part = 0.2;                // of a validation record, to be fitted or to be compared
 // Of a name: the library may lack the right one. More so where much is left.
 constexpr double most_certain = 0.98, most_certain_of_a_part = 0.75;
@@ -83,6 +83,8 @@ class Diagnoser {
             result_.out_of_time = search.late();
             const bool is_last = attempt == max_attempts || result_.out_of_time;
             if (confirm(search, 1 - (1 - sure_enough) / static_cast<double>(attempt), is_last)) break;
+            // What is fitted cannot tell what only the others show.
+            if (steps_.size() == 1 && shows_more_on_validation(search, attempt > 1 ? more : far_more)) break;
         }
         compare_on_validation(search);
         weigh_on_validation(search);
@@ -113,8 +115,12 @@ class Diagnoser {
             text = fmt::format("To tell {} from {}: {}", one.names_from(step.before), names, text);
         }
         const Gap& gap = result_.validation_gap;
-        const bool is_left = gap.after > little_left * gap.floor && !result_.out_of_time;
-        const bool is_here_only = steps_.back().candidate.is_noise || gap.after > far_more * result_.fitted_gap.after;
+        const bool is_left =
+            gap.after > little_left * gap.floor && (!result_.out_of_time || result_.effects.empty());
+        const Gap& fitted = result_.fitted_gap;
+        const bool is_in_both = result_.effects.empty() && fitted.after > little_left * fitted.floor;
+        const bool is_here_only =
+            steps_.back().candidate.is_noise || gap.after > (is_in_both ? more : far_more) * fitted.after;
         is_in_validation_only_ = is_left && is_here_only && !divided_ && !control_.stop_requested();
         middle_of_what_is_left_ = middle_of_errors(result_.validation.front());
         values_explain_it_ = gap.after <= little_left * std::hypot(gap.floor, result_.prediction_uncertainty);
@@ -190,6 +196,13 @@ class Diagnoser {
                !has_too_many_new(candidate, current) && !refused(candidate) && !candidate.is_chance_beside(current);
     }
 
+    // Beside what the fitted records show, too.
+    bool shows_more_on_validation(const SystemSearch& search, double ratio) const {
+        const double fitted = rms_of_errors(steps_.back().on_fitted);
+        return fitted > little_left * search.fit_of_all().noise() &&
+               rms_of_errors(steps_.back().on_validation) > ratio * fitted;
+    }
+
     // Adds terms while they predict what was not fitted better.
     void extend(SystemSearch& search) {
         std::set<std::string> kinds;
@@ -231,8 +244,9 @@ class Diagnoser {
             }
             tell(last, gains, chosen);
             if (!chosen) {
-                for (std::size_t i = 0; i < found.size(); ++i) {
-                    if (!(gains[i].share > 0) || refused(found[i])) continue;
+                // What the validation records were asked about says more.
+                for (std::size_t i = 0; i < found.size() && refused_.empty(); ++i) {
+                    if (!(gains[i].share > 0)) continue;
                     result_.nearest = {found[i].names_from(kept_of(found[i], current)), gains[i].share};
                     break;
                 }
@@ -329,7 +343,9 @@ class Diagnoser {
         for (auto& hypothesis : result_.hypotheses) {
             if (hypothesis.lost.empty() && hypothesis.names == names) hypothesis.lost = why;
         }
-        result_.nearest = {step.candidate.names_from(step.before), share};
+        if (refused_.empty() || !result_.nearest || share > result_.nearest->second) {
+            result_.nearest = {step.candidate.names_from(step.before), share};
+        }
         const auto first_new = std::min(step.before, names.size() - 1);
         refused_.push_back({step.candidate, kinds_from(step.candidate, 0), names.size() - first_new, why});
     }
@@ -1161,7 +1177,7 @@ class Diagnoser {
         }
         if (d.verdict == "unknown_effect" && d.out_of_time)
             d.verdict = "undecided"; // what was not tried may explain it
-        if (d.verdict != "unknown_effect") d.nearest.reset();
+        if (!d.effects.empty() && d.verdict != "unknown_effect") d.nearest.reset();
         // The probabilities compare the terms of the library. Where much is left, the right one may not be among them, and a name
         // is no surer than the share that it explains.
         const double share = is_left ? most_certain_of_a_part * std::clamp(d.explained, 0.0, 1.0) : most_certain;
@@ -1222,7 +1238,8 @@ SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemReco
         return names;
     };
     if (first.values_explain_it() && names_of(more) != names_of(d)) return d;
-    if (more.effects.empty() && !d.effects.empty()) return d;
+    const bool had_something = !d.effects.empty() || d.fitted_gap.after > little_left * d.fitted_gap.floor;
+    if (more.effects.empty() && had_something) return d;
     d = std::move(more);
     d.where += fmt::format(
         " The other records show nothing of it, or little: {} up to t = {} is fitted, too, and the rest of it is what "

@@ -325,13 +325,12 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
     }
     if (d.effects.empty()) {
         std::string text =
-            d.out_of_time ? "Nothing was found before the budget of time ended the search, though forces at random may "
-                            "be all that is missing: the model "
+            d.out_of_time ? "Nothing was found before the budget of time ended the search: the model "
                           : "Something is missing that is none of the terms in the library: the model ";
         if (!std::isfinite(gap.before)) return text + "cannot be simulated on the validation record.";
         text += fmt::format("differs from the validation record by {} rms, noise would leave {}.",
                             format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3));
-        if (d.nearest) {
+        if (d.nearest && d.nearest->second > 0) {
             text += fmt::format(" Nearest is {}, which explains {:.0f} % of the gap.", d.nearest->first,
                                 100 * d.nearest->second);
         }

@@ -22,10 +22,12 @@ void multiply(Powers& product, const Powers& factor, double power) {
 }
 
 const std::map<std::string, Powers, std::less<>>& si_units() {
+    static const Powers ohm = {{"kg", 1}, {"m", 2}, {"s", -3}, {"A", -2}};
     static const std::map<std::string, Powers, std::less<>> units = {
         {"1", {}},
         {"rad", {}},
         {"degC", {{"K", 1}}},
+        {"\u00b0C", {{"K", 1}}},
         {"Hz", {{"s", -1}}},
         {"N", {{"kg", 1}, {"m", 1}, {"s", -2}}},
         {"Pa", {{"kg", 1}, {"m", -1}, {"s", -2}}},
@@ -33,7 +35,11 @@ const std::map<std::string, Powers, std::less<>>& si_units() {
         {"W", {{"kg", 1}, {"m", 2}, {"s", -3}}},
         {"C", {{"A", 1}, {"s", 1}}},
         {"V", {{"kg", 1}, {"m", 2}, {"s", -3}, {"A", -1}}},
-        {"ohm", {{"kg", 1}, {"m", 2}, {"s", -3}, {"A", -2}}},
+        {"ohm", ohm},
+        {"Ohm", ohm},
+        {"\u03a9", ohm}, // the Greek letter
+        {"\u2126", ohm}, // the sign of the unit
+        {"S", {{"kg", -1}, {"m", -2}, {"s", 3}, {"A", 2}}},
         {"F", {{"kg", -1}, {"m", -2}, {"s", 4}, {"A", 2}}},
         {"Wb", {{"kg", 1}, {"m", 2}, {"s", -2}, {"A", -1}}},
         {"T", {{"kg", 1}, {"s", -2}, {"A", -1}}},

@@ -53,6 +53,20 @@ TEST(PredictionStatistics, NoiseOfASignalOfStepsIsThatOfItsRounding) {
     EXPECT_EQ(rounding_noise(rounded, steps), 0);
 }
 
+// An axis that goes to its place by many counts a sample, and rests there.
+TEST(PredictionStatistics, RoundingShowsInValuesThatAreOnAGrid) {
+    std::vector<double> encoder, smooth, two;
+    for (int k = 0; k < 400; ++k) {
+        const double x = k < 150 ? 0.6 * (1 - std::cos(0.02 * k)) : 0.6 * (1 - std::cos(0.02 * 150));
+        encoder.push_back(0.0015 * std::round(x / 0.0015));
+        smooth.push_back(x);
+        two.push_back(k % 150 < 100 ? 0 : 1);
+    }
+    EXPECT_NEAR(rounding_noise(encoder), 0.0015 / std::sqrt(12.0), 1e-9);
+    EXPECT_EQ(rounding_noise(smooth), 0);
+    EXPECT_EQ(rounding_noise(two), 0);
+}
+
 TEST(PredictionStatistics, CorrelationHasTheLengthOfItsMemory) {
     EXPECT_NEAR(correlation_length(noise(2, 20000, 1)), 1, 0.1);
     // Both ways: (1 + a)/(1 - a) of correlations a^k, less those below a twentieth.

@@ -22,6 +22,10 @@ TEST(Dimension, UnitsReadAsTheyAreWritten) {
     expect_same("W", "V A");
     expect_same("Wb", "H A");
     expect_same("degC", "K");
+    expect_same("°C", "K");
+    expect_same("Ohm", "ohm");
+    expect_same("kg m2/s2", "Ω A2 s");
+    expect_same("S", "1/ohm");
     EXPECT_NE(dimension_of("mm"), dimension_of("m"));
     EXPECT_NE(dimension_of("m/s2"), dimension_of("m2/s"));
     EXPECT_EQ(to_text(dimension_of("N")), "kg m/s2");
