@@ -163,20 +163,10 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
                            return m.subtract(u, m.multiply(p[0], m.positive(m.negate(u))));
                        });
     }
-    if (library.model.equations.states.empty() || !(library.duration > 0)) return;
-    const double step = library.step, late = start_of_lag(library);
-    const auto lag_from = [name = input.name, unit](double start) {
-        return [name, unit, start](const TermArithmetic& m, Equations& equations, Term u, const auto& p) {
-            Equations::State behind{.name = name + "_behind", .unit = unit, .start = start};
-            behind.symbol = equations.graph->variable(behind.name);
-            behind.rate = m.divide(m.subtract(u, behind.symbol), p[0]);
-            equations.states.push_back(behind);
-            return behind.symbol;
-        };
-    };
-    const double first = input.values.front();
-    add_input_path(library, input, "lag", {lag_time(library)}, {lag_time(library).low}, lag_from(first), {},
-                   [u = input.symbol](const Equations&) { return u; });
+    const auto& e = library.model.equations;
+    const bool has_rate =
+        std::ranges::any_of(e.inputs, [&](const auto& one) { return one.name == rate_name_of(input.name); });
+    if ((e.states.empty() && !has_rate) || !(library.duration > 0)) return;
     // A play before what the input drives: it holds its place until the input has moved by the width to either side, and follows
     // as fast as the samples show.
     for (const double share : {0.05, 0.2}) {
@@ -190,8 +180,22 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
                            equations.states.push_back(held);
                            return m.subtract(u, within);
                        },
-                       {{.name = "time", .start = 0.5 * step, .unit = "s"}});
+                       {{.name = "time", .start = 0.2 * library.step, .unit = "s"}});
     }
+    if (e.states.empty()) return;
+    const double late = start_of_lag(library);
+    const auto lag_from = [name = input.name, unit](double start) {
+        return [name, unit, start](const TermArithmetic& m, Equations& equations, Term u, const auto& p) {
+            Equations::State behind{.name = name + "_behind", .unit = unit, .start = start};
+            behind.symbol = equations.graph->variable(behind.name);
+            behind.rate = m.divide(m.subtract(u, behind.symbol), p[0]);
+            equations.states.push_back(behind);
+            return behind.symbol;
+        };
+    };
+    const double first = input.values.front();
+    add_input_path(library, input, "lag", {lag_time(library)}, {lag_time(library).low}, lag_from(first), {},
+                   [u = input.symbol](const Equations&) { return u; });
     add_input_path(
         library, input, "delay", {{"time", late, 0, 0.25 * library.duration, late, "s"}}, {0},
         [](const TermArithmetic& m, Equations&, Term u, const auto& p) { return m.g.make(Op::delay, u, p[0]); });

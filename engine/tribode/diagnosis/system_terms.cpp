@@ -330,8 +330,23 @@ SystemModel extended(const SystemModel& model, const SystemTerm& term, const std
             more.beginnings.push_back({more.equations.states.size(), at_rest, term.begins_as_measured});
         }
     }
+    const auto apply = [&] {
+        if (term.begins_as) return term.apply(more.equations, symbols);
+        // What has memory begins behind what the term makes of its input: as outputs the beginnings change with the equations.
+        auto& outputs = more.equations.outputs;
+        const std::size_t own = outputs.size();
+        for (const auto& one : more.beginnings) outputs.push_back({{}, {}, one.at_rest});
+        const Term added = term.apply(more.equations, symbols);
+        for (std::size_t b = 0; b < more.beginnings.size(); ++b) {
+            if (const Term at_rest = outputs[own + b].value; is_known_at_start(more.equations, at_rest)) {
+                more.beginnings[b].at_rest = at_rest;
+            }
+        }
+        outputs.resize(own);
+        return added;
+    };
     if (!text) {
-        term.apply(more.equations, symbols);
+        apply();
         return more;
     }
     // What is there already has a name: a formula that repeats it cannot be read.
@@ -344,7 +359,7 @@ SystemModel extended(const SystemModel& model, const SystemTerm& term, const std
         name(output.value, output.name);
     }
     for (const auto& state : more.equations.states) name(state.rate, fmt::format("der({})", state.name));
-    *text = more.equations.graph->text(term.apply(more.equations, symbols), names);
+    *text = more.equations.graph->text(apply(), names);
     return more;
 }
 

@@ -163,7 +163,7 @@ std::string to_readable_text(const Dimension& dimension) {
     Powers best = *dimension;
     double fewest = factors(best) + (best.contains("s") ? 2 : 0);
     for (const char* unit : {"N", "V", "ohm", "Pa", "W"}) {
-        for (const double power : {1, -1, 2, -2}) {
+        for (const double power : {1, -1, 2, -2, 3, -3}) {
             Powers rest = *dimension;
             multiply(rest, si_units().at(unit), -power);
             rest[unit] = power;
