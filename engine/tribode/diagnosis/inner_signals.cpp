@@ -1,4 +1,6 @@
 #include "tribode/diagnosis/inner_signals.hpp"
+#include "tribode/base/error.hpp"
+#include "tribode/system/units.hpp"
 
 #include <algorithm>
 #include <map>
@@ -13,9 +15,21 @@ constexpr std::size_t max_text = 60;   // of a name
 
 class Finder {
   public:
-    explicit Finder(SystemModel& model) : model_(model), e_(model.equations), graph_(*model.equations.graph) {
+    explicit Finder(SystemModel& model)
+        : model_(model),
+          e_(model.equations),
+          graph_(*model.equations.graph),
+          units_(graph_) {
         for (const auto& state : e_.states) moving_.insert(state.symbol);
         for (const auto& input : e_.inputs) moving_.insert(input.symbol);
+        const auto set_units = [&](const auto& variables) {
+            for (const auto& one : variables) {
+                if (!one.unit.empty()) units_.set(one.symbol, one.unit);
+            }
+        };
+        set_units(e_.states);
+        set_units(e_.inputs);
+        set_units(e_.parameters);
     }
 
     void add_differences() {
@@ -103,13 +117,18 @@ class Finder {
         }
     }
 
-    std::string unit_of(Term term) const {
+    // Of a sum of states theirs, as it is written; else what follows from the units of all that is in it.
+    std::string unit_of(Term term) {
         const auto& node = graph_[term];
-        if (!is_sum(term)) return "";
         for (const auto& state : e_.states) {
-            if (state.symbol == node.a || state.symbol == node.b) return state.unit;
+            if (is_sum(term) && (state.symbol == node.a || state.symbol == node.b)) return state.unit;
         }
-        return "";
+        try {
+            const Dimension dimension = units_.of(term);
+            return !dimension || dimension->empty() ? "" : to_readable_text(dimension);
+        } catch (const InputError&) { // the model's author left some out
+            return "";
+        }
     }
 
     void add(Term term, SystemModel::InnerSignal::Kind kind, const std::set<std::size_t>& rates = {}) {
@@ -138,6 +157,7 @@ class Finder {
     SystemModel& model_;
     Equations& e_;
     Expressions& graph_;
+    Units units_;
     std::set<Term> moving_;
     std::set<Term> added_; // differences
 };

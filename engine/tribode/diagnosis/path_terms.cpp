@@ -11,8 +11,9 @@ namespace {
 
 using Parameter = SystemTerm::Parameter;
 constexpr double infinity = std::numeric_limits<double>::infinity();
-constexpr double fastest_overflow = 20; // in a sample: a wall, above which nothing stands that shows
-constexpr double no_lag = 0.2;          // of a sample: shorter ones show nowhere, and make the equations stiff
+constexpr double fastest_overflow = 20;    // in a sample: a wall, above which nothing stands that shows
+constexpr double no_lag = 0.2;             // of a sample: shorter ones show nowhere, and make the equations stiff
+constexpr double as_fast_as_samples = 0.2; // of a sample: the lag of what follows at once
 
 } // namespace
 
@@ -120,6 +121,42 @@ void add_input_path(TermLibrary& library, const SystemVariable& input, const std
     library.terms.push_back(std::move(made));
 }
 
+// Between two samples of a record, per second.
+double fastest_change(const TermLibrary& library, const std::vector<double>& values) {
+    double fastest = 0;
+    std::size_t begin = 0;
+    for (const std::size_t samples : library.fit.used()) {
+        for (std::size_t k = begin + 1; k < begin + samples; ++k) {
+            fastest = std::max(fastest, std::abs(values[k] - values[k - 1]) / library.step);
+        }
+        begin += samples;
+    }
+    return std::isfinite(fastest) ? fastest : 0;
+}
+
+// Follows a signal as fast as the samples show, but no faster than the limit, as a valve or the horn of a servo goes from one place to
+// another. It begins where the signal does.
+struct RateLimit {
+    static constexpr double shares[] = {0.5, 0.1, 0.02}; // of the fastest change, to begin with
+
+    Parameter limit;
+    std::vector<double> neutral;
+    Parameter time;
+
+    RateLimit(const TermLibrary& library, double fastest, double share, const std::string& unit)
+        : limit{"limit", share * fastest, 1e-4 * fastest, 1.2 * fastest, share * fastest, unit_of_quotient(unit, "s")},
+          neutral{1.2 * fastest},
+          time{.name = "time", .start = as_fast_as_samples * library.step, .unit = "s"} {}
+
+    static Term follower(const TermArithmetic& m, Equations& equations, Term ahead, Equations::State state, Term limit,
+                         Term time) {
+        state.symbol = equations.graph->variable(state.name);
+        state.rate = m.clip(m.divide(m.subtract(ahead, state.symbol), time), m.negate(limit), limit);
+        equations.states.push_back(state);
+        return state.symbol;
+    }
+};
+
 void add_input_paths(TermLibrary& library, const SystemVariable& input) {
     const double size = std::max(std::abs(input.low), std::abs(input.high));
     const auto& unit = input.unit;
@@ -180,10 +217,21 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
                            equations.states.push_back(held);
                            return m.subtract(u, within);
                        },
-                       {{.name = "time", .start = 0.2 * library.step, .unit = "s"}});
+                       {{.name = "time", .start = as_fast_as_samples * library.step, .unit = "s"}});
     }
     if (e.states.empty()) return;
     const double late = start_of_lag(library);
+    if (const double fastest = fastest_change(library, input.values); fastest > 0) {
+        for (const double share : RateLimit::shares) {
+            const RateLimit made(library, fastest, share, unit);
+            add_input_path(
+                library, input, "rate_limit", {made.limit}, made.neutral,
+                [name = input.name, unit](const TermArithmetic& m, Equations& equations, Term u, const auto& p) {
+                    return RateLimit::follower(m, equations, u, {.name = name + "_limited", .unit = unit}, p[0], p[1]);
+                },
+                {made.time}, [u = input.symbol](const Equations&) { return u; });
+        }
+    }
     const auto lag_from = [name = input.name, unit](double start) {
         return [name, unit, start](const TermArithmetic& m, Equations& equations, Term u, const auto& p) {
             Equations::State behind{.name = name + "_behind", .unit = unit, .start = start};
@@ -332,6 +380,30 @@ void add_inner_paths(TermLibrary& library, const SystemModel::InnerSignal& signa
             return behind.symbol;
         };
         library.terms.push_back(std::move(made));
+    }
+    if (const double fastest = library.duration > 0 ? fastest_change(library, values) : 0; fastest > 0) {
+        for (const double share : RateLimit::shares) {
+            const RateLimit limited(library, fastest, share, unit);
+            SystemTerm made{.name = "rate_limit", .equation = output.name};
+            made.parameters = {limited.limit};
+            made.constants = {limited.time};
+            made.neutral = limited.neutral;
+            made.begins_as = [place = signal.output](const Equations& equations) {
+                return equations.outputs[place].value;
+            };
+            made.apply = [place = signal.output](Equations& equations, const std::vector<Term>& p) {
+                const TermArithmetic m{*equations.graph};
+                const auto& own = equations.outputs[place];
+                Equations::State state{.name = free_name(equations, "limited"), .unit = own.unit};
+                const Term changed = RateLimit::follower(m, equations, own.value, std::move(state), p[0], p[1]);
+                // The follower's own rate keeps the signal as it was.
+                const Term rate = equations.states.back().rate;
+                replace_inner(equations, place, changed);
+                equations.states.back().rate = rate;
+                return changed;
+            };
+            library.terms.push_back(std::move(made));
+        }
     }
     for (const double share : {0.03, 0.15, 0.4}) {
         add(is_deflection ? "backlash" : "dead_zone", {"width", share * size, 0, size, size, unit}, 0,

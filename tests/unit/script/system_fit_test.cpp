@@ -855,6 +855,33 @@ TEST(SystemSearch, AStaircaseIsHeld) {
     EXPECT_NE(other.interpolation(), Interpolation::hold);
 }
 
+// The output holds its place until the input, whose motion is imposed, has moved by the width to either side.
+TEST(SystemSearch, APlayIsFoundWithoutStates) {
+    const TemporaryFolder folder;
+    SystemModel model = model_of(folder, "parameters = { a = 2, b = 0.1 }, inputs = { u = 0, u_rate = 0 }, "
+                                         "outputs = function(s) return { y = s.a * s.u + s.b } end");
+    model.starts.clear();
+    std::vector<SystemRecord> records = {
+        record_of(800, 0.01,
+                  {[](double t) { return std::sin(3 * t) + 0.4 * std::sin(7.1 * t); },
+                   [](double t) { return 3 * std::cos(3 * t) + 2.84 * std::cos(7.1 * t); }})};
+    double held = 0;
+    records[0].outputs.assign(1, {});
+    for (std::size_t k = 0; k < 800; ++k) {
+        const double u = records[0].inputs[0][k];
+        held = std::clamp(held, u - 0.15, u + 0.15);
+        records[0].outputs[0].push_back(1.7 * held + 0.2 + 0.01 * standard_normal(1, 0, k));
+    }
+    SystemSearch search(model, records, {1}, never, by_itself);
+    const auto found = search.next(search.begin());
+    const auto play = std::ranges::find_if(found, [](const SystemCandidate& one) {
+        return one.terms.size() == 1 && one.terms[0].kind() == "play in input u";
+    });
+    ASSERT_NE(play, found.end());
+    EXPECT_NEAR(play->values[2], 0.15, 0.002);
+    EXPECT_LT(rms_of_errors(play->fitted), 0.0115);
+}
+
 // Stops of springs, hit at other instants in each step, ask for steps shorter than the noise needs; they are not stiff.
 TEST(SystemSearch, ATermWithAKinkIsFitted) {
     const TemporaryFolder folder;
