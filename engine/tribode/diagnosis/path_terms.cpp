@@ -226,8 +226,10 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
             const RateLimit made(library, fastest, share, unit);
             add_input_path(
                 library, input, "rate_limit", {made.limit}, made.neutral,
-                [name = input.name, unit](const TermArithmetic& m, Equations& equations, Term u, const auto& p) {
-                    return RateLimit::follower(m, equations, u, {.name = name + "_limited", .unit = unit}, p[0], p[1]);
+                [name = input.name, unit, first = input.values.front()](const TermArithmetic& m, Equations& equations,
+                                                                        Term u, const auto& p) {
+                    return RateLimit::follower(m, equations, u,
+                                               {.name = name + "_limited", .unit = unit, .start = first}, p[0], p[1]);
                 },
                 {made.time}, [u = input.symbol](const Equations&) { return u; });
         }
@@ -391,10 +393,11 @@ void add_inner_paths(TermLibrary& library, const SystemModel::InnerSignal& signa
             made.begins_as = [place = signal.output](const Equations& equations) {
                 return equations.outputs[place].value;
             };
-            made.apply = [place = signal.output](Equations& equations, const std::vector<Term>& p) {
+            made.apply = [place = signal.output, first = values.front()](Equations& equations,
+                                                                         const std::vector<Term>& p) {
                 const TermArithmetic m{*equations.graph};
                 const auto& own = equations.outputs[place];
-                Equations::State state{.name = free_name(equations, "limited"), .unit = own.unit};
+                Equations::State state{.name = free_name(equations, "limited"), .unit = own.unit, .start = first};
                 const Term changed = RateLimit::follower(m, equations, own.value, std::move(state), p[0], p[1]);
                 // The follower's own rate keeps the signal as it was.
                 const Term rate = equations.states.back().rate;

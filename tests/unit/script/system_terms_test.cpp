@@ -113,7 +113,7 @@ void check_terms(const std::string& text, const std::string& columns, const std:
         for (std::size_t o = 0; o < before.size(); ++o) {
             for (std::size_t k = 0; k < before[o].size(); ++k) {
                 moved = std::max(moved, std::abs(after[o][k] - before[o][k]));
-                ASSERT_NEAR(written[o][k], after[o][k], 1e-5);
+                ASSERT_NEAR(written[o][k], after[o][k], 1e-5 * std::max(1.0, std::abs(after[o][k])));
                 // A lag of nothing is a short one, and so is that of what follows without a limit; limits of an output leave alone
                 // what the record shows, and this model shows more.
                 const bool is_lag = term.name == "lag" || (term.name == "rate_limit" && !term.constants.empty());
