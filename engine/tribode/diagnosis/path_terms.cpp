@@ -144,7 +144,7 @@ struct RateLimit {
     Parameter time;
 
     RateLimit(const TermLibrary& library, double fastest, double share, const std::string& unit)
-        : limit{"limit", share * fastest, 1e-4 * fastest, 1.2 * fastest, share * fastest, unit_of_quotient(unit, "s")},
+        : limit{"limit", share * fastest, 1e-4 * fastest, 1.2 * fastest, share * fastest, per_second(unit)},
           neutral{1.2 * fastest},
           time{.name = "time", .start = as_fast_as_samples * library.step, .unit = "s"} {}
 

@@ -16,6 +16,11 @@ std::string unit_of_quotient(const std::string& a, const std::string& b) {
     return !dimension || dimension->empty() ? "" : to_readable_text(dimension);
 }
 
+std::string per_second(const std::string& unit) {
+    const bool is_one_word = !unit.empty() && unit != "1" && unit.find_first_of(" /*^()") == std::string::npos;
+    return is_one_word ? unit + "/s" : unit_of_quotient(unit, "s");
+}
+
 std::string free_name(const Equations& equations, std::string name) {
     const auto is_taken = [&](const auto& list) {
         return std::ranges::any_of(list, [&](const auto& one) { return one.name == name; });

@@ -81,6 +81,9 @@ double rms_of_values(const std::vector<double>& values);
 // Of a divided by b, where both are known; a plain number has none.
 std::string unit_of_quotient(const std::string& a, const std::string& b);
 
+// Of the rate of what has this unit, as an engineer says it: rad/s, not 1/s.
+std::string per_second(const std::string& unit);
+
 // A name for a state or a discrete variable that none has yet: this one, with "_" behind it as often as it takes.
 std::string free_name(const Equations& equations, std::string name);
 
