@@ -13,6 +13,7 @@ using Parameter = SystemTerm::Parameter;
 constexpr double infinity = std::numeric_limits<double>::infinity();
 constexpr double fastest_overflow = 20;    // in a sample: a wall, above which nothing stands that shows
 constexpr double no_lag = 0.2;             // of a sample: shorter ones show nowhere, and make the equations stiff
+constexpr double least_delay = 0.5;        // of a sample, of an output: shorter ones make the equations stiff
 constexpr double as_fast_as_samples = 0.2; // of a sample: the lag of what follows at once
 
 } // namespace
@@ -331,6 +332,40 @@ void add_output_paths(TermLibrary& library, std::size_t o) {
             equations.states.push_back(behind);
             shown.value = behind.symbol;
             return behind.symbol;
+        };
+        library.terms.push_back(std::move(made));
+    }
+    // Of several that one is late shows nowhere else; of a single one the inputs are late as well.
+    if (library.model.measured.size() > 1 && !library.model.equations.states.empty() && library.duration > 0 && first) {
+        SystemTerm made{.name = "delay", .equation = "output " + output.name};
+        const double start = start_of_lag(library), least = least_delay * library.step;
+        made.parameters = {{"time", start, least, 0.25 * library.duration, start, "s"}};
+        made.neutral = {least};
+        made.begins_as = [place](const Equations& equations) { return equations.outputs[place].value; };
+        made.begin_so = {0, 2};
+        made.apply = [place, first = *first](Equations& equations, const std::vector<Term>& p) {
+            // Twice (T^2 s^2 - 6 T s + 12) / (T^2 s^2 + 6 T s + 12), T a half of the time [Pade].
+            const TermArithmetic m{*equations.graph};
+            const std::string name = equations.outputs[place].name, unit = equations.outputs[place].unit;
+            const Term half = m.multiply(m.number(0.5), p[0]);
+            for (int section = 0; section < 2; ++section) {
+                Term& value = equations.outputs[place].value;
+                Equations::State behind{.name = free_name(equations, name + (section == 0 ? "_behind" : "_behind2")),
+                                        .unit = unit,
+                                        .start = first};
+                Equations::State rate{.name = behind.name + "_rate", .unit = per_second(unit)};
+                behind.symbol = equations.graph->variable(behind.name);
+                rate.symbol = equations.graph->variable(rate.name);
+                behind.rate = rate.symbol;
+                const Term moved = m.multiply(half, rate.symbol);
+                rate.rate = m.divide(m.subtract(m.multiply(m.number(12), m.subtract(value, behind.symbol)),
+                                                m.multiply(m.number(6), moved)),
+                                     m.multiply(half, half));
+                equations.states.push_back(behind);
+                equations.states.push_back(rate);
+                value = m.subtract(value, moved);
+            }
+            return equations.outputs[place].value;
         };
         library.terms.push_back(std::move(made));
     }

@@ -332,7 +332,9 @@ SystemModel extended(const SystemModel& model, const SystemTerm& term, const std
     if (term.begins_as) {
         const Term at_rest = term.begins_as(more.equations);
         if (is_known_at_start(more.equations, at_rest)) {
-            more.beginnings.push_back({more.equations.states.size(), at_rest, term.begins_as_measured});
+            for (const std::size_t place : term.begin_so) {
+                more.beginnings.push_back({more.equations.states.size() + place, at_rest, term.begins_as_measured});
+            }
         }
     }
     const auto apply = [&] {

@@ -447,6 +447,35 @@ TEST(InnerSignals, ATermOfWhatIsSharedActsOnBothSides) {
     EXPECT_EQ(without_inner_signals(plain.model).outputs.size(), 1u);
 }
 
+// Of two sensors of a motion one may be late. A single one that is late is not told from inputs that act late.
+TEST(SystemTerms, OneOfSeveralOutputsMayBeLate) {
+    const TemporaryFolder folder;
+    const auto with = [&](const std::string& outputs, const std::string& columns) {
+        return Case(folder,
+                    "return require \"tribode\".system { inputs = { u = 0 }, states = { x = 0.3, v = 0 }, "
+                    "der = function(s) return { x = s.v, v = s.u - 9 * s.x - s.v } end, outputs = "
+                    "function(s) return { " +
+                        outputs + " } end }",
+                    columns);
+    };
+    const auto is_late = [](const SystemTerm& term) { return term.kind() == "delay in output b"; };
+    const Case one = with("b = s.x", "t,u,b");
+    EXPECT_TRUE(std::ranges::none_of(one.terms, is_late));
+    const Case two = with("b = s.x, c = s.v", "t,b,c");
+    const auto late = std::ranges::find_if(two.terms, is_late);
+    ASSERT_NE(late, two.terms.end());
+    const std::vector<double> own = {0.06}; // three samples
+    const auto found = two.outputs(extended(two.model, *late, own), more_values(two.model, two.model.values(1), own));
+    const auto before = two.outputs(two.model, two.model.values(1));
+    double moved = 0;
+    for (std::size_t k = 3; k < before[0].size(); ++k) {
+        ASSERT_NEAR(found[0][k], before[0][k - 3], 5e-5); // at first: its acceleration jumps where the record begins
+        ASSERT_NEAR(found[1][k], before[1][k], 1e-8);
+        moved = std::max(moved, std::abs(found[0][k] - before[0][k]));
+    }
+    EXPECT_GT(moved, 0.03);
+}
+
 // What a controller asks for, to which the plant adds its friction, may be limited.
 TEST(InnerSignals, ASumOfThePartsOfASumIsOne) {
     const TemporaryFolder folder;
