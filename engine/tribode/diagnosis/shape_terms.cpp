@@ -542,7 +542,8 @@ class Shapes {
         if (!(largest > 0) || !std::isfinite(largest)) return;
         for (const double share : {0.6, 0.2, 0.05}) {
             SystemTerm made{.name = "rate_limit", .equation = target_->name};
-            made.parameters = {{"limit", share * largest, 1e-3 * largest, 1.2 * largest, largest, per_second(state.unit)}};
+            made.parameters = {
+                {"limit", share * largest, 1e-3 * largest, 1.2 * largest, largest, per_second(state.unit)}};
             made.neutral = {1.2 * largest};
             made.apply = [place = target_->place](Equations& equations, const std::vector<Term>& p) {
                 const TermArithmetic m{*equations.graph};
