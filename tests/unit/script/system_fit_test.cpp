@@ -862,7 +862,7 @@ TEST(SystemSearch, APlayIsFoundWithoutStates) {
                                          "outputs = function(s) return { y = s.a * s.u + s.b } end");
     model.starts.clear();
     std::vector<SystemRecord> records = {
-        record_of(800, 0.01,
+        record_of(800, 0.04,
                   {[](double t) { return std::sin(3 * t) + 0.4 * std::sin(7.1 * t); },
                    [](double t) { return 3 * std::cos(3 * t) + 2.84 * std::cos(7.1 * t); }})};
     double held = 0;

@@ -476,6 +476,26 @@ TEST(SystemTerms, OneOfSeveralOutputsMayBeLate) {
     EXPECT_GT(moved, 0.03);
 }
 
+// An offset that is found after a lag of the same input: what lags begins at rest behind both.
+TEST(SystemTerms, WhatHasMemoryBeginsBehindLaterTerms) {
+    const TemporaryFolder folder;
+    const Case c(folder,
+                 "return require \"tribode\".system { inputs = { u = 0 }, states = { x = 0 }, "
+                 "der = function(s) return { x = s.u - s.x } end, outputs = function(s) return { y = s.x } end }",
+                 "t,u,y");
+    const auto term = [&](const std::string& kind) {
+        return *std::ranges::find_if(c.terms, [&](const SystemTerm& one) { return one.kind() == kind; });
+    };
+    const SystemModel lagging = extended(c.model, term("lag in input u"), {0.5});
+    const SystemModel both = extended(lagging, term("offset in input u"), {0.4});
+    const auto start_of = [&](const SystemModel& model) {
+        const Equations begun = model.begun(model.values(1), 0, c.records[0]);
+        return std::ranges::find(begun.states, "u_behind", &Equations::State::name)->start;
+    };
+    EXPECT_NEAR(start_of(lagging), 0, 1e-12); // u is sin(3 t)
+    EXPECT_NEAR(start_of(both), 0.4, 1e-12);
+}
+
 // What a controller asks for, to which the plant adds its friction, may be limited.
 TEST(InnerSignals, ASumOfThePartsOfASumIsOne) {
     const TemporaryFolder folder;
