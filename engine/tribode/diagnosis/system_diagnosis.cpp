@@ -115,8 +115,7 @@ class Diagnoser {
             text = fmt::format("To tell {} from {}: {}", one.names_from(step.before), names, text);
         }
         const Gap& gap = result_.validation_gap;
-        const bool is_left =
-            gap.after > little_left * gap.floor && (!result_.out_of_time || result_.effects.empty());
+        const bool is_left = gap.after > little_left * gap.floor && (!result_.out_of_time || result_.effects.empty());
         const Gap& fitted = result_.fitted_gap;
         const bool is_in_both = result_.effects.empty() && fitted.after > little_left * fitted.floor;
         const bool is_here_only =
