@@ -54,7 +54,8 @@ Json system_diagnosis_json(const SystemDiagnosis& d, const std::vector<std::stri
     for (const auto& one : d.free) {
         free[one.name] = {{"value", one.value}, {"standard_error", or_null(one.standard_error)}};
     }
-    if (d.nearest && d.verdict == "unknown_effect") nearest = {{"name", d.nearest->first}, {"share", d.nearest->second}};
+    if (d.nearest && d.verdict == "unknown_effect")
+        nearest = {{"name", d.nearest->first}, {"share", d.nearest->second}};
     return {{"verdict", d.verdict},
             {"effects", effects},
             {"where", d.where},

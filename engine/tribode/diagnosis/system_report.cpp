@@ -324,9 +324,8 @@ std::string verdict_sentence(const SystemDiagnosis& d) {
                            uncertainty_sentence(d));
     }
     if (d.effects.empty()) {
-        std::string text =
-            d.out_of_time ? "Nothing was found before the budget of time ended the search: the model "
-                          : "Something is missing that is none of the terms in the library: the model ";
+        std::string text = d.out_of_time ? "Nothing was found before the budget of time ended the search: the model "
+                                         : "Something is missing that is none of the terms in the library: the model ";
         if (!std::isfinite(gap.before)) return text + "cannot be simulated on the validation record.";
         text += fmt::format("differs from the validation record by {} rms, noise would leave {}.",
                             format_quantity(gap.before, unit, 3), format_quantity(gap.floor, unit, 3));

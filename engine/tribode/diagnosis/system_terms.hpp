@@ -32,7 +32,7 @@ struct SystemTerm {
     // Where the state that it adds begins: at rest behind this of the equations, or where this output was measured first. Empty: where
     // it says itself.
     std::function<Term(const Equations&)> begins_as = {};
-    std::vector<std::size_t> begin_so = {0}; // which of the states that it adds
+    std::vector<std::size_t> begin_so = {0};            // which of the states that it adds
     std::optional<std::size_t> begins_as_measured = {}; // among the measured outputs
     // Puts the term into the equations, with variables for its parameters and constants. Returns what was added, for a reader.
     std::function<Term(Equations&, const std::vector<Term>& parameters)> apply;
