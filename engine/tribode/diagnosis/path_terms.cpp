@@ -149,12 +149,12 @@ struct RateLimit {
           neutral{1.2 * fastest},
           time{.name = "time", .start = as_fast_as_samples * library.step, .unit = "s"} {}
 
-    static Term follower(const TermArithmetic& m, Equations& equations, Term ahead, Equations::State state, Term limit,
-                         Term time) {
-        state.symbol = equations.graph->variable(state.name);
+    // The state with its symbol and its rate, for the equations to take.
+    static Equations::State follower(const TermArithmetic& m, Term ahead, Equations::State state, Term limit,
+                                     Term time) {
+        state.symbol = m.g.variable(state.name);
         state.rate = m.clip(m.divide(m.subtract(ahead, state.symbol), time), m.negate(limit), limit);
-        equations.states.push_back(state);
-        return state.symbol;
+        return state;
     }
 };
 
@@ -229,8 +229,9 @@ void add_input_paths(TermLibrary& library, const SystemVariable& input) {
                 library, input, "rate_limit", {made.limit}, made.neutral,
                 [name = input.name, unit, first = input.values.front()](const TermArithmetic& m, Equations& equations,
                                                                         Term u, const auto& p) {
-                    return RateLimit::follower(m, equations, u,
-                                               {.name = name + "_limited", .unit = unit, .start = first}, p[0], p[1]);
+                    equations.states.push_back(RateLimit::follower(
+                        m, u, {.name = name + "_limited", .unit = unit, .start = first}, p[0], p[1]));
+                    return equations.states.back().symbol;
                 },
                 {made.time}, [u = input.symbol](const Equations&) { return u; });
         }
@@ -344,7 +345,7 @@ void add_output_paths(TermLibrary& library, std::size_t o) {
         made.begins_as = [place](const Equations& equations) { return equations.outputs[place].value; };
         made.begin_so = {0, 2};
         made.apply = [place, first = *first](Equations& equations, const std::vector<Term>& p) {
-            // Twice (T^2 s^2 - 6 T s + 12) / (T^2 s^2 + 6 T s + 12), T a half of the time [Pade].
+            // Twice (T^2 s^2 - 6 T s + 12) / (T^2 s^2 + 6 T s + 12), T a half of the time: Pade approximants.
             const TermArithmetic m{*equations.graph};
             const std::string name = equations.outputs[place].name, unit = equations.outputs[place].unit;
             const Term half = m.multiply(m.number(0.5), p[0]);
@@ -432,13 +433,12 @@ void add_inner_paths(TermLibrary& library, const SystemModel::InnerSignal& signa
                                                                          const std::vector<Term>& p) {
                 const TermArithmetic m{*equations.graph};
                 const auto& own = equations.outputs[place];
-                Equations::State state{.name = free_name(equations, "limited"), .unit = own.unit, .start = first};
-                const Term changed = RateLimit::follower(m, equations, own.value, std::move(state), p[0], p[1]);
-                // The follower's own rate keeps the signal as it was.
-                const Term rate = equations.states.back().rate;
-                replace_inner(equations, place, changed);
-                equations.states.back().rate = rate;
-                return changed;
+                const Equations::State state = RateLimit::follower(
+                    m, own.value, {.name = free_name(equations, "limited"), .unit = own.unit, .start = first}, p[0],
+                    p[1]);
+                replace_inner(equations, place, state.symbol);
+                equations.states.push_back(state);
+                return state.symbol;
             };
             library.terms.push_back(std::move(made));
         }
