@@ -611,6 +611,51 @@ TEST_F(SystemDiagnosis, WhatOnlyTheValidationRecordShowsIsSoughtThere) {
     EXPECT_NE(d["where"].get<std::string>().find("records/valid.csv up to t = "), std::string::npos);
 }
 
+// Without damping and with a speed to begin with it drifts as the offset lets it, and the fitted record takes these values. A slow motion
+// tells otherwise.
+TEST_F(SystemDiagnosis, ValuesFarOffDoNotMakeUpForWhatIsMissing) {
+    const auto motor = [](const std::string& drive) {
+        return fmt::format(R"(
+            local tb = require "tribode"
+            return tb.system {{
+                parameters = {{ K = {{ value = 0.5, unit = "m/V/s" }}, T = {{ value = 0.1, unit = "s" }},
+                    o = {{ value = 0.06, unit = "V" }}, f = {{ value = 0.1, unit = "V" }},
+                    w = {{ value = 0.005, unit = "m/s" }} }},
+                inputs = {{ u = {{ unit = "V" }} }},
+                states = {{ x = {{ start = 0, unit = "m" }}, v = {{ start = 0, unit = "m/s" }} }},
+                der = function(s) return {{ x = s.v, v = (s.K * ({}) - s.v) / s.T }} end }})",
+                           drive);
+    };
+    folder.write("motor.lua", motor("s.u"));
+    folder.write("truth.lua", motor("s.u - s.o - s.f * tb.tanh(s.v / s.w)"));
+    folder.write("script.lua", R"(
+        local tb = require "tribode"
+        local n, step = 250, 0.04
+        for k, name in ipairs { "ident", "valid" } do
+            local u, x = {}, {}
+            for i = 1, n do
+                local sine = math.sin(2 * math.pi * (k == 1 and 0.8 or 0.1) * (i - 1) * step)
+                u[i] = k == 1 and math.max(-0.5, math.min(0.5, sine)) or 0.3 * sine
+            end
+            local run = tb.run_system { system = require "truth", duration_s = (n - 1) * step, output_step_s = step,
+                inputs = { u = { sample_time_s = step, values = u } } }
+            for i = 1, n do x[i] = run.values.x[i] + 1e-4 * tb.standard_normal(7, k, i) end
+            tb.write_csv { file = name .. ".csv", columns = { { name = "t", unit = "s", values = run.t },
+                { name = "u", values = u }, { name = "x", values = x } } }
+        end)");
+    ASSERT_EQ(program({"run", "script.lua", "-o", "records", "--quiet"}).exit_code, 0);
+    usual = {"--free",   "K",   "--free",        "T", "--free", "x.start", "--free", "v.start",
+             "--budget", "1e6", "--max-effects", "2", "--quiet"};
+    const Json d = diagnosis("motor.lua", "out");
+    EXPECT_EQ(d["verdict"], "effect_found");
+    ASSERT_EQ(d["effects"].size(), 2);
+    EXPECT_EQ(d["effects"][0]["name"], "constant_force");
+    EXPECT_NEAR(d["effects"][0]["parameters"]["constant_force_a"].get<double>(), -0.06 * 0.5 / 0.1, 0.006);
+    EXPECT_EQ(d["effects"][1]["name"], "coulomb_friction");
+    EXPECT_NEAR(d["effects"][1]["parameters"]["coulomb_friction_a"].get<double>(), -0.1 * 0.5 / 0.1, 0.01);
+    EXPECT_NE(d["where"].get<std::string>().find("far off here: records/valid.csv up to t = "), std::string::npos);
+}
+
 TEST_F(SystemDiagnosis, WhatCannotBeIsOneSentence) {
     measure("0");
     const std::string record = "records/ident.csv";

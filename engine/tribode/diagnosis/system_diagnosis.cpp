@@ -13,6 +13,7 @@
 #include <functional>
 #include <limits>
 #include <map>
+#include <memory>
 #include <numeric>
 #include <set>
 
@@ -73,10 +74,52 @@ class Diagnoser {
         stretches_ = {stretches_of(model_, records_), stretches_of(model_, predicted)};
     }
 
-    SystemDiagnosis run() {
-        SystemSearch search(model_, records_, scales(), ended_after(search_share), control_);
-        steps_.push_back({.candidate = search.begin()});
+    // Fits the model as it was given.
+    void begin() {
+        search_.emplace(model_, records_, scales(), ended_after(search_share), control_);
+        steps_.push_back({.candidate = search_->begin()});
         stop_if_asked();
+    }
+
+    const std::vector<double>& scale() const { return search_->scale(); }
+    bool leaves_noise() const { return steps_.back().candidate.is_noise; }
+
+    // Squared errors over the scales of the outputs: their mean on the fitted records, and each sample's on the first validation record.
+    struct Left {
+        double fitted = 0;
+        std::vector<double> on_validation;
+    };
+
+    // After begin(), with validation records: what the model as it was given leaves on these and on the first `fitted` of the fitted ones.
+    Left left_at_first(std::size_t fitted, const std::vector<double>& scale) {
+        scale_ = search_->scale();
+        between_ = search_->interpolation();
+        const Judged first = judged_first(*search_);
+        Left left{0, squares_of_samples(first.validation.front(), scale)};
+        double samples = 0;
+        for (std::size_t r = 0; r < fitted; ++r) {
+            const auto squares =
+                squares_of_samples(against_first(records_[r], 0, first.values, r, steps_.front().candidate), scale);
+            left.fitted += std::accumulate(squares.begin(), squares.end(), 0.0);
+            samples += static_cast<double>(squares.size());
+        }
+        left.fitted /= samples;
+        return left;
+    }
+
+    // Behind which sample half of the squared errors lie. Not near its ends, so that both parts tell something.
+    static std::size_t middle_of(const std::vector<double>& squares) {
+        const double all = std::accumulate(squares.begin(), squares.end(), 0.0);
+        double sum = 0;
+        std::size_t middle = 0;
+        while (middle < squares.size() && sum <= 0.5 * all) sum += squares[middle++];
+        const auto least = static_cast<std::size_t>(least_part * static_cast<double>(squares.size()));
+        return std::clamp(middle, least, squares.size() - least);
+    }
+
+    // After begin().
+    SystemDiagnosis run() {
+        SystemSearch& search = *search_;
         for (std::size_t attempt = 1; attempt <= max_attempts; ++attempt) {
             if (attempt > max_rich_attempts) most_new_ = std::max<std::size_t>(1, fewest_refused() - 1);
             extend(search);
@@ -121,7 +164,7 @@ class Diagnoser {
         const bool is_here_only =
             steps_.back().candidate.is_noise || gap.after > (is_in_both ? more : far_more) * fitted.after;
         is_in_validation_only_ = is_left && is_here_only && !divided_ && !control_.stop_requested();
-        middle_of_what_is_left_ = middle_of_errors(result_.validation.front());
+        middle_of_what_is_left_ = middle_of(squares_of_samples(result_.validation.front(), scale_));
         values_explain_it_ = gap.after <= little_left * std::hypot(gap.floor, result_.prediction_uncertainty);
         return std::move(result_);
     }
@@ -129,8 +172,7 @@ class Diagnoser {
     // After run(): the fitted records leave nothing but noise, or little beside what the validation records leave.
     bool is_seen_in_validation_only() const { return is_in_validation_only_; }
 
-    // After run(): behind which sample of the first validation record half of the squared errors lie. Not near its ends, so that both
-    // parts tell something.
+    // After run(): of the first validation record, see middle_of().
     std::size_t middle_of_what_is_left() const { return middle_of_what_is_left_; }
 
     // After run(): what is left on the validation records may be due to the uncertainty of the values.
@@ -149,19 +191,15 @@ class Diagnoser {
                                      found.empty() ? "nothing has been found" : "found: " + found));
     }
 
-    std::size_t middle_of_errors(const SystemComparison& comparison) const {
+    static std::vector<double> squares_of_samples(const SystemComparison& comparison,
+                                                  const std::vector<double>& scale) {
         const std::size_t samples = comparison.record.size();
-        const auto errors = comparison.errors(comparison.after, scale_);
+        const auto errors = comparison.errors(comparison.after, scale);
         std::vector<double> squares(samples, 0);
         for (std::size_t i = 0; i < errors.size(); ++i) {
             if (std::isfinite(errors[i])) squares[i % samples] += errors[i] * errors[i]; // else it was not measured
         }
-        const double all = std::accumulate(squares.begin(), squares.end(), 0.0);
-        double sum = 0;
-        std::size_t middle = 0;
-        while (middle < samples && sum <= 0.5 * all) sum += squares[middle++];
-        const auto least = static_cast<std::size_t>(least_part * static_cast<double>(samples));
-        return std::clamp(middle, least, samples - least);
+        return squares;
     }
 
     // The standard deviation of each output over the records.
@@ -1191,9 +1229,10 @@ class Diagnoser {
     std::optional<SystemRecord> divided_; // the first record with its last third
     std::size_t divided_at_ = 0;
     Stretches stretches_; // of the whole records and of the validation records
-    const SystemDiagnosisOptions& options_;
+    const SystemDiagnosisOptions options_;
     const RunControl& control_;
     ProcessorTime time_{control_.workers};
+    std::optional<SystemSearch> search_;
     std::vector<Refusal> refused_;
     std::size_t most_new_ = max_terms;     // that a step may bring
     std::vector<SystemStep> steps_;        // the first one is the model as it was given
@@ -1213,6 +1252,11 @@ class Diagnoser {
     std::size_t middle_of_what_is_left_ = 0;
 };
 
+double mean_from(const std::vector<double>& all, std::size_t first) {
+    return std::accumulate(all.begin() + static_cast<std::ptrdiff_t>(first), all.end(), 0.0) /
+           static_cast<double>(all.size() - first);
+}
+
 } // namespace
 
 SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemRecord> records,
@@ -1220,31 +1264,54 @@ SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemReco
                                 const RunControl& control) {
     const ProcessorTime time(control.workers);
     Diagnoser first(model, records, validation, options, control);
-    SystemDiagnosis d = first.run();
-    if (!first.is_seen_in_validation_only() || validation.empty()) return d;
-    // What is missing hides in the values that were fitted. So a part of a validation record is fitted, too.
+    first.begin();
+    if (validation.empty()) return first.run();
     const SystemRecord whole = validation.front();
+    // What fits a part of a validation record, too.
+    const auto with_part = [&](std::size_t fitted) {
+        auto longer = records;
+        longer.push_back(whole.head(fitted));
+        auto rest = validation;
+        rest.front() = whole.part(fitted, whole.size());
+        SystemDiagnosisOptions limits = options;
+        limits.budget = std::max(options.budget - time.seconds(), 0.1 * options.budget);
+        auto made = std::make_unique<Diagnoser>(model, std::move(longer), std::move(rest), limits, control);
+        made->begin();
+        return made;
+    };
+    const auto told = [&](SystemDiagnosis d, const char* why, std::size_t fitted) {
+        d.where += fmt::format(" {}: {} up to t = {} is fitted, too, and the rest of it is what is compared.", why,
+                               whole.source, format_quantity(whole.t[fitted], "s", 3));
+        return d;
+    };
+    // What is missing may be made up for by values that are far off, and the search would begin with them.
+    if (!first.leaves_noise()) {
+        const Diagnoser::Left left = first.left_at_first(records.size(), first.scale());
+        const std::size_t fitted = Diagnoser::middle_of(left.on_validation);
+        if (mean_from(left.on_validation, 0) > far_more * far_more * left.fitted) {
+            const auto longer = with_part(fitted);
+            const Diagnoser::Left now = longer->left_at_first(records.size(), first.scale());
+            const double gain = mean_from(left.on_validation, fitted) / mean_from(now.on_validation, 0);
+            if (gain > far_more * far_more && now.fitted < more * more * left.fitted) {
+                return told(longer->run(), "The values that suit the other records best are far off here", fitted);
+            }
+        }
+    }
+    SystemDiagnosis d = first.run();
+    if (!first.is_seen_in_validation_only()) return d;
+    // What is missing hides in the values that were fitted.
     const std::size_t fitted = first.middle_of_what_is_left();
-    records.push_back(whole.head(fitted));
-    validation.front() = whole.part(fitted, whole.size());
-    SystemDiagnosisOptions rest = options;
-    rest.budget = std::max(options.budget - time.seconds(), 0.1 * options.budget);
-    SystemDiagnosis more = Diagnoser(model, std::move(records), std::move(validation), rest, control).run();
+    SystemDiagnosis more_told = with_part(fitted)->run();
     // What was found may be all: then the longer records know its values better, or say nothing new.
     const auto names_of = [](const SystemDiagnosis& one) {
         std::set<std::pair<std::string, std::string>> names;
         for (const auto& effect : one.effects) names.emplace(effect.name, effect.equation);
         return names;
     };
-    if (first.values_explain_it() && names_of(more) != names_of(d)) return d;
+    if (first.values_explain_it() && names_of(more_told) != names_of(d)) return d;
     const bool had_something = !d.effects.empty() || d.fitted_gap.after > little_left * d.fitted_gap.floor;
-    if (more.effects.empty() && had_something) return d;
-    d = std::move(more);
-    d.where += fmt::format(
-        " The other records show nothing of it, or little: {} up to t = {} is fitted, too, and the rest of it is what "
-        "is compared.",
-        whole.source, format_quantity(whole.t[fitted], "s", 3));
-    return d;
+    if (more_told.effects.empty() && had_something) return d;
+    return told(std::move(more_told), "The other records show nothing of it, or little", fitted);
 }
 
 } // namespace tribode
