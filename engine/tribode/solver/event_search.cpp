@@ -102,13 +102,71 @@ EventSearch::Found EventSearch::first_crossing(const StepPolynomial& step, const
             }
         }
     }
+    if (encloses_) {
+        pieces_left_ = few_pieces;
+        if (const auto s = search(0, 0, 1, d, crossed)) return {*s, true};
+        if (pieces_left_ > 0) return {1, false};
+        leave_out_zeros(d);
+        searched_to_ = 0;
+    }
+    pieces_left_ = patience_;
     if (const auto s = search(0, 0, 1, d, crossed)) return {*s, true};
-    if (pieces_left_ > 0) return {1, false};
-    // A guard that stays within rounding of zero is followed no further than that.
-    constexpr double min_part = 1e-3;
+    if (pieces_left_ > 0) {
+        patience_ = max_pieces;
+        return {1, false};
+    }
+    // A guard that stays within rounding of zero is followed no further than that, and less far each time.
+    patience_ = std::max(few_pieces, patience_ / 4);
+    constexpr double min_part = 1e-2;
     if (searched_to_ > min_part) return {searched_to_, false};
     if (const auto s = look_at_points(d, crossed)) return {*s, true};
     return {1, false};
+}
+
+// Bounds take the states for independent of one another. So a guard that is zero throughout, as the difference of two states that move
+// alike, would be halved down to rounding. Where its gradient is the same on the whole step, its own polynomial is known. One that is
+// not below zero for certain does not cross.
+void EventSearch::leave_out_zeros(const DiscreteState& d) {
+    Piece& whole = pieces_[0];
+    const std::size_t count = states_.size(), points = static_cast<std::size_t>(step_->degree) + 1;
+    const auto control = [&](std::size_t i, std::size_t j) { return whole.control[i * count + j]; };
+    std::vector<Interval> ranges(count);
+    for (std::size_t j = 0; j < count; ++j) {
+        ranges[j] = Interval::point(control(0, j));
+        for (std::size_t i = 1; i < points; ++i) {
+            ranges[j] = {std::min(ranges[j].low, control(i, j)), std::max(ranges[j].high, control(i, j))};
+        }
+    }
+    const Interval times = {step_->t0, step_->time(1)};
+    // Of each guard: its coefficients less the first one, by how much they may be off, and their rounding alone.
+    std::vector<double> change(guard_count_ * points), error(guard_count_), rounding(guard_count_);
+    for (std::size_t j = 0; j <= count; ++j) { // the last one is the time
+        for (std::size_t i = 0; i < count; ++i) states_[i] = {ranges[i], Interval::point(i == j ? 1 : 0)};
+        system_.enclose_guards({times, Interval::point(j == count ? 1 : 0)}, states_, d, bounds_);
+        const Interval range = j == count ? times : ranges[j];
+        const double size = std::max(std::abs(range.low), std::abs(range.high));
+        for (const GuardId guard : whole.open) {
+            const Interval slope = bounds_[guard].rate;
+            const double middle = 0.5 * (slope.low + slope.high), own = 8 * epsilon * std::abs(middle) * size;
+            for (std::size_t i = 0; i < points; ++i) {
+                const double way = j == count ? step_->h * static_cast<double>(i) / static_cast<double>(points - 1)
+                                              : control(i, j) - control(0, j);
+                change[guard * points + i] += middle * way;
+            }
+            error[guard] += 0.5 * (slope.high - slope.low) * (range.high - range.low) + own;
+            rounding[guard] += own;
+        }
+    }
+    step_->evaluate(0, x_);
+    for (std::size_t j = 0; j < count; ++j) states_[j] = {Interval::point(x_[j]), {0, 0}};
+    system_.enclose_guards({Interval::point(step_->t0), {0, 0}}, states_, d, bounds_);
+    std::erase_if(whole.open, [&](GuardId guard) {
+        const Interval first = bounds_[guard].value;
+        const double* own = &change[guard * points];
+        const double least = first.low + *std::min_element(own, own + points) - error[guard];
+        constexpr double few = 4;
+        return least >= -few * (rounding[guard] + first.high - first.low);
+    });
 }
 
 // By signs at equal distances.

@@ -50,8 +50,8 @@ class EventSearch {
     long guard_evaluations() const { return guard_evaluations_; }
 
   private:
-    static constexpr int nodes = 8;         // degree of the Chebyshev interpolation
-    static constexpr int max_pieces = 5000; // of one step
+    static constexpr int nodes = 8;                           // degree of the Chebyshev interpolation
+    static constexpr int few_pieces = 256, max_pieces = 5000; // of one step
 
     struct Piece {
         std::vector<double> control; // Bernstein coefficients of the states on it, (states x degree + 1)
@@ -64,6 +64,7 @@ class EventSearch {
     void bound_by_samples(double low, double high, const DiscreteState& d);
     void guards_at(double s, const DiscreteState& d);
     void tighten(std::vector<GuardId>& open, double low, double high, const DiscreteState& d);
+    void leave_out_zeros(const DiscreteState& d);
     std::optional<double> look_at_points(const DiscreteState& d, std::vector<GuardId>& crossed);
     double locate(GuardId guard, double low, double high, const DiscreteState& d);
     Piece& piece(std::size_t level);
@@ -74,7 +75,7 @@ class EventSearch {
     std::vector<GuardId> time_guards_;
     const StepPolynomial* step_ = nullptr;
     bool only_time_ = false;
-    int pieces_left_ = 0;
+    int pieces_left_ = 0, patience_ = max_pieces;
     double searched_to_ = 0;    // up to which nothing crosses, where pieces_left_ has run out
     std::vector<Piece> pieces_; // by level
     std::vector<Enclosure> states_, bounds_, enclosed_;

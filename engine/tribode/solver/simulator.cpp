@@ -262,13 +262,25 @@ bool Simulator::went_anywhere(GuardId guard) {
     const auto is_away_at = [&](double t) {
         integrator_->interpolate(t, x_nearby_);
         system_.guards(t, x_nearby_, *state_.discrete, guards_nearby_);
+        statistics_.guard_evaluations += 2; // this one, and one nearby
         const double height = guards_nearby_[guard];
         const auto& states = system_.states();
-        for (std::size_t i = 0; i < x_nearby_.size(); ++i) {
-            x_nearby_[i] += relative_tolerance_ * std::abs(x_nearby_[i]) + absolute_tolerance_ * states[i].scale;
+        const auto tolerance = [&](std::size_t i) {
+            return relative_tolerance_ * std::abs(x_nearby_[i]) + absolute_tolerance_ * states[i].scale;
+        };
+        if (system_.encloses_guards()) { // the tolerances of two states do not cancel in their difference
+            enclosed_states_.resize(states.size());
+            enclosed_guards_.resize(guards_nearby_.size());
+            for (std::size_t i = 0; i < states.size(); ++i) {
+                const double x = x_nearby_[i];
+                enclosed_states_[i] = {{x - tolerance(i), x + tolerance(i)}, {0, 0}};
+            }
+            system_.enclose_guards(Enclosure::constant(t), enclosed_states_, *state_.discrete, enclosed_guards_);
+            const Interval& value = enclosed_guards_[guard].value;
+            if (std::isfinite(value.high - value.low)) return !value.contains(0);
         }
+        for (std::size_t i = 0; i < x_nearby_.size(); ++i) x_nearby_[i] += tolerance(i);
         system_.guards(t, x_nearby_, *state_.discrete, guards_nearby_);
-        statistics_.guard_evaluations += 2;
         return std::abs(height) > std::abs(guards_nearby_[guard] - height);
     };
     // In the last step, which is enough for what crosses again and again.

@@ -103,6 +103,7 @@ class Simulator {
     std::vector<double> instants_; // of each clock, the next one [s]
     double next_instant_ = 0;      // of a clock, once the first ones have fired [s]
     std::vector<double> guard_values_, guards_nearby_, x_nearby_;
+    std::vector<Enclosure> enclosed_states_, enclosed_guards_;
     std::vector<double> output_grid_;
     std::size_t next_output_ = 0;
     SystemState output_state_;

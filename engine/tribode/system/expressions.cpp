@@ -405,7 +405,7 @@ bool Expressions::is_continuous(Term select) const {
     // abs: one branch the negative of the other, which is compared with zero.
     const Term compared = is_constant(relation.b, 0) ? relation.a : relation.b;
     const bool with_zero = is_constant(relation.a, 0) || is_constant(relation.b, 0);
-    const auto is_negative = [&](Term x) { return nodes_[x].op == Op::negate && nodes_[x].a == compared; };
+    const auto is_negative = [&](Term x) { return is_negative_of(x, compared) || is_negative_of(compared, x); };
     return with_zero && ((node.b == compared && is_negative(node.c)) || (node.c == compared && is_negative(node.b)));
 }
 

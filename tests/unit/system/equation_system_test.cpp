@@ -61,6 +61,59 @@ TEST_P(EveryMethod, SlidingAtASwitchingSurfaceEndsAsChattering) {
     EXPECT_NE(outcome.message.find("the relation x < 0"), std::string::npos) << outcome.message;
 }
 
+// As above, along a surface that moves: the tolerances of both states do not cancel in what crosses.
+TEST_P(EveryMethod, SlidingAlongASurfaceThatMovesEndsAsChattering) {
+    Writer w;
+    const Term x = w.state("x", 0.8), y = w.state("y", 0.2);
+    w.rate(0, w.where(w.less(x, y), w.number(-0.1), w.number(-2.4))).rate(1, w.number(-0.3));
+    const EquationSystem system(w.equations);
+    Simulator run(system, by(GetParam()));
+    const RunOutcome outcome = run.advance_to(1);
+    EXPECT_EQ(outcome.end, RunEnd::chattering);
+    EXPECT_NEAR(outcome.t, 2.0 / 7, 1e-3);
+    EXPECT_LT(run.statistics().events, 1100);
+}
+
+// Bounds of the states let their difference have either sign on a step, however short.
+TEST(EquationSystem, StatesThatMoveAlikeAreNotSearchedForCrossings) {
+    for (const Method method : {Method::erk, Method::adams, Method::bdf}) {
+        Writer w;
+        const Term x = w.state("x", 1.5), y = w.state("y", 1.5);
+        const Term larger = w.where(w.less(x, y), y, x);
+        const auto rate = [&](Term own, Term other) {
+            return w.subtract(w.graph.make(Op::sin, other), w.multiply(w.number(2), w.add(own, larger)));
+        };
+        w.rate(0, rate(x, y)).rate(1, rate(y, x));
+        const EquationSystem system(w.equations);
+        Simulator run(system, by(method));
+        ASSERT_TRUE(run.advance_to(1).ok());
+        EXPECT_NEAR(run.state().x[0], run.state().x[1], 1e-12);
+        EXPECT_LT(run.statistics().guard_evaluations, 5 * run.statistics().steps);
+    }
+}
+
+// The flow between two tanks, or to one of a fixed level: a step leads beyond the crossing, where sqrt would have no value.
+TEST(EquationSystem, ARootOfADistanceHasAValueOnBothSides) {
+    for (const Method method : {Method::erk, Method::adams, Method::bdf, Method::ida}) {
+        for (const bool is_other_first : {false, true}) {
+            Writer w;
+            const Term x = w.state("x", 1.2), y = w.state("y", 1), zero = w.number(0);
+            const Term away = is_other_first ? w.subtract(y, x) : w.subtract(x, y);
+            const Term distance = w.where(w.less(away, zero), w.graph.make(Op::negate, away), away);
+            const Term flow = w.multiply(w.number(-0.2), w.graph.make(Op::sqrt, distance));
+            w.rate(0, flow).rate(1, w.number(0.1));
+            const EquationSystem system(w.equations);
+            Simulator run(system, by(method));
+            const RunOutcome outcome = run.advance_to(4);
+            ASSERT_TRUE(outcome.ok()) << outcome.message;
+            // z = x - y falls by 0.1 + 0.2 sqrt(|z|), to zero after 10 sqrt(0.2) - 5 log(1 + 2 sqrt(0.2)), and on in the same way.
+            const double root = std::sqrt(run.state().x[1] - run.state().x[0]);
+            EXPECT_NEAR(10 * root - 5 * std::log(1 + 2 * root),
+                        4 - (10 * std::sqrt(0.2) - 5 * std::log(1 + 2 * std::sqrt(0.2))), 1e-6);
+        }
+    }
+}
+
 TEST_P(EveryMethod, TwoEventsAtOneInstantAreHandledInDeclaredOrder) {
     Writer w;
     const Term x = w.state("x", 1), y = w.state("y", 1), n = w.discrete("n", 0);
