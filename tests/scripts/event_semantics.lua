@@ -153,6 +153,13 @@ local relay = { states = { x = 1 },
 for _, solver in ipairs(solvers) do
   near(ends(relay, "the relation 0 < x is chattering at t = 1 s", { solver = solver }).t_end, 1, 1e-6, solver)
 end
+-- Here the instants of `exact` are more than four roundings of the time apart.
+for _, solver in ipairs(solvers) do
+  ends({ states = { x = -0.128 }, inputs = { w = 0 }, der = function(s)
+    return { x = -2.38 * s.x + 1.139 * (0.068 + tb.where(tb.less(s.x, 0.004), -0.422 * s.x, s.x - 0.45)) }
+  end }, "chattering",
+    { solver = solver, max_steps = 10000, inputs = { w = { sample_time_s = 0.055, values = { 1, 2 } } } })
+end
 ends({ states = { x = 1 }, der = function(s) return { x = -1 / s.x } end }, "x = .* changes by")
 ends({ states = { x = 1 }, der = function(s) return { x = s.x ^ 2 } end }, "x = .* changes by")
 ends({ states = { x = 1 }, der = function(s) return { x = 100 * s.x } end }, "the solution diverges: x = ",
