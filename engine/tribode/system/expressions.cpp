@@ -328,7 +328,7 @@ std::vector<Term> Expressions::substitute(std::span<const Term> roots, const Rep
 // The chain rule; `term` has the derivatives da, db, dc of its operands.
 Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
     const Node node = nodes_[term];
-    const auto [op, a, b, c, value] = node;
+    const Term a = node.a, b = node.b;
     const auto number = [&](double of) { return constant(of); };
     const auto square = [&](Term x) { return make(Op::multiply, x, x); };
     // The slope has no limit at the edge of the domain. Where the operand rests there, in a branch, the derivative is zero and
@@ -340,7 +340,7 @@ Term Expressions::derivative_of(Term term, Term da, Term db, Term dc) {
     const auto slope_of_arc = [&] {
         return unless_at_rest(make(Op::divide, da, make(Op::sqrt, make(Op::subtract, number(1), square(a)))));
     };
-    switch (op) {
+    switch (node.op) {
     case Op::add: return make(Op::add, da, db);
     case Op::subtract: return make(Op::subtract, da, db);
     case Op::multiply: return make(Op::add, make(Op::multiply, da, b), make(Op::multiply, a, db));
