@@ -258,7 +258,8 @@ bool Simulator::went_anywhere(GuardId guard) {
     const double before = last_crossing_[guard];
     constexpr double resolved = 4; // fixed steps: fewer show nothing of what a guard does
     if (fixed_step_ > 0) return state_.t - before > resolved * fixed_step_;
-    if (!std::isfinite(before)) return false; // its first one
+    if (!std::isfinite(before)) return false;                                // its first one
+    if (state_.t - before > chatter_part * (state_.t - begin_)) return true; // too seldom to be chattering
     // Each instant is known to a few roundings of the time, and sliding goes from one to the next.
     constexpr double roundings = 64;
     if (state_.t - before <= roundings * std::numeric_limits<double>::epsilon() * std::abs(state_.t)) return false;
