@@ -115,10 +115,10 @@ EventSearch::Found EventSearch::first_crossing(const StepPolynomial& step, const
         patience_ = max_pieces;
         return {1, false};
     }
+    constexpr double min_part = 1e-3;
+    if (searched_to_ > min_part) return {searched_to_, false};
     // A guard that stays within rounding of zero is followed no further than that, and less far each time.
     patience_ = std::max(few_pieces, patience_ / 4);
-    constexpr double min_part = 1e-2;
-    if (searched_to_ > min_part) return {searched_to_, false};
     if (const auto s = look_at_points(d, crossed)) return {*s, true};
     return {1, false};
 }
