@@ -18,7 +18,8 @@ double white_noise(const std::vector<double>& values);
 
 // Standard deviation of what rounding or holding does to a signal of steps, whose fourth differences are mostly nothing, in the
 // unit of the values; zero for a signal that is not one. From the smaller jumps between values that repeat, so rather too
-// small; where these are few, as of an axis that mostly rests, from the even grid that all values are on. `errors`: what a model leaves of it; where they hold as well the model has the steps itself, and it is zero.
+// small; where these are few, as of an axis that mostly rests, from the even grid that all values are on. `errors`: what a model
+// leaves of it; where they hold as well the model has the steps itself, and it is zero.
 double rounding_noise(const std::vector<double>& values, const std::vector<double>& errors = {});
 
 // Samples after which errors have forgotten what they were: the sum of their correlations, both ways.

@@ -75,7 +75,8 @@ class EventSearch {
     std::vector<GuardId> time_guards_;
     const StepPolynomial* step_ = nullptr;
     bool only_time_ = false;
-    int pieces_left_ = 0, patience_ = max_pieces;
+    int pieces_left_ = 0;
+    int patience_ = max_pieces; // pieces of the next step, less where guards could not be told from zero
     double searched_to_ = 0;    // up to which nothing crosses, where pieces_left_ has run out
     std::vector<Piece> pieces_; // by level
     std::vector<Enclosure> states_, bounds_, enclosed_;
