@@ -642,10 +642,11 @@ class Diagnoser {
         if (steps_.size() < 2 && (is_little || has_doubtful())) return;
         struct Contender {
             const SystemCandidate* candidate;
-            std::size_t step; // behind which it comes
+            std::size_t step;       // behind which it comes
+            std::size_t chosen_of = 0; // so many
         };
         const auto last_kinds = kinds_from(last, 0);
-        std::vector<Contender> simple, rich;
+        std::vector<Contender> simple, rich, others;
         const auto add = [&](const std::vector<SystemCandidate>& tried, std::size_t step) {
             for (const auto& one : tried) {
                 const bool is_likely = one.score() < likely_score * last.score() &&
@@ -676,7 +677,10 @@ class Diagnoser {
                 if (std::ranges::any_of(kept, is_same)) return true;
                 // Where the validation records refused all, models that share a term were refused together.
                 const auto is_shared = [&](const auto& kind) { return sharing[kind] == max_sharing; };
-                if (steps_.size() < 2 && std::ranges::any_of(kinds, is_shared)) return true;
+                if (steps_.size() < 2 && std::ranges::any_of(kinds, is_shared)) {
+                    others.push_back(one);
+                    return true;
+                }
                 for (const auto& kind : kinds) ++sharing[kind];
                 kept.push_back(one.candidate);
                 return false;
@@ -694,29 +698,35 @@ class Diagnoser {
                 const bool is_ahead = list == &simple && one.candidate->score() < least;
                 least = std::min(least, one.candidate->score());
                 if (is_curve) ++curves;
-                if (i >= max_compared && (is_curve || is_ahead)) further.push_back(one);
+                if (i >= max_compared) (is_curve || is_ahead ? further : others).push_back(one);
             }
             list->resize(max_compared);
             std::ranges::copy(further, std::back_inserter(*list));
         }
         std::vector<Contender> list = std::move(simple);
         std::ranges::copy(rich, std::back_inserter(list));
+        for (Contender& one : list) one.chosen_of = list.size();
+        // Of all others those that predict best with the values of the search. They must do so more surely, as the best of many.
+        const auto errors_of_last = errors_after(result_.validation);
+        const std::size_t models = list.size() + others.size();
+        for (const std::size_t i : predicted_as_searched(others, rms_of_errors(errors_of_last))) {
+            list.push_back({others[i].candidate, others[i].step, models});
+        }
         // What has more parameters must predict better for sure than the best that has fewer.
         std::ranges::stable_sort(list, {}, [](const Contender& one) { return one.candidate->model.parameters.size(); });
         std::vector<const SystemCandidate*> candidates;
         for (const Contender& one : list) candidates.push_back(one.candidate);
         const auto all = judged(search, candidates, ended_after(fit_share));
-        const double sure_here = 1 - (1 - sure_enough) / static_cast<double>(std::max<std::size_t>(list.size(), 1));
         std::optional<std::size_t> best;
-        const auto errors_of_last = errors_after(result_.validation);
         auto least = errors_of_last;
         std::size_t least_parameters = last.model.parameters.size();
         std::vector<std::vector<double>> on_validation(all.size()); // the errors; empty: not known
         for (std::size_t i = 0; i < all.size(); ++i) {
             if (!all[i] || all[i]->errors.empty()) continue;
-            const auto& [candidate, at] = list[i];
+            const auto& [candidate, at, chosen_of] = list[i];
             const Judged& one = *all[i];
             const auto& errors = on_validation[i] = errors_after(one.validation);
+            const double sure_here = 1 - (1 - sure_enough) / static_cast<double>(chosen_of);
             if (probability_of_gain(errors_of_last, errors) < sure_here) continue;
             // Of equals the best one counts, however little it is ahead.
             const bool is_richer = candidate->model.parameters.size() > least_parameters;
@@ -724,14 +734,14 @@ class Diagnoser {
                           : rms_of_errors(errors) >= rms_of_errors(least)) {
                 continue;
             }
-            if (!is_worth_its_price(*candidate, least_parameters, least, errors, list.size())) continue;
+            if (!is_worth_its_price(*candidate, least_parameters, least, errors, chosen_of)) continue;
             if (!are_sure(search, *candidate, kept_of(*candidate, steps_[at].candidate), one)) continue;
             best = i;
             least = errors;
             least_parameters = candidate->model.parameters.size();
         }
         if (!best) return;
-        const auto& [candidate, at] = list[*best];
+        const auto& [candidate, at, chosen_of] = list[*best];
         // What the search made of it does not count any more: what predicts the validation records about as well does.
         SystemStep step{.candidate = *candidate,
                         .before = kept_of(*candidate, steps_[at].candidate),
@@ -764,6 +774,31 @@ class Diagnoser {
         steps_.resize(at + 1);
         steps_.push_back(std::move(step));
         conclude(search, *all[*best]);
+    }
+
+    // Places of those that predict the validation records best with the values of the search, better than this error, the best first.
+    template <class Contender>
+    std::vector<std::size_t> predicted_as_searched(const std::vector<Contender>& list, double error) const {
+        std::vector<double> errors(list.size(), std::numeric_limits<double>::infinity());
+        const auto ended = ended_after(fit_share);
+        for_each_index(list.size(), control_, fmt::format("predicting with {} hypotheses", list.size()),
+                       [&](std::size_t i) {
+                           if (ended()) return;
+                           const SystemCandidate& candidate = *list[i].candidate;
+                           const auto own = errors_after(
+                               compared_to_first(with_validation_values({candidate.values, {}, {}, {}}, candidate),
+                                                 candidate)
+                                   .validation);
+                           if (!own.empty()) errors[i] = rms_of_errors(own);
+                       });
+        stop_if_asked();
+        std::vector<std::size_t> best;
+        for (std::size_t i = 0; i < list.size(); ++i) {
+            if (errors[i] < error) best.push_back(i);
+        }
+        std::ranges::stable_sort(best, {}, [&](std::size_t i) { return errors[i]; });
+        if (best.size() > max_compared) best.resize(max_compared);
+        return best;
     }
 
     // `worse`: by which share the last model, whose place is taken, raises the error on the validation records.
@@ -944,7 +979,13 @@ class Diagnoser {
     Judged fitted_to_all(const SystemSearch& search, const SystemCandidate& candidate) const {
         const auto ended = ended_after(fit_share);
         const auto result = search.fit_of_all().fit(candidate.model, candidate.values, final_iterations, ended);
-        Judged one{result.errors.empty() ? candidate.values : result.values, result.errors, {}, {}};
+        return with_validation_values({result.errors.empty() ? candidate.values : result.values, result.errors, {}, {}},
+                                      candidate);
+    }
+
+    // With start values of the validation records, fitted to their beginnings.
+    Judged with_validation_values(Judged one, const SystemCandidate& candidate) const {
+        const auto ended = ended_after(fit_share);
         if (divided_) one.validation_values.push_back(candidate.model.values_of(one.values, 0));
         for (const auto& record : validation_) {
             one.validation_values.push_back(with_starts(candidate.model, one.values, record, scale_, between_, ended));
