@@ -27,24 +27,6 @@ using Piece = std::array<double, 4>; // a cubic over a sample
 
 double value_of(const Piece& piece, double s) { return piece[0] + s * (piece[1] + s * (piece[2] + s * piece[3])); }
 
-// The straight lines over n pieces each with the same mean and first moment.
-std::vector<Piece> straightened(const std::vector<Piece>& pieces, std::size_t n) {
-    std::vector<Piece> lines;
-    const double share = 1 / static_cast<double>(n);
-    for (std::size_t first = 0; first < pieces.size(); first += n) {
-        double mean = 0, moment = 0; // about the middle
-        for (std::size_t k = 0; k < n; ++k) {
-            const bool is_over = first + k >= pieces.size();
-            const auto [a, b, c, d] = is_over ? Piece{value_of(pieces.back(), 1), 0, 0, 0} : pieces[first + k];
-            const double own = a + b / 2 + c / 3 + d / 4, rising = a / 2 + b / 3 + c / 4 + d / 5;
-            mean += share * own;
-            moment += share * ((static_cast<double>(k) * share - 0.5) * own + share * rising);
-        }
-        lines.push_back({mean - 6 * moment, 12 * moment, 0, 0});
-    }
-    return lines;
-}
-
 } // namespace
 
 std::optional<FixedSteps> FixedSteps::of(const SystemModel& model) {
@@ -144,18 +126,23 @@ FixedSteps::Course FixedSteps::course(const SystemRecord& record, std::size_t us
         return c;
     }
     c.period = sample_time(record.t);
-    c.holds = between == Interpolation::hold && n == 1;
+    c.holds = between == Interpolation::hold && n * record.every == 1;
     const double near = same_instant * c.period;
-    if (n > 1) {
-        for (auto& pieces : c.inputs) {
+    if (n * record.every > 1) { // the pieces are not the inputs at the samples
+        for (std::size_t i = 0; i < c.inputs.size(); ++i) {
+            auto& pieces = c.inputs[i];
             auto& values = c.at_samples.emplace_back();
             for (std::size_t k = 0; k < used; k += n) {
+                if (record.every > 1 && pieces.size() > 1) {
+                    values.push_back(record.inputs[i][k]);
+                    continue;
+                }
                 const double place = (record.t[k] - c.begin) / c.period, piece = std::floor(place + same_instant);
                 const auto last = static_cast<double>(pieces.size() - 1);
                 values.push_back(value_of(pieces[static_cast<std::size_t>(std::clamp(piece, 0.0, last))],
                                           pieces.size() == 1 ? 0 : std::clamp(place - piece, 0.0, 1.0)));
             }
-            if (pieces.size() > 1) pieces = straightened(pieces, n);
+            if (n > 1 && pieces.size() > 1) pieces = straightened(pieces, n);
         }
         c.period *= static_cast<double>(n);
     }

@@ -35,7 +35,7 @@ constexpr std::size_t max_terms = 12;
 // Compared on the validation records: how many, and by how much their scores may be larger than that of what was found. Where nothing
 // was, how many of them may have a term in common.
 constexpr std::size_t max_compared = 6, max_curves = 3, max_sharing = 2;
-constexpr double likely_score = 3;
+constexpr double likely_score = 3, possible_score = 10;
 // Gap over the floor of a model that lacks nothing.
 constexpr double nothing_left = 1.5;
 constexpr double least_evidence = convincing / 2; // of the records, for a step to count
@@ -136,6 +136,12 @@ class Diagnoser {
         stop_if_asked();
         name_effects(search);
         result_.where = where_the_gap_is(result_.validation.front(), model_);
+        if (search.every() > 1) {
+            result_.remarks.push_back(
+                fmt::format("The search counted one of {} samples; the others follow from these within the noise. What it found was "
+                            "fitted to all.",
+                            search.every()));
+        }
         decide();
         const bool is_undecided = result_.verdict == "undecided" || result_.verdict == "partial" ||
                                   std::ranges::any_of(result_.effects, &SystemEffect::is_open);
@@ -646,15 +652,17 @@ class Diagnoser {
             std::size_t chosen_of = 0; // so many
         };
         const auto last_kinds = kinds_from(last, 0);
-        std::vector<Contender> simple, rich, others;
+        std::vector<Contender> simple, rich, unlikely, others;
         const auto add = [&](const std::vector<SystemCandidate>& tried, std::size_t step) {
             for (const auto& one : tried) {
-                const bool is_likely = one.score() < likely_score * last.score() &&
-                                       !one.is_chance_beside(steps_[step].candidate) && !refused(one) &&
-                                       !is_too_rich(one);
+                const bool is_possible = one.score() < possible_score * last.score() &&
+                                         !one.is_chance_beside(steps_[step].candidate) && !refused(one) &&
+                                         !is_too_rich(one);
                 const bool is_longer = steps_.size() > 1 && std::ranges::includes(kinds_from(one, 0), last_kinds);
-                if (!is_likely || is_longer) continue;
-                (one.model.parameters.size() <= last.model.parameters.size() ? simple : rich).push_back({&one, step});
+                if (!is_possible || is_longer) continue;
+                const bool is_simple = one.model.parameters.size() <= last.model.parameters.size();
+                const bool is_likely = one.score() < likely_score * last.score();
+                (!is_likely ? unlikely : is_simple ? simple : rich).push_back({&one, step});
             }
         };
         for (std::size_t s = 0; s < steps_.size(); ++s) {
@@ -664,7 +672,9 @@ class Diagnoser {
         std::ranges::stable_sort(simple, {}, [](const Contender& one) {
             return std::pair(one.candidate->model.parameters.size(), one.candidate->score());
         });
-        std::ranges::stable_sort(rich, {}, [](const Contender& one) { return one.candidate->score(); });
+        for (auto* list : {&rich, &unlikely}) {
+            std::ranges::stable_sort(*list, {}, [](const Contender& one) { return one.candidate->score(); });
+        }
         std::set<std::set<std::string>> known;
         std::map<std::string, std::size_t> sharing;
         std::vector<const SystemCandidate*> kept;
@@ -707,14 +717,19 @@ class Diagnoser {
         std::ranges::copy(rich, std::back_inserter(list));
         for (Contender& one : list) one.chosen_of = list.size();
         // Of all others those that predict best with the values of the search. They must do so more surely, as the best of many.
+        std::ranges::copy_if(unlikely, std::back_inserter(others), [&](const Contender& one) {
+            return known.insert(kinds_from(*one.candidate, 0)).second;
+        });
         const auto errors_of_last = errors_after(result_.validation);
         const std::size_t models = list.size() + others.size();
-        for (const std::size_t i : predicted_as_searched(others, rms_of_errors(errors_of_last))) {
+        std::vector<const SystemCandidate*> candidates;
+        for (const Contender& one : others) candidates.push_back(one.candidate);
+        for (const std::size_t i : best_as_searched(candidates, rms_of_errors(errors_of_last))) {
             list.push_back({others[i].candidate, others[i].step, models});
         }
         // What has more parameters must predict better for sure than the best that has fewer.
         std::ranges::stable_sort(list, {}, [](const Contender& one) { return one.candidate->model.parameters.size(); });
-        std::vector<const SystemCandidate*> candidates;
+        candidates.clear();
         for (const Contender& one : list) candidates.push_back(one.candidate);
         const auto all = judged(search, candidates, ended_after(fit_share));
         std::optional<std::size_t> best;
@@ -776,19 +791,17 @@ class Diagnoser {
         conclude(search, *all[*best]);
     }
 
-    // Places of those that predict the validation records best with the values of the search, better than this error, the best first.
-    template <class Contender>
-    std::vector<std::size_t> predicted_as_searched(const std::vector<Contender>& list, double error) const {
+    // Places of those that predict the validation records best with the values of the search, better than with this error.
+    std::vector<std::size_t> best_as_searched(const std::vector<const SystemCandidate*>& list, double error) const {
         std::vector<double> errors(list.size(), std::numeric_limits<double>::infinity());
         const auto ended = ended_after(fit_share);
         for_each_index(list.size(), control_, fmt::format("predicting with {} hypotheses", list.size()),
                        [&](std::size_t i) {
                            if (ended()) return;
-                           const SystemCandidate& candidate = *list[i].candidate;
-                           const auto own = errors_after(
-                               compared_to_first(with_validation_values({candidate.values, {}, {}, {}}, candidate),
-                                                 candidate)
-                                   .validation);
+                           const SystemCandidate& one = *list[i];
+                           const auto judged =
+                               compared_to_first(with_validation_values({one.values, {}, {}, {}}, one), one);
+                           const auto own = errors_after(judged.validation);
                            if (!own.empty()) errors[i] = rms_of_errors(own);
                        });
         stop_if_asked();

@@ -32,7 +32,8 @@ SystemDiagnosisResult diagnose_system_files(const Equations& system, const Syste
     refuse_repeated_files(files, hashes);
     SystemDiagnosisResult result;
     result.diagnosis = diagnose_system(model, std::move(data), std::move(validation), request.options, control);
-    result.diagnosis.remarks = std::move(remarks);
+    auto& all = result.diagnosis.remarks;
+    all.insert(all.begin(), remarks.begin(), remarks.end());
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     result.summary = system_diagnosis_json(result.diagnosis, hashes, system.fingerprint(), seconds);
     write_system_diagnosis(result.diagnosis, result.summary, folder, control);

@@ -32,6 +32,8 @@ std::vector<double> resampled(const std::vector<double>& t, const std::vector<do
     return even;
 }
 
+} // namespace
+
 bool is_even(const std::vector<double>& t, double period) {
     for (std::size_t k = 0; k < t.size(); ++k) {
         if (std::abs(t[k] - t.front() - static_cast<double>(k) * period) > 1e-3 * period) return false;
@@ -39,7 +41,26 @@ bool is_even(const std::vector<double>& t, double period) {
     return true;
 }
 
-} // namespace
+std::vector<std::array<double, 4>> straightened(const std::vector<std::array<double, 4>>& pieces, std::size_t n) {
+    using Piece = std::array<double, 4>;
+    std::vector<Piece> lines;
+    const double share = 1 / static_cast<double>(n);
+    for (std::size_t first = 0; first < pieces.size(); first += n) {
+        double mean = 0, moment = 0; // about the middle
+        for (std::size_t k = 0; k < n; ++k) {
+            // Beyond the last one its end holds.
+            const Piece& last = pieces.back();
+            const bool is_over = first + k >= pieces.size();
+            const auto [a, b, c, d] =
+                is_over ? Piece{last[0] + last[1] + last[2] + last[3], 0, 0, 0} : pieces[first + k];
+            const double own = a + b / 2 + c / 3 + d / 4, rising = a / 2 + b / 3 + c / 4 + d / 5;
+            mean += share * own;
+            moment += share * ((static_cast<double>(k) * share - 0.5) * own + share * rising);
+        }
+        lines.push_back({mean - 6 * moment, 12 * moment, 0, 0});
+    }
+    return lines;
+}
 
 std::size_t SystemRecord::measured(std::size_t samples) const {
     std::size_t count = 0;
@@ -86,6 +107,10 @@ SystemRecord SystemRecord::part(std::size_t from, std::size_t samples) const {
     SystemRecord part{.source = source, .t = cut(t)};
     for (const auto& values : inputs) part.inputs.push_back(cut(values));
     for (const auto& values : outputs) part.outputs.push_back(cut(values));
+    if (whole) {
+        part.whole = std::make_shared<SystemRecord>(whole->part(from * every, samples * every));
+        part.every = every;
+    }
     return part;
 }
 
@@ -155,6 +180,13 @@ double sample_time(const std::vector<double>& t) {
 }
 
 InputSamples input_of(const SystemRecord& record, std::size_t input, Interpolation between) {
+    if (record.every > 1) {
+        InputSamples samples = input_of(*record.whole, input, between);
+        samples.pieces = straightened(samples.pieces, record.every);
+        samples.period *= static_cast<double>(record.every);
+        samples.degree = 1;
+        return samples;
+    }
     const double period = sample_time(record.t);
     const auto& values = record.inputs[input];
     return input_samples(is_even(record.t, period) ? values : resampled(record.t, values, period, between), period,

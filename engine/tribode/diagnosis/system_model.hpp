@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -17,6 +18,9 @@ struct SystemRecord {
     std::vector<double> t;                    // [s], ascending; of a system without states the number of the row
     std::vector<std::vector<double>> inputs;  // of each input of the equations; empty: the input has its own value
     std::vector<std::vector<double>> outputs; // of each measured output
+    // Where these are every n-th of the samples of another record: that one, for what inputs do in between.
+    std::shared_ptr<const SystemRecord> whole = nullptr;
+    std::size_t every = 1;
 
     std::size_t size() const { return t.size(); }
     SystemRecord head(std::size_t samples) const { return part(0, samples); } // its first samples
@@ -72,8 +76,14 @@ std::vector<Stretch> stretches_of(const SystemModel& model, const std::vector<Sy
 // A copy whose graph of expressions is its own, so that several threads may extend copies.
 Equations deep_copy(const Equations& equations);
 
-// An input of a record as it runs between its samples; at an even period, also where the instants of the record are uneven.
+// An input of a record as it runs between its samples; at an even period, also where the instants of the record are uneven. Of every
+// n-th sample: straight lines with the means and first moments of n pieces each.
 InputSamples input_of(const SystemRecord& record, std::size_t input, Interpolation between);
+
+// Straight lines over n pieces each with the same mean and first moment.
+std::vector<std::array<double, 4>> straightened(const std::vector<std::array<double, 4>>& pieces, std::size_t n);
+
+bool is_even(const std::vector<double>& t, double period); // but for a thousandth of a period
 
 // Between samples [s]: the mean of the steps between instants, without gaps of more than 1.5 times the median step.
 double sample_time(const std::vector<double>& t);

@@ -3,6 +3,7 @@
 #include "tribode/diagnosis/fixed_steps.hpp"
 #include "tribode/diagnosis/lane_fit.hpp"
 #include "tribode/diagnosis/segments.hpp"
+#include "tribode/diagnosis/thinned_records.hpp"
 
 #include <algorithm>
 #include <array>
@@ -153,8 +154,9 @@ SystemSearch::SystemSearch(const SystemModel& model, const std::vector<SystemRec
       records_(records),
       scale_(std::move(scale)),
       late_(std::move(late)),
-      control_(control) {
-    for (const auto& record : records_) {
+      control_(control),
+      searched_(thinned(model, records)) {
+    for (const auto& record : searched_) {
         whole_.push_back(record.size());
         SystemRecord shown = record, hidden = record;
         for (auto& values : hidden.outputs) std::ranges::fill(values, std::numeric_limits<double>::quiet_NaN());
@@ -171,6 +173,12 @@ SystemSearch::SystemSearch(const SystemModel& model, const std::vector<SystemRec
         shown_.push_back(std::move(shown));
         hidden_.push_back(std::move(hidden));
     }
+}
+
+SystemFit SystemSearch::fit_of_all() const {
+    std::vector<std::size_t> whole;
+    for (const auto& record : records_) whole.push_back(record.size());
+    return {records_, scale_, between_, whole};
 }
 
 SystemErrors SystemSearch::errors() const {
@@ -204,10 +212,10 @@ void SystemSearch::fit_whole(SystemCandidate& candidate, int steps) const {
     // Where a motion is unstable, errors of values grow along it: the part that is fitted grows with care.
     for (const double share : {0.85, 1.0}) {
         std::vector<std::size_t> used;
-        for (const auto& record : records_) {
+        for (const auto& record : searched_) {
             used.push_back(static_cast<std::size_t>(std::ceil(share * static_cast<double>(record.size()))));
         }
-        SystemFit part(records_, scale_, between_, used);
+        SystemFit part(searched_, scale_, between_, used);
         part.begin_search(whole.substeps);
         const auto result = part.fit(whole.model, whole.values, steps, ended);
         if (result.errors.empty() || late()) return;

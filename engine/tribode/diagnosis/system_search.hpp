@@ -90,7 +90,9 @@ class SystemSearch {
 
     Interpolation interpolation() const { return between_; }
     const std::vector<double>& scale() const { return scale_; }
-    SystemFit fit_of_all() const { return {records_, scale_, between_, whole_}; }
+    // To all samples of the records; a search may have fewer, see thinned().
+    SystemFit fit_of_all() const;
+    std::size_t every() const { return searched_.front().every; } // so many samples one counts in the search
     SystemErrors errors() const; // of candidates
     bool late() const { return late_(); }
 
@@ -139,8 +141,9 @@ class SystemSearch {
     std::vector<double> scale_;
     std::function<bool()> late_;
     const RunControl& control_;
-    std::vector<SystemRecord> shown_;  // the records without what is hidden from the search
-    std::vector<SystemRecord> hidden_; // and with nothing else
+    std::vector<SystemRecord> searched_; // the same, perhaps with fewer samples
+    std::vector<SystemRecord> shown_;    // without what is hidden from the search
+    std::vector<SystemRecord> hidden_;   // and with nothing else
     std::vector<std::size_t> whole_;
     bool is_followed_ = false; // the first model, by fixed steps
     Interpolation between_ = Interpolation::hold;

@@ -6,6 +6,7 @@
 #include "tribode/diagnosis/system_next_experiment.hpp"
 #include "tribode/diagnosis/system_screening.hpp"
 #include "tribode/diagnosis/system_search.hpp"
+#include "tribode/diagnosis/thinned_records.hpp"
 #include "tribode/script/system_file.hpp"
 #include "unit/script/temporary_folder.hpp"
 
@@ -1086,6 +1087,104 @@ TEST(SystemNextExperiment, StaysWhereTheOutputsWere) {
     const auto far = next_system_experiment(first, {second}, records, {1}, Interpolation::hold, 0.3, {});
     ASSERT_TRUE(far);
     EXPECT_GT(std::ranges::max(far->record.outputs[0]), high + 0.5 * (high - low));
+}
+
+// Of what is sampled faster than it moves, as many samples are left out as follow from the others within the noise.
+TEST(ThinnedRecords, WhatFollowsFromTheOthersIsLeftOut) {
+    const TemporaryFolder folder;
+    const SystemModel model = model_of(folder, R"(
+        parameters = { k = 40 }, inputs = { u = 0 }, states = { x = 0, v = 0 },
+        der = function(s) return { x = s.v, v = s.u - s.k * s.x } end, outputs = function(s) return { y = s.x } end)");
+    const auto record_with = [](std::size_t samples, double fast, double (*input)(double)) {
+        auto record = record_of(samples, 0.002, {input});
+        record.outputs.emplace_back();
+        for (std::size_t k = 0; k < samples; ++k) {
+            const double t = record.t[k];
+            record.outputs[0].push_back(std::sin(6.3 * t) + fast * std::sin(250 * t) + 2e-4 * uniform(1, 2, k));
+        }
+        return record;
+    };
+    const auto slow = [](double t) { return std::sin(t); };
+    const auto steps = [](double t) { return std::fmod(t, 1) < 0.5 ? 1.0 : -1.0; };
+    const auto quick = [](double t) { return std::fmod(t, 0.01) < 0.005 ? 1.0 : -1.0; };
+    const auto every = [&](const SystemModel& of, const std::vector<SystemRecord>& records) {
+        const auto some = thinned(of, records);
+        for (std::size_t r = 0; r < records.size(); ++r) {
+            EXPECT_EQ(some[r].every, some[0].every);
+            for (std::size_t k = 0; k < some[r].size(); ++k) {
+                EXPECT_EQ(some[r].t[k], records[r].t[k * some[r].every]);
+                EXPECT_EQ(some[r].inputs[0][k], records[r].inputs[0][k * some[r].every]);
+            }
+        }
+        return some[0].every;
+    };
+    const auto record = record_with(20000, 0, slow);
+    EXPECT_EQ(every(model, {record}), 8u) << "2500 are left, of 16 there would be 1250";
+    EXPECT_EQ(every(model, {record, record}), 16u);
+    EXPECT_EQ(every(model, {record_with(20000, 0, steps)}), 8u);
+    EXPECT_EQ(every(model, {record_with(7000, 0, slow)}), 1u) << "too few";
+    EXPECT_EQ(every(model, {record, record_with(20000, 0.01, slow)}), 1u) << "something is fast";
+    EXPECT_EQ(every(model, {record_with(20000, 0, quick)}), 1u) << "the input is fast";
+    auto other = record;
+    other.outputs[0][7] = std::nan("");
+    EXPECT_EQ(every(model, {other}), 1u);
+    other = record;
+    other.t[7] += 0.0005;
+    EXPECT_EQ(every(model, {other}), 1u);
+    const SystemModel direct = model_of(folder, R"(
+        parameters = { k = 40 }, inputs = { u = 0 }, states = { x = 0, v = 0 },
+        der = function(s) return { x = s.v, v = s.u - s.k * s.x } end,
+        outputs = function(s) return { y = s.x + s.u } end)");
+    EXPECT_EQ(every(direct, {record}), 1u);
+    const SystemModel clocked = model_of(folder, R"(
+        parameters = { k = 40 }, inputs = { u = 0 }, states = { x = 0, v = 0 }, discrete = { n = 0 },
+        der = function(s) return { x = s.v, v = s.n - s.k * s.x } end, outputs = function(s) return { y = s.x } end,
+        sample = { { name = "hold", period_s = 0.1, set = function(s) return { n = s.u } end } })");
+    EXPECT_EQ(every(clocked, {record}), 1u);
+}
+
+// With fewer samples a model moves as with all: inputs act in between as they do there, in fixed steps as in others, also of a part.
+TEST(ThinnedRecords, InputsActAsWithAllSamples) {
+    const TemporaryFolder folder;
+    const std::string text = R"(
+        parameters = { T = 0.013 }, inputs = { u = 0 }, states = { x = 0, v = 0 },
+        der = function(s) return { x = s.v, v = tb.delay(s.u, s.T) - 4 * s.x - s.v } end,
+        outputs = function(s) return { y = s.x } end)";
+    const SystemModel model = model_of(folder, text);
+    // What comes to the same has an event at which nothing happens, and so goes without fixed steps.
+    const SystemModel by_runs = model_of(
+        folder, text + R"(, discrete = { n = 0 },
+        when = { { name = "never", crossing = function(s) return s.x - 100 end, set = function() return { n = 1 } end } })");
+    ASSERT_TRUE(FixedSteps::of(model));
+    ASSERT_FALSE(FixedSteps::of(by_runs));
+    auto record = record_of(20000, 0.002, {[](double t) { return std::fmod(t, 1) < 0.5 ? std::sin(t) : 1.5; }});
+    record.outputs.emplace_back(record.size());
+    const auto some = thinned(model, {record});
+    ASSERT_EQ(some[0].every, 8u);
+    for (const auto between : {Interpolation::hold, Interpolation::linear, Interpolation::band_limited}) {
+        const std::vector<SystemRecord> all = {record}, part = {some[0].part(100, 700)};
+        const SystemFit whole(all, {1}, between, {record.size()}), few(some, {1}, between, {some[0].size()});
+        const auto wanted = whole.errors(model, model.values(1));
+        const auto found = few.errors(model, model.values(1)), runs = few.errors(by_runs, by_runs.values(1));
+        ASSERT_EQ(found.size(), some[0].size());
+        ASSERT_EQ(runs.size(), found.size());
+        // The delayed input is a line of 16 ms, which a step at its ends has moved by its mean and moment.
+        for (std::size_t k = 0; k < found.size(); ++k) {
+            EXPECT_NEAR(found[k], wanted[8 * k], 1e-4) << k;
+            EXPECT_NEAR(runs[k], wanted[8 * k], 1e-4) << k;
+        }
+        const auto trace = few.simulate(model, model.values(1), 0, some[0].size());
+        ASSERT_TRUE(trace);
+        const SystemModel later = [&] {
+            auto one = model;
+            for (std::size_t i = 0; i < 2; ++i) one.equations.states[i].start = trace->states[i][100];
+            return one;
+        }();
+        const SystemFit of_part(part, {1}, between, {part[0].size()});
+        const auto own = of_part.errors(later, later.values(1));
+        ASSERT_EQ(own.size(), 700u);
+        for (std::size_t k = 50; k < own.size(); ++k) EXPECT_NEAR(own[k], found[100 + k], 1e-3) << k;
+    }
 }
 
 } // namespace
