@@ -69,15 +69,15 @@ class Diagnoser {
             divided_at_ = 2 * records_.front().size() / 3;
             records_.front() = records_.front().head(divided_at_);
         }
-        std::vector<SystemRecord> predicted = validation_;
-        if (divided_) predicted.push_back(divided_->part(divided_at_, divided_->size() - divided_at_));
-        stretches_ = {stretches_of(model_, records_), stretches_of(model_, predicted)};
     }
 
     // Fits the model as it was given.
     void begin() {
         search_.emplace(model_, records_, scales(), ended_after(search_share), control_);
         steps_.push_back({.candidate = search_->begin()});
+        std::vector<SystemRecord> predicted = validation_;
+        if (divided_) predicted.push_back(divided_->part(divided_at_, divided_->size() - divided_at_));
+        stretches_ = {stretches_of(model_, search_->searched()), stretches_of(model_, predicted)};
         stop_if_asked();
     }
 
@@ -134,14 +134,9 @@ class Diagnoser {
         weigh_earlier_steps(search);
         take_doubtful(search);
         stop_if_asked();
+        count_all_samples(search);
         name_effects(search);
         result_.where = where_the_gap_is(result_.validation.front(), model_);
-        if (search.every() > 1) {
-            result_.remarks.push_back(
-                fmt::format("The search counted one of {} samples; the others follow from these within the noise. What it found was "
-                            "fitted to all.",
-                            search.every()));
-        }
         decide();
         const bool is_undecided = result_.verdict == "undecided" || result_.verdict == "partial" ||
                                   std::ranges::any_of(result_.effects, &SystemEffect::is_open);
@@ -242,7 +237,7 @@ class Diagnoser {
     // Beside what the fitted records show, too.
     bool shows_more_on_validation(const SystemSearch& search, double ratio) const {
         const double fitted = rms_of_errors(steps_.back().on_fitted);
-        return fitted > little_left * search.fit_of_all().noise() &&
+        return fitted > little_left * search.fit_of_all_samples().noise() &&
                rms_of_errors(steps_.back().on_validation) > ratio * fitted;
     }
 
@@ -641,11 +636,13 @@ class Diagnoser {
     // richer than the last model, and the best are fitted to the whole records, and what predicts the validation records better than
     // the last model for sure takes its place.
     void compare_on_validation(const SystemSearch& search) {
-        const SystemCandidate& last = steps_.back().candidate;
+        // What random forces explain as well is not a step, but may be the answer.
+        const bool is_doubtful = steps_.size() < 2 && has_doubtful();
+        const SystemCandidate last = is_doubtful ? doubtful_->step.candidate : steps_.back().candidate;
         const Gap& gap = result_.validation_gap;
         if (last.is_noise && gap.after < nothing_left * gap.floor) return;
         const bool is_little = result_.fitted_gap.before < little_left * result_.fitted_gap.floor;
-        if (steps_.size() < 2 && (is_little || has_doubtful())) return;
+        if (steps_.size() < 2 && is_little && !is_doubtful) return;
         struct Contender {
             const SystemCandidate* candidate;
             std::size_t step;       // behind which it comes
@@ -658,7 +655,7 @@ class Diagnoser {
                 const bool is_possible = one.score() < possible_score * last.score() &&
                                          !one.is_chance_beside(steps_[step].candidate) && !refused(one) &&
                                          !is_too_rich(one);
-                const bool is_longer = steps_.size() > 1 && std::ranges::includes(kinds_from(one, 0), last_kinds);
+                const bool is_longer = !last.terms.empty() && std::ranges::includes(kinds_from(one, 0), last_kinds);
                 if (!is_possible || is_longer) continue;
                 const bool is_simple = one.model.parameters.size() <= last.model.parameters.size();
                 const bool is_likely = one.score() < likely_score * last.score();
@@ -720,7 +717,7 @@ class Diagnoser {
         std::ranges::copy_if(unlikely, std::back_inserter(others), [&](const Contender& one) {
             return known.insert(kinds_from(*one.candidate, 0)).second;
         });
-        const auto errors_of_last = errors_after(result_.validation);
+        const auto errors_of_last = errors_after(is_doubtful ? doubtful_->fitted.validation : result_.validation);
         const std::size_t models = list.size() + others.size();
         std::vector<const SystemCandidate*> candidates;
         for (const Contender& one : others) candidates.push_back(one.candidate);
@@ -768,7 +765,8 @@ class Diagnoser {
         step.on_validation = least;
         step.on_fitted = all[*best]->errors;
         step.evidence = evidence(steps_[at], step, stretches_, result_.hypotheses.size());
-        if (step.evidence < least_evidence) return; // random forces do as well
+        const bool is_sure = step.evidence >= least_evidence;
+        if (!is_sure && !is_doubtful) return; // random forces do as well
         std::vector<SystemCandidate> found = {step.candidate};
         std::vector<double> errors = {rms_of_errors(least)};
         for (std::size_t i = 0; i < all.size(); ++i) {
@@ -785,7 +783,11 @@ class Diagnoser {
         std::iota(passed.begin(), passed.end(), std::size_t{0});
         step.weigh(steps_[at].candidate, found, passed, 0, errors,
                    static_cast<double>(least.size()) / correlation_length(least), search.errors());
-        tell_replaced(step.candidate, errors.back() / errors.front() - 1);
+        tell_replaced(step.candidate, last, errors.back() / errors.front() - 1);
+        if (!is_sure) {
+            doubtful_ = Doubtful{std::move(step), *std::move(all[*best]), between_};
+            return;
+        }
         steps_.resize(at + 1);
         steps_.push_back(std::move(step));
         conclude(search, *all[*best]);
@@ -814,9 +816,9 @@ class Diagnoser {
         return best;
     }
 
-    // `worse`: by which share the last model, whose place is taken, raises the error on the validation records.
-    void tell_replaced(const SystemCandidate& taken, double worse) {
-        const auto last = kinds_of(steps_.back().candidate);
+    // `worse`: by which share the one whose place is taken raises the error on the validation records.
+    void tell_replaced(const SystemCandidate& taken, const SystemCandidate& replaced, double worse) {
+        const auto last = kinds_of(replaced);
         for (auto& hypothesis : result_.hypotheses) {
             if (hypothesis.names == kinds_of(taken)) {
                 hypothesis.lost.clear();
@@ -867,7 +869,7 @@ class Diagnoser {
                               .on_fitted = fits[best].errors,
                               .compared_with = found.size() - 1};
             step.evidence = evidence(before, step, stretches_, result_.hypotheses.size());
-            tell_replaced(step.candidate, rms_of_errors(errors[0]) / rms_of_errors(errors[best]) - 1);
+            tell_replaced(step.candidate, steps_.back().candidate, rms_of_errors(errors[0]) / rms_of_errors(errors[best]) - 1);
         }
         step.weighed.clear();
         step.weigh(before.candidate, found, passed, changes ? best : 0, scores, independent, search.errors());
@@ -976,7 +978,7 @@ class Diagnoser {
             const SystemCandidate& contender = step.contenders[contender_of[place[best]]];
             changed.candidate = contender;
             changed.before = kept_of(contender, steps_[s - 1].candidate);
-            tell_replaced(found[best], rms_of_errors(errors.front()) / rms_of_errors(errors[best]) - 1);
+            tell_replaced(found[best], steps_.back().candidate, rms_of_errors(errors.front()) / rms_of_errors(errors[best]) - 1);
         }
         steps_[s] = std::move(changed);
         if (!changes) return;
@@ -1052,13 +1054,33 @@ class Diagnoser {
         return all;
     }
 
+    // Of a search with fewer samples the answer is fitted to all.
+    void count_all_samples(const SystemSearch& search) {
+        if (search.every() == 1) return;
+        const SystemCandidate& last = steps_.back().candidate;
+        const auto ended = ended_after(1);
+        const auto result = search.fit_of_all_samples().fit(last.model, final_values_, final_iterations, ended);
+        are_all_counted_ = !result.errors.empty();
+        result_.remarks.push_back(
+            fmt::format("The search counted one of {} samples: between these nothing happens that counts beside what is missing.{}",
+                        search.every(), are_all_counted_ ? " What it found was fitted to all." : ""));
+        if (!are_all_counted_) return;
+        const Judged one = with_validation_values({result.values, result.errors, {}, {}}, last);
+        conclude(search, compared_to_first(one, last));
+    }
+
+    // Of the whole records, the samples that count in the fit of the last model.
+    SystemFit fit_of_last(const SystemSearch& search) const {
+        return are_all_counted_ ? search.fit_of_all_samples() : search.fit_of_all();
+    }
+
     // The last model is the answer.
     void conclude(const SystemSearch& search, Judged current) {
         final_values_ = current.values;
         final_errors_ = current.errors;
         result_.validation = std::move(current.validation);
         result_.prediction_uncertainty =
-            uncertainty_of(steps_.back().candidate.model, search.fit_of_all(), current.validation_values);
+            uncertainty_of(steps_.back().candidate.model, fit_of_last(search), current.validation_values);
         const auto& first = steps_.front().candidate;
         const auto& last = steps_.back().candidate;
         const auto as_the_first_record = [&](SystemModel model, const std::vector<double>& values) {
@@ -1089,7 +1111,7 @@ class Diagnoser {
         double noise = 0, sum = 0, samples = 0;
         // Of the fitted records, output after output, the white noise in the errors.
         auto e = final_errors_.begin();
-        for (const auto& record : records_) {
+        for (const auto& record : whole.records()) {
             for (std::size_t o = 0; o < record.outputs.size(); ++o) {
                 auto measured = record.outputs[o];
                 std::erase_if(measured, [](double y) { return std::isnan(y); }); // has no error
@@ -1126,7 +1148,7 @@ class Diagnoser {
 
     void name_effects(const SystemSearch& search) {
         const auto& last = steps_.back().candidate;
-        const auto deviation = search.fit_of_all().standard_errors(last.model, final_values_, final_errors_);
+        const auto deviation = fit_of_last(search).standard_errors(last.model, final_values_, final_errors_);
         const auto& parameters = last.model.equations.parameters;
         const std::size_t own = model_.parameters.size();
         const auto fitted_value = [&](std::size_t i) {
@@ -1176,7 +1198,7 @@ class Diagnoser {
             result_.effects.push_back(std::move(effect));
         }
         result_.open_rest = without_open_effects(search);
-        strongest_first(search.fit_of_all(), last);
+        strongest_first(fit_of_last(search), last);
     }
 
     // That uncertain values may explain what is left does not show that the model is right.
@@ -1300,6 +1322,7 @@ class Diagnoser {
     std::vector<double> scale_;
     Interpolation between_ = Interpolation::hold;
     std::vector<double> baseline_values_, final_values_, final_errors_;
+    bool are_all_counted_ = false; // in the fit of the last model, see count_all_samples()
     std::vector<std::vector<double>> baseline_validation_values_; // of each comparison
     SystemDiagnosis result_;
     bool is_in_validation_only_ = false, values_explain_it_ = false; // of what is left on the validation records

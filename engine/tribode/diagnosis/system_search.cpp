@@ -43,6 +43,7 @@ constexpr std::size_t shortest_beginning = 60; // samples
 constexpr std::size_t deepened_singles = 3, fitted_seconds = 8, fitted_curves = 3;
 constexpr double worth_a_fit = 0.5;     // of what the best second term explains, for a plain one
 constexpr double negligible = 0.02;     // of what the best single term explains to first order
+constexpr double lost_with_samples = 1e-3; // of the errors that the first model leaves
 constexpr double explains_little = 0.5; // errors over the outputs' deviations
 constexpr double explains_most = 0.1;   // errors over those of the model before
 // Iterations of a fit at first, of the best and of those that begin anew, and of those that promise most; and how many go on.
@@ -155,7 +156,14 @@ SystemSearch::SystemSearch(const SystemModel& model, const std::vector<SystemRec
       scale_(std::move(scale)),
       late_(std::move(late)),
       control_(control),
-      searched_(thinned(model, records)) {
+      searched_(records) {
+    hide_parts();
+}
+
+void SystemSearch::hide_parts() {
+    shown_.clear();
+    hidden_.clear();
+    whole_.clear();
     for (const auto& record : searched_) {
         whole_.push_back(record.size());
         SystemRecord shown = record, hidden = record;
@@ -175,14 +183,14 @@ SystemSearch::SystemSearch(const SystemModel& model, const std::vector<SystemRec
     }
 }
 
-SystemFit SystemSearch::fit_of_all() const {
+SystemFit SystemSearch::fit_of_all_samples() const {
     std::vector<std::size_t> whole;
     for (const auto& record : records_) whole.push_back(record.size());
     return {records_, scale_, between_, whole};
 }
 
 SystemErrors SystemSearch::errors() const {
-    return {{stretches_of(first_, shown_), stretches_of(first_, hidden_)}, fit_of_all().noise()};
+    return {{stretches_of(first_, shown_), stretches_of(first_, hidden_)}, fit_of_all_samples().noise()};
 }
 
 bool SystemSearch::fit(SystemCandidate& candidate) const { return fit(candidate, iterations); }
@@ -317,6 +325,7 @@ SystemCandidate SystemSearch::begin() {
         }
     }
     if (best) {
+        best = with_fewer_samples(*std::move(best));
         is_followed_ = best->substeps > 0;
         return with_way_over_segments(*std::move(best));
     }
@@ -326,6 +335,22 @@ SystemCandidate SystemSearch::begin() {
         fit_of_all().simulate(first_, values, r, records_[r].size(), &problem);
     }
     throw InputError("the system cannot be simulated on the records with its own values: " + problem);
+}
+
+// What is missing leaves far more than what is lost so.
+SystemCandidate SystemSearch::with_fewer_samples(SystemCandidate candidate) {
+    std::vector<double> negligible_errors;
+    for (const double scale : scale_) {
+        negligible_errors.push_back(lost_with_samples * rms_of_errors(candidate.fitted) * scale);
+    }
+    searched_ = thinned(first_, records_, negligible_errors);
+    if (every() == 1) return candidate;
+    hide_parts();
+    SystemCandidate fewer = candidate;
+    if (fit(fewer, iterations)) return fewer;
+    searched_ = records_;
+    hide_parts();
+    return candidate;
 }
 
 // A model that lacks something may be nearer the records with inputs that run as they do not. Over segments it lacks little, and the way
@@ -403,6 +428,22 @@ std::vector<SystemTerm> SystemSearch::terms_beside(const SystemCandidate& curren
                         with_nameless);
 }
 
+// Dry friction with a constant force, as of an axis with a preloaded seal or on a slope: without the other one, either may have to stop
+// a motion that it should let pass.
+void SystemSearch::add_friction_by_direction(const SystemCandidate& current, const std::vector<SystemTerm>& terms,
+                                             std::vector<Hypothesis>& list) const {
+    for (std::size_t i = 0; i < terms.size(); ++i) {
+        const SystemTerm& friction = terms[i];
+        const bool is_friction = friction.name == "coulomb_friction" || friction.name == "dry_friction";
+        if (!is_friction || friction.parameters.size() > 1) continue;
+        for (std::size_t j = 0; j < terms.size(); ++j) {
+            const bool is_constant = terms[j].name == "constant_force" || terms[j].name == "constant";
+            if (!is_constant || terms[j].equation != friction.equation) continue;
+            list.push_back({current, {.terms = {j, i}, .starts = {{terms[j].parameters[0].start}, {friction.parameters[0].start}}}});
+        }
+    }
+}
+
 std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) {
     // Without what it lacks most, a model may have been led far off.
     const bool from_afar = current.terms.empty();
@@ -424,6 +465,7 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
             list.push_back({current, {.terms = {i}, .starts = {{terms[i].parameters[0].start}}}});
         }
     }
+    if (from_afar) add_friction_by_direction(current, terms, list);
     auto found = fitted(list, terms, from_afar);
     // Where one leaves nothing but noise, a second one has nothing to explain.
     const auto is_enough = [&] {

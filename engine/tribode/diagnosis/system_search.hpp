@@ -90,9 +90,11 @@ class SystemSearch {
 
     Interpolation interpolation() const { return between_; }
     const std::vector<double>& scale() const { return scale_; }
-    // To all samples of the records; a search may have fewer, see thinned().
-    SystemFit fit_of_all() const;
-    std::size_t every() const { return searched_.front().every; } // so many samples one counts in the search
+    // To the whole records with the samples that count in the search, see thinned(): one of `every`; and to all samples.
+    SystemFit fit_of_all() const { return {searched_, scale_, between_, whole_}; }
+    SystemFit fit_of_all_samples() const;
+    std::size_t every() const { return searched_.front().every; }
+    const std::vector<SystemRecord>& searched() const { return searched_; }
     SystemErrors errors() const; // of candidates
     bool late() const { return late_(); }
 
@@ -103,6 +105,8 @@ class SystemSearch {
         bool is_followed = false; // its values are those of a fit to segments
     };
 
+    void hide_parts();
+    SystemCandidate with_fewer_samples(SystemCandidate candidate);
     void reconsider_inputs(std::vector<SystemCandidate>& found); // which are in the order of their scores
     SystemCandidate with_way_over_segments(SystemCandidate candidate);
     std::vector<Interpolation> ways() const;
@@ -128,6 +132,8 @@ class SystemSearch {
                                         bool from_afar) const;
     std::vector<Hypothesis> deepened(const SystemCandidate& current, const std::vector<SystemCandidate>& found,
                                      const std::vector<SystemTerm>& terms) const;
+    void add_friction_by_direction(const SystemCandidate& current, const std::vector<SystemTerm>& terms,
+                                   std::vector<Hypothesis>& list) const;
     void add_timing(const SystemCandidate& one, const std::vector<SystemTerm>& terms, std::set<std::string>& forms,
                     std::vector<Hypothesis>& list) const;
     std::vector<SystemCandidate> flexible(const SystemCandidate& current, const Screening& screening,

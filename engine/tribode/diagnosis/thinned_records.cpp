@@ -50,11 +50,12 @@ Squares off(const std::vector<double>& values, std::size_t n) {
 
 // Whether every n-th value tells the others: cubics through these are off by noise, which is the same through every second one.
 // What moves is off by 16 times as much where a cubic is twice as long.
-bool tells_the_others(const std::vector<double>& values, std::size_t n) {
-    const double noise = std::max(white_noise(values), rounding_noise(values));
+bool tells_the_others(const std::vector<double>& values, std::size_t n, double negligible) {
+    const double noise = std::max(white_noise(values), rounding_noise(values)), nothing = negligible * negligible;
     const Squares near = off(values, 2), far = off(values, n);
     for (std::size_t b = 0; b < blocks; ++b) {
-        if (near[b] > most_noise * noise * noise || far[b] > most_growth * near[b]) return false;
+        if (near[b] > std::max(most_noise * noise * noise, nothing)) return false;
+        if (far[b] > std::max(most_growth * near[b], nothing)) return false;
     }
     return true;
 }
@@ -107,7 +108,8 @@ bool may_be_thinned(const SystemModel& model, const SystemRecord& record) {
 
 } // namespace
 
-std::vector<SystemRecord> thinned(const SystemModel& model, const std::vector<SystemRecord>& records) {
+std::vector<SystemRecord> thinned(const SystemModel& model, const std::vector<SystemRecord>& records,
+                                  const std::vector<double>& negligible) {
     std::vector<SystemRecord> best = records;
     if (!std::ranges::all_of(records, [&](const auto& record) { return may_be_thinned(model, record); })) return best;
     for (std::size_t n = least_thinned; n <= most_thinned; n *= 2) {
@@ -116,9 +118,10 @@ std::vector<SystemRecord> thinned(const SystemModel& model, const std::vector<Sy
         for (const auto& record : records) {
             some.push_back(every(record, n));
             left += some.back().size();
-            const bool is_told =
-                some.back().size() >= least_of_a_record &&
-                std::ranges::all_of(record.outputs, [&](const auto& values) { return tells_the_others(values, n); });
+            bool is_told = some.back().size() >= least_of_a_record;
+            for (std::size_t o = 0; o < record.outputs.size() && is_told; ++o) {
+                is_told = tells_the_others(record.outputs[o], n, negligible[o]);
+            }
             if (!is_told) return best;
             for (std::size_t i = 0; i < record.inputs.size(); ++i) {
                 if (!runs_along_lines(some.back(), i)) return best;

@@ -1107,8 +1107,8 @@ TEST(ThinnedRecords, WhatFollowsFromTheOthersIsLeftOut) {
     const auto slow = [](double t) { return std::sin(t); };
     const auto steps = [](double t) { return std::fmod(t, 1) < 0.5 ? 1.0 : -1.0; };
     const auto quick = [](double t) { return std::fmod(t, 0.01) < 0.005 ? 1.0 : -1.0; };
-    const auto every = [&](const SystemModel& of, const std::vector<SystemRecord>& records) {
-        const auto some = thinned(of, records);
+    const auto every = [&](const SystemModel& of, const std::vector<SystemRecord>& records, double negligible = 0) {
+        const auto some = thinned(of, records, {negligible});
         for (std::size_t r = 0; r < records.size(); ++r) {
             EXPECT_EQ(some[r].every, some[0].every);
             for (std::size_t k = 0; k < some[r].size(); ++k) {
@@ -1124,6 +1124,7 @@ TEST(ThinnedRecords, WhatFollowsFromTheOthersIsLeftOut) {
     EXPECT_EQ(every(model, {record_with(20000, 0, steps)}), 8u);
     EXPECT_EQ(every(model, {record_with(7000, 0, slow)}), 1u) << "too few";
     EXPECT_EQ(every(model, {record, record_with(20000, 0.01, slow)}), 1u) << "something is fast";
+    EXPECT_EQ(every(model, {record, record_with(20000, 0.01, slow)}, 0.02), 16u) << "but does not count";
     EXPECT_EQ(every(model, {record_with(20000, 0, quick)}), 1u) << "the input is fast";
     auto other = record;
     other.outputs[0][7] = std::nan("");
@@ -1159,7 +1160,7 @@ TEST(ThinnedRecords, InputsActAsWithAllSamples) {
     ASSERT_FALSE(FixedSteps::of(by_runs));
     auto record = record_of(20000, 0.002, {[](double t) { return std::fmod(t, 1) < 0.5 ? std::sin(t) : 1.5; }});
     record.outputs.emplace_back(record.size());
-    const auto some = thinned(model, {record});
+    const auto some = thinned(model, {record}, {0});
     ASSERT_EQ(some[0].every, 8u);
     for (const auto between : {Interpolation::hold, Interpolation::linear, Interpolation::band_limited}) {
         const std::vector<SystemRecord> all = {record}, part = {some[0].part(100, 700)};
