@@ -237,7 +237,7 @@ class Diagnoser {
     // Beside what the fitted records show, too.
     bool shows_more_on_validation(const SystemSearch& search, double ratio) const {
         const double fitted = rms_of_errors(steps_.back().on_fitted);
-        return fitted > little_left * search.fit_of_all_samples().noise() &&
+        return fitted > little_left * search.fit_of_all_samples(between_).noise() &&
                rms_of_errors(steps_.back().on_validation) > ratio * fitted;
     }
 
@@ -1059,7 +1059,17 @@ class Diagnoser {
         if (search.every() == 1) return;
         const SystemCandidate& last = steps_.back().candidate;
         const auto ended = ended_after(1);
-        const auto result = search.fit_of_all_samples().fit(last.model, final_values_, final_iterations, ended);
+        SystemFit::Result result;
+        // The way of the inputs between all samples is told now, beside what was missing.
+        auto ways = search.ways();
+        std::ranges::stable_partition(ways, [&](Interpolation way) { return way == search.interpolation(); });
+        for (const Interpolation way : ways) {
+            if (!result.errors.empty() && ended()) break;
+            auto other = search.fit_of_all_samples(way).fit(last.model, final_values_, final_iterations, ended);
+            if (other.errors.empty() || !(other.sum < result.sum)) continue;
+            result = std::move(other);
+            between_ = result_.interpolation = way;
+        }
         are_all_counted_ = !result.errors.empty();
         result_.remarks.push_back(
             fmt::format("The search counted one of {} samples: between these nothing happens that counts beside what is missing.{}",
@@ -1071,7 +1081,7 @@ class Diagnoser {
 
     // Of the whole records, the samples that count in the fit of the last model.
     SystemFit fit_of_last(const SystemSearch& search) const {
-        return are_all_counted_ ? search.fit_of_all_samples() : search.fit_of_all();
+        return are_all_counted_ ? search.fit_of_all_samples(between_) : search.fit_of_all();
     }
 
     // The last model is the answer.

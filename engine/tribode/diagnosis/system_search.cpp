@@ -183,14 +183,14 @@ void SystemSearch::hide_parts() {
     }
 }
 
-SystemFit SystemSearch::fit_of_all_samples() const {
+SystemFit SystemSearch::fit_of_all_samples(Interpolation between) const {
     std::vector<std::size_t> whole;
     for (const auto& record : records_) whole.push_back(record.size());
-    return {records_, scale_, between_, whole};
+    return {records_, scale_, between, whole};
 }
 
 SystemErrors SystemSearch::errors() const {
-    return {{stretches_of(first_, shown_), stretches_of(first_, hidden_)}, fit_of_all_samples().noise()};
+    return {{stretches_of(first_, shown_), stretches_of(first_, hidden_)}, fit_of_all_samples(between_).noise()};
 }
 
 bool SystemSearch::fit(SystemCandidate& candidate) const { return fit(candidate, iterations); }
@@ -237,7 +237,7 @@ void SystemSearch::fit_whole(SystemCandidate& candidate, int steps) const {
     candidate = std::move(whole);
 }
 
-// The ways in which inputs may run between their samples. Without states, nothing is between these.
+// Without states, nothing is between the samples.
 std::vector<Interpolation> SystemSearch::ways() const {
     const bool sampled = std::any_of(records_.begin(), records_.end(), [](const auto& record) {
         return std::any_of(record.inputs.begin(), record.inputs.end(), [](const auto& u) { return !u.empty(); });
@@ -257,6 +257,7 @@ std::vector<Interpolation> SystemSearch::first_ways() const {
 }
 
 void SystemSearch::reconsider_inputs(SystemCandidate& candidate) {
+    if (every() > 1) return; // with fewer samples all ways come to about the same
     const Interpolation present = between_;
     for (const Interpolation between : ways()) {
         if (between == present || late()) continue;
@@ -357,7 +358,7 @@ SystemCandidate SystemSearch::with_fewer_samples(SystemCandidate candidate) {
 // shows.
 SystemCandidate SystemSearch::with_way_over_segments(SystemCandidate candidate) {
     const auto all = first_ways();
-    if (all.size() < 2 || candidate.is_noise || late()) return candidate;
+    if (all.size() < 2 || candidate.is_noise || every() > 1 || late()) return candidate;
     const auto segments = segmented(candidate.model, candidate.values, fit_of_shown(), late_);
     if (!segments || late()) return candidate;
     const Interpolation present = between_;
@@ -488,6 +489,7 @@ std::vector<SystemCandidate> SystemSearch::next(const SystemCandidate& current) 
 }
 
 void SystemSearch::reconsider_inputs(std::vector<SystemCandidate>& found) {
+    if (every() > 1) return;
     const Interpolation present = between_;
     std::size_t least_parameters = std::numeric_limits<std::size_t>::max() - 1;
     for (const auto& one : found) {

@@ -89,10 +89,11 @@ class SystemSearch {
     bool fit(SystemCandidate& candidate) const;
 
     Interpolation interpolation() const { return between_; }
+    std::vector<Interpolation> ways() const; // in which the inputs may run between their samples
     const std::vector<double>& scale() const { return scale_; }
     // To the whole records with the samples that count in the search, see thinned(): one of `every`; and to all samples.
     SystemFit fit_of_all() const { return {searched_, scale_, between_, whole_}; }
-    SystemFit fit_of_all_samples() const;
+    SystemFit fit_of_all_samples(Interpolation between) const;
     std::size_t every() const { return searched_.front().every; }
     const std::vector<SystemRecord>& searched() const { return searched_; }
     SystemErrors errors() const; // of candidates
@@ -109,7 +110,6 @@ class SystemSearch {
     SystemCandidate with_fewer_samples(SystemCandidate candidate);
     void reconsider_inputs(std::vector<SystemCandidate>& found); // which are in the order of their scores
     SystemCandidate with_way_over_segments(SystemCandidate candidate);
-    std::vector<Interpolation> ways() const;
     std::vector<Interpolation> first_ways() const;
     SystemFit fit_of_shown() const { return fit_of(shown_); }
     SystemFit fit_of(const std::vector<SystemRecord>& records, std::size_t substeps = 0) const {
