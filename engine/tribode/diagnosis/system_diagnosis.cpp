@@ -645,7 +645,7 @@ class Diagnoser {
         if (steps_.size() < 2 && is_little && !is_doubtful) return;
         struct Contender {
             const SystemCandidate* candidate;
-            std::size_t step;       // behind which it comes
+            std::size_t step;          // behind which it comes
             std::size_t chosen_of = 0; // so many
         };
         const auto last_kinds = kinds_from(last, 0);
@@ -714,9 +714,8 @@ class Diagnoser {
         std::ranges::copy(rich, std::back_inserter(list));
         for (Contender& one : list) one.chosen_of = list.size();
         // Of all others those that predict best with the values of the search. They must do so more surely, as the best of many.
-        std::ranges::copy_if(unlikely, std::back_inserter(others), [&](const Contender& one) {
-            return known.insert(kinds_from(*one.candidate, 0)).second;
-        });
+        std::ranges::copy_if(unlikely, std::back_inserter(others),
+                             [&](const Contender& one) { return known.insert(kinds_from(*one.candidate, 0)).second; });
         const auto errors_of_last = errors_after(is_doubtful ? doubtful_->fitted.validation : result_.validation);
         const std::size_t models = list.size() + others.size();
         std::vector<const SystemCandidate*> candidates;
@@ -797,15 +796,14 @@ class Diagnoser {
     std::vector<std::size_t> best_as_searched(const std::vector<const SystemCandidate*>& list, double error) const {
         std::vector<double> errors(list.size(), std::numeric_limits<double>::infinity());
         const auto ended = ended_after(fit_share);
-        for_each_index(list.size(), control_, fmt::format("predicting with {} hypotheses", list.size()),
-                       [&](std::size_t i) {
-                           if (ended()) return;
-                           const SystemCandidate& one = *list[i];
-                           const auto judged =
-                               compared_to_first(with_validation_values({one.values, {}, {}, {}}, one), one);
-                           const auto own = errors_after(judged.validation);
-                           if (!own.empty()) errors[i] = rms_of_errors(own);
-                       });
+        for_each_index(
+            list.size(), control_, fmt::format("predicting with {} hypotheses", list.size()), [&](std::size_t i) {
+                if (ended()) return;
+                const SystemCandidate& one = *list[i];
+                const auto judged = compared_to_first(with_validation_values({one.values, {}, {}, {}}, one), one);
+                const auto own = errors_after(judged.validation);
+                if (!own.empty()) errors[i] = rms_of_errors(own);
+            });
         stop_if_asked();
         std::vector<std::size_t> best;
         for (std::size_t i = 0; i < list.size(); ++i) {
@@ -869,7 +867,8 @@ class Diagnoser {
                               .on_fitted = fits[best].errors,
                               .compared_with = found.size() - 1};
             step.evidence = evidence(before, step, stretches_, result_.hypotheses.size());
-            tell_replaced(step.candidate, steps_.back().candidate, rms_of_errors(errors[0]) / rms_of_errors(errors[best]) - 1);
+            tell_replaced(step.candidate, steps_.back().candidate,
+                          rms_of_errors(errors[0]) / rms_of_errors(errors[best]) - 1);
         }
         step.weighed.clear();
         step.weigh(before.candidate, found, passed, changes ? best : 0, scores, independent, search.errors());
@@ -978,7 +977,8 @@ class Diagnoser {
             const SystemCandidate& contender = step.contenders[contender_of[place[best]]];
             changed.candidate = contender;
             changed.before = kept_of(contender, steps_[s - 1].candidate);
-            tell_replaced(found[best], steps_.back().candidate, rms_of_errors(errors.front()) / rms_of_errors(errors[best]) - 1);
+            tell_replaced(found[best], steps_.back().candidate,
+                          rms_of_errors(errors.front()) / rms_of_errors(errors[best]) - 1);
         }
         steps_[s] = std::move(changed);
         if (!changes) return;
@@ -1071,9 +1071,9 @@ class Diagnoser {
             between_ = result_.interpolation = way;
         }
         are_all_counted_ = !result.errors.empty();
-        result_.remarks.push_back(
-            fmt::format("The search counted one of {} samples: between these nothing happens that counts beside what is missing.{}",
-                        search.every(), are_all_counted_ ? " What it found was fitted to all." : ""));
+        result_.remarks.push_back(fmt::format(
+            "The search counted one of {} samples: between these nothing happens that counts beside what is missing.{}",
+            search.every(), are_all_counted_ ? " What it found was fitted to all." : ""));
         if (!are_all_counted_) return;
         const Judged one = with_validation_values({result.values, result.errors, {}, {}}, last);
         conclude(search, compared_to_first(one, last));

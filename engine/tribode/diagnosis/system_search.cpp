@@ -41,11 +41,11 @@ constexpr std::size_t shortest_beginning = 60; // samples
 // A second term is sought beside so many single terms that fit best, and as many of those with one parameter; so many of each
 // are fitted.
 constexpr std::size_t deepened_singles = 3, fitted_seconds = 8, fitted_curves = 3;
-constexpr double worth_a_fit = 0.5;     // of what the best second term explains, for a plain one
-constexpr double negligible = 0.02;     // of what the best single term explains to first order
+constexpr double worth_a_fit = 0.5;        // of what the best second term explains, for a plain one
+constexpr double negligible = 0.02;        // of what the best single term explains to first order
 constexpr double lost_with_samples = 1e-3; // of the errors that the first model leaves
-constexpr double explains_little = 0.5; // errors over the outputs' deviations
-constexpr double explains_most = 0.1;   // errors over those of the model before
+constexpr double explains_little = 0.5;    // errors over the outputs' deviations
+constexpr double explains_most = 0.1;      // errors over those of the model before
 // Iterations of a fit at first, of the best and of those that begin anew, and of those that promise most; and how many go on.
 constexpr int first_iterations = 6, iterations = 20, last_iterations = 60;
 constexpr double first_least_gain = 1e-3; // of the squared errors, by one of the first iterations
@@ -440,7 +440,9 @@ void SystemSearch::add_friction_by_direction(const SystemCandidate& current, con
         for (std::size_t j = 0; j < terms.size(); ++j) {
             const bool is_constant = terms[j].name == "constant_force" || terms[j].name == "constant";
             if (!is_constant || terms[j].equation != friction.equation) continue;
-            list.push_back({current, {.terms = {j, i}, .starts = {{terms[j].parameters[0].start}, {friction.parameters[0].start}}}});
+            list.push_back(
+                {current,
+                 {.terms = {j, i}, .starts = {{terms[j].parameters[0].start}, {friction.parameters[0].start}}}});
         }
     }
 }

@@ -84,8 +84,8 @@ bool runs_along_lines(const SystemRecord& some, std::size_t input) {
     double squares = 0;
     for (std::size_t k = 0; k < values.size(); ++k) {
         const auto& line = lines[std::min(k / some.every, lines.size() - 1)];
-        const double off = values[k] - line[0] -
-                           line[1] * static_cast<double>(k % some.every) / static_cast<double>(some.every);
+        const double off =
+            values[k] - line[0] - line[1] * static_cast<double>(k % some.every) / static_cast<double>(some.every);
         squares += off * off;
     }
     return std::sqrt(squares / static_cast<double>(values.size())) <= most_off_input * deviation(values);
@@ -94,7 +94,8 @@ bool runs_along_lines(const SystemRecord& some, std::size_t input) {
 bool may_be_thinned(const SystemModel& model, const SystemRecord& record) {
     const auto& e = model.equations;
     // A clock sees the inputs of its instants, and an output that an input moves at once needs those of its own.
-    if (e.states.empty() || !e.clocks.empty() || record.size() < 4 * blocks || !is_even(record.t, sample_time(record.t)))
+    if (e.states.empty() || !e.clocks.empty() || record.size() < 4 * blocks ||
+        !is_even(record.t, sample_time(record.t)))
         return false;
     std::vector<Term> outputs;
     for (const std::size_t output : model.measured) outputs.push_back(e.outputs[output].value);

@@ -23,10 +23,10 @@ constexpr double to_integer = 0x1.8p52; // added to a number, rounds it to an in
                                  zz * (-1.98412698298579493134e-04 + z * 2.75573137070700676789e-06)) +
                                 zz * zz * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10));
     const double half = 0.5 * z, one = 1 - half;
-    const double even = one + (((1 - one) - half) +
-                               zz * (((4.16666666666666019037e-02 + z * -1.38888888888741095749e-03) +
-                                      zz * (2.48015872894767294178e-05 + z * -2.75573143513906633035e-07)) +
-                                     zz * zz * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)));
+    const double even =
+        one + (((1 - one) - half) + zz * (((4.16666666666666019037e-02 + z * -1.38888888888741095749e-03) +
+                                           zz * (2.48015872894767294178e-05 + z * -2.75573143513906633035e-07)) +
+                                          zz * zz * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)));
     // The quarter of the turn, from the last two bits.
     const auto quarter = std::bit_cast<std::uint64_t>(turns + quarters + to_integer);
     const double size = (quarter & 1) != 0 ? even : odd;
@@ -43,8 +43,7 @@ struct Exponential {
     const double r2 = r * r, r4 = r2 * r2;
     const double low = (0.5 + r * (1.0 / 6)) + r2 * (1.0 / 24 + r * (1.0 / 120));
     const double middle = (1.0 / 720 + r * (1.0 / 5040)) + r2 * (1.0 / 40320 + r * (1.0 / 362880));
-    const double high =
-        (1.0 / 3628800 + r * (1.0 / 39916800)) + r2 * (1.0 / 479001600 + r * (1.0 / 6227020800));
+    const double high = (1.0 / 3628800 + r * (1.0 / 39916800)) + r2 * (1.0 / 479001600 + r * (1.0 / 6227020800));
     const double series = (low + r4 * middle) + r4 * r4 * high;
     return {std::bit_cast<double>((std::bit_cast<std::uint64_t>(shifted) + 1023) << 52), r + r * r * series};
 }

@@ -1153,8 +1153,7 @@ TEST(ThinnedRecords, InputsActAsWithAllSamples) {
         outputs = function(s) return { y = s.x } end)";
     const SystemModel model = model_of(folder, text);
     // What comes to the same has an event at which nothing happens, and so goes without fixed steps.
-    const SystemModel by_runs = model_of(
-        folder, text + R"(, discrete = { n = 0 },
+    const SystemModel by_runs = model_of(folder, text + R"(, discrete = { n = 0 },
         when = { { name = "never", crossing = function(s) return s.x - 100 end, set = function() return { n = 1 } end } })");
     ASSERT_TRUE(FixedSteps::of(model));
     ASSERT_FALSE(FixedSteps::of(by_runs));
