@@ -656,6 +656,51 @@ TEST_F(SystemDiagnosis, ValuesFarOffDoNotMakeUpForWhatIsMissing) {
     EXPECT_NE(d["where"].get<std::string>().find("far off here: records/valid.csv up to t = "), std::string::npos);
 }
 
+// A record of 1 kHz of what moves slowly: the search counts some of its samples, and the answer all of them, with the input held between
+// these, which fewer samples do not tell from lines.
+TEST_F(SystemDiagnosis, SamplesThatFollowFromOthersAreLeftToTheEnd) {
+    const auto axis = [](const std::string& more_states, const std::string& drive, const std::string& more_rates) {
+        return fmt::format(R"(
+            local tb = require "tribode"
+            return tb.system {{
+                parameters = {{ g = 3, d = 1.5, k = 8 }}, inputs = {{ u = 0 }}, states = {{ x = 0, v = 0{} }},
+                der = function(s) return {{ x = s.v, v = s.g * {} - s.d * s.v - s.k * s.x{} }} end }})",
+                           more_states, drive, more_rates);
+    };
+    folder.write("axis.lua", axis("", "s.u", ""));
+    folder.write("truth.lua", axis(", w = 0", "s.w", ", w = (s.u - s.w) / 0.02"));
+    folder.write("script.lua", R"(
+        local tb = require "tribode"
+        local n, step = 10001, 0.001
+        for k, name in ipairs { "ident", "valid" } do
+            local t, u, x = {}, {}, {}
+            for i = 1, n do
+                t[i] = (i - 1) * step
+                u[i] = math.sin(2 * math.pi * (0.3 * k + 0.1 * t[i]) * t[i]) + (t[i] % 4 < 2 and 0.4 or -0.3)
+            end
+            local run = tb.run_system { system = require "truth", duration_s = (n - 1) * step, output_step_s = step,
+                inputs = { u = { sample_time_s = step, values = u } } }
+            for i = 1, n do x[i] = run.values.x[i] + 4e-4 * tb.standard_normal(7, k, i) end
+            tb.write_csv { file = name .. ".csv", columns = { { name = "t", unit = "s", values = t },
+                { name = "u", values = u }, { name = "x", values = x } } }
+        end)");
+    ASSERT_EQ(program({"run", "script.lua", "-o", "records", "--quiet"}).exit_code, 0);
+    usual = {"--free", "g",       "--free",   "d",   "--free",        "k", "--free", "x.start",
+             "--free", "v.start", "--budget", "1e6", "--max-effects", "1", "--quiet"};
+    const Json d = diagnosis("axis.lua", "out");
+    EXPECT_EQ(d["verdict"], "effect_found");
+    ASSERT_EQ(d["effects"].size(), 1);
+    EXPECT_EQ(d["effects"][0]["name"], "lag");
+    const double seconds = d["effects"][0]["parameters"]["lag_time"].get<double>();
+    EXPECT_NEAR(seconds, 0.02, 2e-4) << "half a sample of the input is 0.5 ms";
+    EXPECT_EQ(d["inputs"], "held between samples");
+    EXPECT_LT(d["gap"]["validate"]["after"].get<double>(), 1.02 * d["gap"]["validate"]["floor"].get<double>());
+    ASSERT_EQ(d["remarks"].size(), 1);
+    EXPECT_EQ(d["remarks"][0],
+              "The search counted one of 4 samples: between these nothing happens that counts beside what is missing. "
+              "What it found was fitted to all.");
+}
+
 TEST_F(SystemDiagnosis, WhatCannotBeIsOneSentence) {
     measure("0");
     const std::string record = "records/ident.csv";
