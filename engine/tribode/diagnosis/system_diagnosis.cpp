@@ -636,17 +636,16 @@ class Diagnoser {
     // richer than the last model, and the best are fitted to the whole records, and what predicts the validation records better than
     // the last model for sure takes its place.
     void compare_on_validation(const SystemSearch& search) {
-        // What random forces explain as well is not a step, but may be the answer.
-        const bool is_doubtful = steps_.size() < 2 && has_doubtful();
-        const SystemCandidate last = is_doubtful ? doubtful_->step.candidate : steps_.back().candidate;
+        const SystemCandidate& last = steps_.back().candidate;
         const Gap& gap = result_.validation_gap;
         if (last.is_noise && gap.after < nothing_left * gap.floor) return;
         const bool is_little = result_.fitted_gap.before < little_left * result_.fitted_gap.floor;
-        if (steps_.size() < 2 && is_little && !is_doubtful) return;
+        if (steps_.size() < 2 && (is_little || has_doubtful())) return;
         struct Contender {
             const SystemCandidate* candidate;
             std::size_t step;          // behind which it comes
             std::size_t chosen_of = 0; // so many
+            bool is_foreseen = false;  // by its predictions
         };
         const auto last_kinds = kinds_from(last, 0);
         std::vector<Contender> simple, rich, unlikely, others;
@@ -716,12 +715,12 @@ class Diagnoser {
         // Of all others those that predict best with the values of the search. They must do so more surely, as the best of many.
         std::ranges::copy_if(unlikely, std::back_inserter(others),
                              [&](const Contender& one) { return known.insert(kinds_from(*one.candidate, 0)).second; });
-        const auto errors_of_last = errors_after(is_doubtful ? doubtful_->fitted.validation : result_.validation);
+        const auto errors_of_last = errors_after(result_.validation);
         const std::size_t models = list.size() + others.size();
         std::vector<const SystemCandidate*> candidates;
         for (const Contender& one : others) candidates.push_back(one.candidate);
         for (const std::size_t i : best_as_searched(candidates, rms_of_errors(errors_of_last))) {
-            list.push_back({others[i].candidate, others[i].step, models});
+            list.push_back({others[i].candidate, others[i].step, models, true});
         }
         // What has more parameters must predict better for sure than the best that has fewer.
         std::ranges::stable_sort(list, {}, [](const Contender& one) { return one.candidate->model.parameters.size(); });
@@ -732,9 +731,23 @@ class Diagnoser {
         auto least = errors_of_last;
         std::size_t least_parameters = last.model.parameters.size();
         std::vector<std::vector<double>> on_validation(all.size()); // the errors; empty: not known
+        // What the search made of it does not count any more: what predicts the validation records about as well does.
+        const auto step_with = [&](std::size_t i) {
+            const SystemStep& before = steps_[list[i].step];
+            SystemStep step{.candidate = *list[i].candidate,
+                            .before = kept_of(*list[i].candidate, before.candidate),
+                            .compared_with = 1}; // the last model
+            step.candidate.values = all[i]->values;
+            step.on_validation = on_validation[i];
+            step.on_fitted = all[i]->errors;
+            step.gain = 1 - rms_of_errors(step.on_validation) / rms_of_errors(before.on_validation);
+            step.certainty = probability_of_gain(before.on_validation, step.on_validation);
+            step.evidence = evidence(before, step, stretches_, result_.hypotheses.size());
+            return step;
+        };
         for (std::size_t i = 0; i < all.size(); ++i) {
             if (!all[i] || all[i]->errors.empty()) continue;
-            const auto& [candidate, at, chosen_of] = list[i];
+            const auto& [candidate, at, chosen_of, is_foreseen] = list[i];
             const Judged& one = *all[i];
             const auto& errors = on_validation[i] = errors_after(one.validation);
             const double sure_here = 1 - (1 - sure_enough) / static_cast<double>(chosen_of);
@@ -747,25 +760,15 @@ class Diagnoser {
             }
             if (!is_worth_its_price(*candidate, least_parameters, least, errors, chosen_of)) continue;
             if (!are_sure(search, *candidate, kept_of(*candidate, steps_[at].candidate), one)) continue;
+            // Random forces may do as well, the more so as the best of many.
+            if (step_with(i).evidence < (is_foreseen ? convincing : least_evidence)) continue;
             best = i;
             least = errors;
             least_parameters = candidate->model.parameters.size();
         }
         if (!best) return;
-        const auto& [candidate, at, chosen_of] = list[*best];
-        // What the search made of it does not count any more: what predicts the validation records about as well does.
-        SystemStep step{.candidate = *candidate,
-                        .before = kept_of(*candidate, steps_[at].candidate),
-                        .compared_with = 1}; // the last model
-        step.candidate.values = all[*best]->values;
-        const auto& before = steps_[at].on_validation;
-        step.gain = 1 - rms_of_errors(least) / rms_of_errors(before);
-        step.certainty = probability_of_gain(before, least);
-        step.on_validation = least;
-        step.on_fitted = all[*best]->errors;
-        step.evidence = evidence(steps_[at], step, stretches_, result_.hypotheses.size());
-        const bool is_sure = step.evidence >= least_evidence;
-        if (!is_sure && !is_doubtful) return; // random forces do as well
+        const std::size_t at = list[*best].step;
+        SystemStep step = step_with(*best);
         std::vector<SystemCandidate> found = {step.candidate};
         std::vector<double> errors = {rms_of_errors(least)};
         for (std::size_t i = 0; i < all.size(); ++i) {
@@ -783,10 +786,6 @@ class Diagnoser {
         step.weigh(steps_[at].candidate, found, passed, 0, errors,
                    static_cast<double>(least.size()) / correlation_length(least), search.errors());
         tell_replaced(step.candidate, last, errors.back() / errors.front() - 1);
-        if (!is_sure) {
-            doubtful_ = Doubtful{std::move(step), *std::move(all[*best]), between_};
-            return;
-        }
         steps_.resize(at + 1);
         steps_.push_back(std::move(step));
         conclude(search, *all[*best]);

@@ -435,11 +435,9 @@ void SystemSearch::add_friction_by_direction(const SystemCandidate& current, con
                                              std::vector<Hypothesis>& list) const {
     for (std::size_t i = 0; i < terms.size(); ++i) {
         const SystemTerm& friction = terms[i];
-        const bool is_friction = friction.name == "coulomb_friction" || friction.name == "dry_friction";
-        if (!is_friction || friction.parameters.size() > 1) continue;
+        if (friction.name != "coulomb_friction" || friction.parameters.size() > 1) continue;
         for (std::size_t j = 0; j < terms.size(); ++j) {
-            const bool is_constant = terms[j].name == "constant_force" || terms[j].name == "constant";
-            if (!is_constant || terms[j].equation != friction.equation) continue;
+            if (terms[j].name != "constant_force" || terms[j].equation != friction.equation) continue;
             list.push_back(
                 {current,
                  {.terms = {j, i}, .starts = {{terms[j].parameters[0].start}, {friction.parameters[0].start}}}});
