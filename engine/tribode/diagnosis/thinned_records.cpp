@@ -12,14 +12,14 @@ namespace tribode {
 
 namespace {
 
-constexpr std::size_t most_thinned = 16, least_left = 2000, least_of_a_record = 300; // samples
-constexpr std::size_t least_thinned = 4; // from there on motion and noise are told apart
-constexpr std::size_t blocks = 20;       // of a record, in each of which what is left out follows from the rest
+constexpr std::size_t longest_stride = 16, least_left = 2000, least_of_a_record = 300; // samples
+constexpr std::size_t shortest_stride = 4; // from there on motion and noise are told apart
+constexpr std::size_t blocks = 20;         // of a record, in each of which what is left out follows from the rest
 // What cubics through every n-th value are off, in squares: times what those through every second one are, and these times the noise.
 constexpr double most_growth = 1.6, most_noise = 16;
 constexpr double most_off_input = 0.15; // of the input's deviation, rms
 
-double deviation(const std::vector<double>& values) {
+double deviation_of_input(const std::vector<double>& values) {
     const auto count = static_cast<double>(values.size());
     const double mean = std::accumulate(values.begin(), values.end(), 0.0) / count;
     double sum = 0;
@@ -30,7 +30,7 @@ double deviation(const std::vector<double>& values) {
 using Squares = std::array<double, blocks>;
 
 // The mean squares of what cubics through every n-th value are off between these, in each block.
-Squares off(const std::vector<double>& values, std::size_t n) {
+Squares off_cubics(const std::vector<double>& values, std::size_t n) {
     const std::size_t last = (values.size() - 1) / n; // of those that are kept
     Squares squares = {}, count = {};
     for (std::size_t k = n; k < (last - 1) * n; ++k) {
@@ -50,9 +50,9 @@ Squares off(const std::vector<double>& values, std::size_t n) {
 
 // Whether every n-th value tells the others: cubics through these are off by noise, which is the same through every second one.
 // What moves is off by 16 times as much where a cubic is twice as long.
-bool tells_the_others(const std::vector<double>& values, std::size_t n, double negligible) {
-    const double noise = std::max(white_noise(values), rounding_noise(values)), nothing = negligible * negligible;
-    const Squares near = off(values, 2), far = off(values, n);
+bool tells_the_others(const std::vector<double>& values, std::size_t n, double tolerance) {
+    const double noise = std::max(white_noise(values), rounding_noise(values)), nothing = tolerance * tolerance;
+    const Squares near = off_cubics(values, 2), far = off_cubics(values, n);
     for (std::size_t b = 0; b < blocks; ++b) {
         if (near[b] > std::max(most_noise * noise * noise, nothing)) return false;
         if (far[b] > std::max(most_growth * near[b], nothing)) return false;
@@ -60,7 +60,7 @@ bool tells_the_others(const std::vector<double>& values, std::size_t n, double n
     return true;
 }
 
-SystemRecord every(const SystemRecord& record, std::size_t n) {
+SystemRecord with_every(const SystemRecord& record, std::size_t n) {
     SystemRecord some;
     some.source = record.source;
     const auto kept = [&](const std::vector<double>& values) {
@@ -88,7 +88,7 @@ bool runs_along_lines(const SystemRecord& some, std::size_t input) {
             values[k] - line[0] - line[1] * static_cast<double>(k % some.every) / static_cast<double>(some.every);
         squares += off * off;
     }
-    return std::sqrt(squares / static_cast<double>(values.size())) <= most_off_input * deviation(values);
+    return std::sqrt(squares / static_cast<double>(values.size())) <= most_off_input * deviation_of_input(values);
 }
 
 bool may_be_thinned(const SystemModel& model, const SystemRecord& record) {
@@ -110,18 +110,18 @@ bool may_be_thinned(const SystemModel& model, const SystemRecord& record) {
 } // namespace
 
 std::vector<SystemRecord> thinned(const SystemModel& model, const std::vector<SystemRecord>& records,
-                                  const std::vector<double>& negligible) {
+                                  const std::vector<double>& tolerance) {
     std::vector<SystemRecord> best = records;
     if (!std::ranges::all_of(records, [&](const auto& record) { return may_be_thinned(model, record); })) return best;
-    for (std::size_t n = least_thinned; n <= most_thinned; n *= 2) {
+    for (std::size_t n = shortest_stride; n <= longest_stride; n *= 2) {
         std::vector<SystemRecord> some;
         std::size_t left = 0;
         for (const auto& record : records) {
-            some.push_back(every(record, n));
+            some.push_back(with_every(record, n));
             left += some.back().size();
             bool is_told = some.back().size() >= least_of_a_record;
             for (std::size_t o = 0; o < record.outputs.size() && is_told; ++o) {
-                is_told = tells_the_others(record.outputs[o], n, negligible[o]);
+                is_told = tells_the_others(record.outputs[o], n, tolerance[o]);
             }
             if (!is_told) return best;
             for (std::size_t i = 0; i < record.inputs.size(); ++i) {
