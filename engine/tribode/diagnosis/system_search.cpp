@@ -338,8 +338,9 @@ SystemCandidate SystemSearch::begin() {
     throw InputError("the system cannot be simulated on the records with its own values: " + problem);
 }
 
-// What is missing leaves far more than what is lost so.
+// What is missing leaves far more than what is lost so. Where nothing is, there is little to search.
 SystemCandidate SystemSearch::with_fewer_samples(SystemCandidate candidate) {
+    if (candidate.is_noise) return candidate;
     std::vector<double> negligible_errors;
     for (const double scale : scale_) {
         negligible_errors.push_back(lost_with_samples * rms_of_errors(candidate.fitted) * scale);
