@@ -880,14 +880,17 @@ class Search {
             std::vector<std::size_t> used; // places in the list
             Eigen::VectorXd times;         // of the fields' deviations, and of each that is used
         };
-        // The fields and those together.
-        Solution explained_by(std::vector<std::size_t> used) const {
-            std::vector<Eigen::Index> chosen(fields);
+        // Those together, with the fields or with these as they are.
+        Solution explained_by(std::vector<std::size_t> used, bool with_fields = true) const {
+            const std::size_t moved = with_fields ? fields : 0;
+            std::vector<Eigen::Index> chosen(moved);
             std::iota(chosen.begin(), chosen.end(), Eigen::Index{0});
             for (const std::size_t i : used) chosen.push_back(static_cast<Eigen::Index>(fields + i));
             const Eigen::VectorXd right = products.col(products.cols() - 1)(chosen);
-            Solution found{0, std::move(used), products(chosen, chosen).completeOrthogonalDecomposition().solve(right)};
-            found.explained = found.times.dot(right);
+            const Eigen::VectorXd times = products(chosen, chosen).completeOrthogonalDecomposition().solve(right);
+            Solution found{times.dot(right), std::move(used), Eigen::VectorXd::Zero(static_cast<Eigen::Index>(fields))};
+            found.times.conservativeResize(static_cast<Eigen::Index>(fields + found.used.size()));
+            found.times.tail(times.size()) = times;
             return found;
         }
     };
@@ -978,21 +981,33 @@ class Search {
         const std::string what = "pairs of effects";
         const Responses r = responses(base, list);
         const auto name = [&](std::size_t i) { return list[r.list[i].of].candidate->kind().name; };
-        std::map<std::set<std::string>, Responses::Solution> best_of; // of each two kinds
-        for (std::size_t i = 0; i < r.list.size(); ++i) {
-            for (std::size_t j = i + 1; j < r.list.size(); ++j) {
-                if (name(i) == name(j)) continue;
-                auto& known = best_of[{name(i), name(j)}];
-                if (auto found = r.explained_by({i, j}); found.explained > known.explained) known = std::move(found);
+        const auto likeliest = [&](bool with_fields) {
+            std::map<std::set<std::string>, Responses::Solution> best_of; // of each two kinds
+            for (std::size_t i = 0; i < r.list.size(); ++i) {
+                for (std::size_t j = i + 1; j < r.list.size(); ++j) {
+                    if (name(i) == name(j)) continue;
+                    auto& known = best_of[{name(i), name(j)}];
+                    auto found = r.explained_by({i, j}, with_fields);
+                    if (found.explained > known.explained) known = std::move(found);
+                }
             }
-        }
-        std::vector<Responses::Solution> ranking;
-        for (auto& [names, solution] : best_of) ranking.push_back(std::move(solution));
-        std::ranges::stable_sort(ranking, std::ranges::greater{}, &Responses::Solution::explained);
-        if (ranking.size() > most_likely_pairs) ranking.resize(most_likely_pairs);
+            std::vector<Responses::Solution> ranking;
+            for (auto& [names, solution] : best_of) {
+                if (!solution.used.empty()) ranking.push_back(std::move(solution));
+            }
+            std::ranges::stable_sort(ranking, std::ranges::greater{}, &Responses::Solution::explained);
+            if (ranking.size() > most_likely_pairs) ranking.resize(most_likely_pairs);
+            return ranking;
+        };
         std::vector<Hypothesis> running;
-        for (const auto& solution : ranking) {
-            if (!solution.used.empty()) running.push_back(moved_to(solution, r, base, list));
+        for (const auto& solution : likeliest(true)) running.push_back(moved_to(solution, r, base, list));
+        // Far from noise the fields' deviations weigh nothing: they may take a pair to a place from where no fit leads back.
+        if (r.fields > 0 && base.together.chi_square > straightened * static_cast<double>(count(all_))) {
+            const std::size_t begin = running.size();
+            for (const auto& solution : likeliest(false)) running.push_back(moved_to(solution, r, base, list));
+            for_each_index(running.size() - begin, control_, what + ": fitting", [&](std::size_t i) {
+                if (!late()) refine(running[begin + i], lead_records_, 6, 1, false);
+            });
         }
         return fitted_to_all(fitted_to_lead(std::move(running), what), what, false,
                              std::numeric_limits<double>::infinity());
