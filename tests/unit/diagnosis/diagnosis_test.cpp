@@ -263,7 +263,8 @@ TEST(Diagnosis, TwoEffectsOfWhichNoneDoesMuchAloneAreFoundTogether) {
 
 // Six uncertain fields that no noise holds back, as the model is off by a thousand times the noise, take the pair to a negative spring.
 TEST(Diagnosis, TwoEffectsAreFoundWhereTheFieldsOfTheMachineWouldBendFarBeyondTheirTolerance) {
-    const Json real = Json::parse(R"({"Ts": 0.0005, "rigid_gain_per_kg": 0.1282, "friction": {"coulomb": 11.65, "viscous": 18.94},
+    const Json real =
+        Json::parse(R"({"Ts": 0.0005, "rigid_gain_per_kg": 0.1282, "friction": {"coulomb": 11.65, "viscous": 18.94},
         "modes": [{"freq_hz": 74.3, "gain": 0.003947, "zeta": 0.00906}], "input_delay_s": 0.00025,
         "output_delay_s": 0.0002, "current_loop_hz": 750, "encoder_resolution_m": 5e-8, "noise_rms_m": 1.6e-7,
         "controller": {"type": "pid", "kp": 4451, "ki": 20480, "kd": 322.4, "derivative_filter_hz": 400}})");
@@ -274,8 +275,7 @@ TEST(Diagnosis, TwoEffectsAreFoundWhereTheFieldsOfTheMachineWouldBendFarBeyondTh
         "modes.zeta": 0.24, "rigid_gain_per_kg": 0.017}})"));
     const Json hidden = Json::parse(R"([{"name": "spring_force", "parameters": {"k": 314.6, "y0": 0}},
         {"name": "payload_mass", "parameters": {"ratio": 0.52}}])");
-    const Diagnosis d =
-        diagnosed_between(real, hidden, believed, sine_record(0.02, 1, 2), sine_record(0.012, 2, 2), 2);
+    const Diagnosis d = diagnosed_between(real, hidden, believed, sine_record(0.02, 1, 2), sine_record(0.012, 2, 2), 2);
     ASSERT_EQ(d.verdict, "effect_found");
     ASSERT_EQ(d.effects.size(), 2u);
     const bool first = d.effects[0].name == "payload_mass";
