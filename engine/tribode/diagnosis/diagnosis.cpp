@@ -195,10 +195,18 @@ class Verdict {
         check.fit(other, options);
         std::size_t index = 0;
         for (const auto& effect : best.hypothesis.effects) {
+            // The first parameter; of several harmonics all amplitudes, each beside the largest one.
             const FitParameter& size = effect->parameters.front();
-            const double a = best.hypothesis.values[index], b = other.values[index];
-            if (std::abs(a - b) > 0.2 * std::max(std::abs(a), std::abs(b)) + size.step) return false;
-            index += effect->parameters.size();
+            const auto field = [](const std::string& name) { return name.substr(name.rfind('.') + 1); };
+            double largest = 0, apart = 0;
+            for (const FitParameter& p : effect->parameters) {
+                const double a = best.hypothesis.values[index], b = other.values[index];
+                ++index;
+                if (field(p.name) != field(size.name)) continue;
+                largest = std::max({largest, std::abs(a), std::abs(b)});
+                apart = std::max(apart, std::abs(a - b));
+            }
+            if (apart > 0.2 * largest + size.step) return false;
         }
         return true;
     }
