@@ -21,8 +21,9 @@ constexpr double worth_measuring = 1.2;          // times what the present recor
 constexpr double min_apart = 0.1;                // of the error that is left: below it the two say the same
 constexpr double clearly_apart = 1;              // of it: below this longer records are listed too
 constexpr std::size_t longer = 3;                // times as long
-// Of the outputs' range, that they may leave it by: farther off no model can be trusted.
-constexpr double range_beyond = 0.5;
+// Of the outputs' range, that they may leave it by: farther off no model can be trusted. Where nothing tells within that, farther; but a
+// machine that would run away is not proposed.
+constexpr double range_beyond = 0.5, farther_beyond[] = {2, 10};
 
 struct ListedRecord {
     std::string text;
@@ -195,16 +196,21 @@ double squares_left(const std::vector<const Difference*>& on, std::size_t parame
     return std::isfinite(squares) ? squares : 0;
 }
 
-// Where outputs may go.
-struct Bounds {
-    double low = -std::numeric_limits<double>::infinity(), high = std::numeric_limits<double>::infinity();
+// Where an output is.
+struct Range {
+    double low = std::numeric_limits<double>::infinity(), high = -std::numeric_limits<double>::infinity();
+
+    // By how many of its widths a value is outside.
+    double beyond(double y) const {
+        if (std::isnan(y)) return std::numeric_limits<double>::infinity();
+        return low < high ? std::max({low - y, y - high, 0.0}) / (high - low) : 0;
+    }
 };
 
-// A little beyond what was measured.
-std::vector<Bounds> bounds_of(const std::vector<SystemRecord>& records) {
-    std::vector<Bounds> all(records.front().outputs.size());
+std::vector<Range> measured_ranges(const std::vector<SystemRecord>& records) {
+    std::vector<Range> all(records.front().outputs.size());
     for (std::size_t o = 0; o < all.size(); ++o) {
-        double low = std::numeric_limits<double>::infinity(), high = -low;
+        auto& [low, high] = all[o];
         for (const auto& record : records) {
             for (const double y : record.outputs[o]) {
                 if (std::isnan(y)) continue;
@@ -212,7 +218,6 @@ std::vector<Bounds> bounds_of(const std::vector<SystemRecord>& records) {
                 high = std::max(high, y);
             }
         }
-        if (low <= high) all[o] = {low - range_beyond * (high - low), high + range_beyond * (high - low)};
     }
     return all;
 }
@@ -243,21 +248,21 @@ class Pair {
 
     struct Apart {
         double rms = 0;
-        bool stays = false; // the outputs of both, within the bounds
+        double beyond = 0; // of the ranges measured: how far the outputs of either leave them
     };
     // What another record leaves beside these.
-    Apart on(const ListedRecord& one, const std::vector<Bounds>& bounds) const {
+    Apart on(const ListedRecord& one, const std::vector<Range>& measured) const {
         const auto further = on_record(one);
-        if (!further) return {};
+        if (!further) return {.beyond = std::numeric_limits<double>::infinity()};
         const double squares = squares_left(with(&*further), first_.model.parameters.size()) - squares_now_;
-        Apart apart{std::sqrt(std::max(squares, 0.0) / static_cast<double>(further->gap.size())), true};
+        Apart apart{std::sqrt(std::max(squares, 0.0) / static_cast<double>(further->gap.size()))};
         const auto& outputs = further->foretold.outputs;
         Eigen::Index row = 0;
         for (std::size_t o = 0; o < outputs.size(); ++o) {
-            const Bounds within = o < bounds.size() ? bounds[o] : Bounds{};
+            const Range range = o < measured.size() ? measured[o] : Range{};
             for (const double second : outputs[o]) {
                 const double first = second - scale_[o] * further->gap[row++];
-                for (const double y : {first, second}) apart.stays = apart.stays && y >= within.low && y <= within.high;
+                apart.beyond = std::max({apart.beyond, range.beyond(first), range.beyond(second)});
             }
         }
         return apart;
@@ -321,19 +326,19 @@ std::optional<SystemExperiment> next_system_experiment(const SystemCandidate& fi
         if (own <= others) pairs.emplace_back(first, rival, records, scale, between);
         if (others <= own) pairs.emplace_back(rival, first, records, scale, between);
     }
-    const auto bounds = bounds_of(records);
+    const auto measured = measured_ranges(records);
     std::vector<double> apart, told; // told: grows with the samples
-    std::vector<char> stays;         // within the bounds, all models
+    std::vector<double> beyond;      // of all models
     const auto compare = [&] {
         const std::size_t begin = apart.size();
         apart.resize(menu.list.size());
-        stays.resize(menu.list.size(), 1);
+        beyond.resize(menu.list.size());
         for_each_index(apart.size() - begin, control, "next experiment", [&](std::size_t i) {
             double least = std::numeric_limits<double>::infinity();
             for (const Pair& pair : pairs) {
-                const auto one = pair.on(menu.list[begin + i], bounds);
+                const auto one = pair.on(menu.list[begin + i], measured);
                 least = std::min(least, one.rms / left);
-                if (!one.stays) stays[begin + i] = 0;
+                beyond[begin + i] = std::max(beyond[begin + i], one.beyond);
             }
             apart[begin + i] = least;
         });
@@ -341,36 +346,43 @@ std::optional<SystemExperiment> next_system_experiment(const SystemCandidate& fi
             told.push_back(apart[i] * std::sqrt(static_cast<double>(menu.list[i].record.size())));
         }
     };
-    const auto best_of = [&](bool all) {
-        std::size_t best = 0;
-        double most = -1;
+    // Of those whose outputs go no farther.
+    const auto best_of = [&](double farthest) -> std::optional<std::size_t> {
+        std::optional<std::size_t> best;
         for (std::size_t i = 0; i < told.size(); ++i) {
-            if (told[i] <= most || !(all || stays[i])) continue;
-            most = told[i];
-            best = i;
+            if (beyond[i] <= farthest && (!best || told[i] > told[*best])) best = i;
         }
         return best;
     };
     double here = std::numeric_limits<double>::infinity();
     for (const Pair& pair : pairs) here = std::min(here, pair.now() / left);
-    const auto tells = [&](std::size_t i) { return apart[i] > worth_measuring * here && apart[i] >= min_apart; };
+    const auto tells = [&](std::optional<std::size_t> i) {
+        return i && apart[*i] > worth_measuring * here && apart[*i] >= min_apart;
+    };
     // Records on which the machine stays where it was, where one of them tells anything.
     compare();
-    std::size_t best = best_of(false);
-    if (apart[best] < clearly_apart || !stays[best]) {
+    auto best = best_of(range_beyond);
+    if (!best || apart[*best] < clearly_apart) {
         menu.add_waves(longer);
         compare();
-        best = best_of(false);
+        best = best_of(range_beyond);
     }
-    if (!stays[best] || !tells(best)) best = best_of(true);
+    for (const double farther : farther_beyond) {
+        if (!tells(best)) best = best_of(farther);
+    }
     if (!tells(best)) return std::nullopt;
-    const ListedRecord& chosen = menu.list[best];
-    SystemExperiment result{.apart = apart[best]};
+    const ListedRecord& chosen = menu.list[*best];
+    SystemExperiment result{.apart = apart[*best]};
     result.record = Pair(first, rivals.front(), records, scale, between).foretold(chosen);
     result.text = fmt::format(
         "{}: there they differ by {:.3g} times the error that is left now or more, rms, whatever values "
         "the free parameters take; on {} by {:.3g}.",
-        chosen.text, apart[best], records.size() == 1 ? records.front().source : "the present records", here);
+        chosen.text, apart[*best], records.size() == 1 ? records.front().source : "the present records", here);
+    if (beyond[*best] > range_beyond) {
+        result.text += fmt::format(
+            " An output may leave what was measured by {:.2g} times its range: see first that the machine allows it.",
+            beyond[*best]);
+    }
     return result;
 }
 

@@ -1087,6 +1087,15 @@ TEST(SystemNextExperiment, StaysWhereTheOutputsWere) {
     const auto far = next_system_experiment(first, {second}, records, {1}, Interpolation::hold, 0.3, {});
     ASSERT_TRUE(far);
     EXPECT_GT(std::ranges::max(far->record.outputs[0]), high + 0.5 * (high - low));
+    EXPECT_NE(far->text.find("see first that the machine allows it"), std::string::npos);
+    // A model that runs away differs most of all. It is proposed up to ten times the range, and not at all beyond.
+    const auto away = candidate("0.5 * s.u * s.v");
+    const auto bounded = next_system_experiment(first, {away}, records, {1}, Interpolation::hold, 3, {});
+    ASSERT_TRUE(bounded);
+    const auto [least, most] = std::ranges::minmax(bounded->record.outputs[0]);
+    EXPECT_GT(least, low - 10 * (high - low));
+    EXPECT_LT(most, high + 10 * (high - low));
+    EXPECT_FALSE(next_system_experiment(first, {away}, records, {1}, Interpolation::hold, 30, {}));
 }
 
 // Of what is sampled faster than it moves, as many samples are left out as follow from the others within the noise.
