@@ -617,8 +617,11 @@ local function attempt(kind, wrong)
   for i, effect in ipairs(effects) do
     accept[#accept + 1] = truth[i].name
     local name, middle, reach, parameters, beside = doubles_of(effect, real, machine)
-    if #effects == 1 and name and is_double(real, records, name, middle, reach, parameters, beside) then
-      accept[#accept + 1] = name
+    local all = copy(effects)
+    table.remove(all, i)
+    for _, other in ipairs(beside or {}) do all[#all + 1] = other end
+    if name and is_double(real, records, name, middle, reach, parameters, all) then
+      accept[#accept + 1], truth[i].alike = name, name
     end
   end
   -- Where the friction differs by direction besides, one name says both.

@@ -217,7 +217,12 @@ local function judge(name, case, diagnosis, failure)
       and (c.known and named ~= nil and contains(c.accept, named.name) or not c.known and named == nil)
     c.asked = { verdict = again.verdict, answer = named and named.name or "nothing" }
   end
-  if #c.truth == 2 then c.both = contains(c.named, c.truth[1]) and contains(c.named, c.truth[2]) end
+  if #c.truth == 2 then
+    c.both = true
+    for _, effect in ipairs(truth.effects) do
+      c.both = c.both and (contains(c.named, effect.name) or contains(c.named, effect.alike))
+    end
+  end
   for _, effect in ipairs(truth.effects) do
     for _, found in ipairs(d.effects) do
       if found.name == effect.name then

@@ -172,6 +172,8 @@ class Search {
                 // To be taken it must come to the noise or to a quarter of this, below.
                 worth_taking_ = std::max(worth_taking_, result_.steps.back().score / needed_fall);
                 const Hypothesis& before = result_.steps.back().together;
+                // The record that showed most without the effects so far may show nothing of what is missing beside them.
+                choose_lead(before);
                 const ModelFit lead(machine_, lead_records_);
                 worth_following_ =
                     std::max(0.5 * lead.chi_square(before), followed * static_cast<double>(lead.sample_count()));
@@ -215,12 +217,16 @@ class Search {
             // What is left to do would not bring it there.
             if (level > 1 && !adequate(pool.front()) && pool.front().score > 2 * worth_taking_) break;
             // The loop's noise is that of the machine as it is now known.
-            try {
-                set_floors(ModelFit(machine_, all_).machine(pool.front().together));
-            } catch (const InputError&) {
-            }
+            if (const auto machine = machine_of(pool.front().together)) set_floors(*machine);
             reassess(pool);
-            if (auto instead = simplified(pool, level); !instead.empty() && !late()) {
+            auto instead = simplified(pool, level);
+            if (auto fewer = merged(pool, level); !fewer.empty()) {
+                reassess(fewer);
+                std::ranges::move(simplified(fewer, level), std::back_inserter(instead));
+                std::ranges::move(fewer, std::back_inserter(instead));
+            }
+            if (const auto other = with_mass_for_gain(pool.front())) instead.push_back(*other);
+            if (!instead.empty() && !late()) {
                 std::ranges::move(instead, std::back_inserter(pool));
                 reassess(pool);
             }
@@ -270,9 +276,9 @@ class Search {
     }
 
     // Where fields do all the work of an effect, one of them may do most, as a mass that of a payload: the effect shows best
-    // beside the others as they were found. Nothing where the fields are where they may be, or more than noise is left.
+    // beside the others as they were found. Nothing where the fields are where they may be.
     std::optional<Scored> with_farthest_as_described(const Scored& one) const {
-        if (one.together.within_tolerance() || !leaves_noise(one)) return std::nullopt;
+        if (one.together.within_tolerance()) return std::nullopt;
         Hypothesis without = one.together;
         *std::ranges::max_element(without.nominal, {}, [](double off) { return std::abs(off); }) = 0;
         without.converged = false;
@@ -295,13 +301,25 @@ class Search {
         const double factor = rest.values_of(place)[0];
         rest.remove(place);
         const std::string& other = has(gain) ? mass : gain;
-        auto found = candidates_from(clue_record_, ModelFit(machine_, all_).machine(rest),
-                                     [&](const EffectKind& kind) { return kind.name == other; });
+        const auto machine = machine_of(rest);
+        if (!machine) return std::nullopt;
+        auto found =
+            candidates_from(clue_record_, *machine, [&](const EffectKind& kind) { return kind.name == other; });
         if (found.empty()) return std::nullopt;
         Hypothesis h = with(rest, std::make_shared<const Candidate>(std::move(found.front())), {1 / factor});
         refine(h, all_, 8, control_.workers);
         if (!std::isfinite(h.chi_square)) return std::nullopt;
         return scored(std::move(h));
+    }
+
+    // Nothing where the values are those of no machine, as where fields that were fitted beside an effect leave a level of friction
+    // below zero without it.
+    std::optional<MachineModel> machine_of(const Hypothesis& h) const {
+        try {
+            return ModelFit(machine_, all_).machine(h);
+        } catch (const InputError&) {
+            return std::nullopt;
+        }
     }
 
     void set_floors(const MachineModel& machine) {
@@ -725,6 +743,26 @@ class Search {
         return list;
     }
 
+    // Two effects may be what another one nearly is, as a spring and a cubic one are a ripple: of three or more each two give way
+    // to one. (One for both of two was sought first.)
+    std::vector<Scored> merged(const std::vector<Scored>& pool, std::size_t level) const {
+        const Scored& one = pool.front();
+        std::vector<Scored> list;
+        const std::size_t effects = one.together.effects.size();
+        if (effects < 3) return list;
+        for (std::size_t i = 0; i < effects; ++i) {
+            for (std::size_t j = i + 1; j < effects && !late(); ++j) {
+                Hypothesis rest = one.together;
+                rest.remove(j);
+                rest.remove(i);
+                refine(rest, all_, 4, control_.workers);
+                std::ranges::move(fitted_beside(scored(std::move(rest)), level, std::nullopt, one),
+                                  std::back_inserter(list));
+            }
+        }
+        return list;
+    }
+
     // A hypothesis with a simpler effect in the place of one of its own, fitted; begun with what another one has for it. None
     // where it does by far less.
     std::optional<Hypothesis> in_place(const Hypothesis& whole, std::size_t place, const Hypothesis& other,
@@ -735,8 +773,9 @@ class Search {
         Hypothesis rest = whole;
         rest.remove(place);
         // Alone first, in a machine that has all the rest, since together they may trade along a narrow valley.
-        const MachineModel machine = ModelFit(machine_, all_).machine(rest);
-        const ModelFit lead(machine, lead_records_);
+        const auto machine = machine_of(rest);
+        if (!machine) return std::nullopt;
+        const ModelFit lead(*machine, lead_records_);
         Hypothesis alone;
         alone.nominal.assign(lead.fields().size(), 0.0);
         alone = with(alone, *effect, {numbers.begin(), numbers.end()});
@@ -754,9 +793,9 @@ class Search {
         return h;
     }
 
-    // A base with one of these effects more, as a rival of what has been found.
-    std::vector<Scored> fitted_beside(const Scored& base, std::size_t level, const std::set<std::string>& effects,
-                                      const Scored& found) const {
+    // A base with one more effect, of these or of all, as a rival of what has been found.
+    std::vector<Scored> fitted_beside(const Scored& base, std::size_t level,
+                                      const std::optional<std::set<std::string>>& effects, const Scored& found) const {
         const std::string what = "effect " + std::to_string(level);
         auto points = points_of(begun(base, what, effects), base, level);
         return fitted_to_all(fitted_to_lead(std::move(points), what), what, true, found.together.chi_square);
@@ -827,17 +866,18 @@ class Search {
     // Every effect that may be beside the base, or those of `only`; or those that were sought on whole records alone, on beginnings.
     std::vector<Begun> begun(const Scored& base, const std::string& what,
                              const std::optional<std::set<std::string>>& only, bool on_beginnings = false) const {
+        const auto machine = machine_of(base.together);
+        if (!machine) return {};
         const ModelFit lead(machine_, lead_records_);
-        const MachineModel machine = lead.machine(base.together);
         const auto present = base.names();
         const auto wanted = [&](const EffectKind& kind) {
             return std::ranges::find(present, kind.name) == present.end() &&
                    (only ? only->contains(kind.name) : !kind.only_in_place);
         };
-        auto found = candidates_from(clue_record_, machine, wanted);
+        auto found = candidates_from(clue_record_, *machine, wanted);
         // What depends on the position is read from a record that moves much farther, too.
         if (const Evidence& longer = longest_record(); stroke(longer) > much_longer * stroke(clue_record_)) {
-            std::ranges::move(candidates_from(longer, machine,
+            std::ranges::move(candidates_from(longer, *machine,
                                               [&](const EffectKind& kind) {
                                                   return wanted(kind) && kind.drawn_against == DrawnAgainst::position;
                                               }),

@@ -283,6 +283,87 @@ TEST(Diagnosis, TwoEffectsAreFoundWhereTheFieldsOfTheMachineWouldBendFarBeyondTh
     expect_parameter(d.effects[first ? 1 : 0], "k", 314.6);
 }
 
+// The first effect shows most on a record of small moves, which shows nothing of the other one.
+TEST(Diagnosis, ASecondEffectIsSoughtOnTheRecordThatShowsMostBesideTheFirst) {
+    const Json machine =
+        Json::parse(R"({"Ts": 0.0005, "rigid_gain_per_kg": 0.0447, "friction": {"coulomb": 4.7, "viscous": 26.8},
+        "input_delay_s": 0.00075, "output_delay_s": 0.0002, "current_loop_hz": 750, "encoder_resolution_m": 5e-8,
+        "noise_rms_m": 2.1e-7, "process_noise_rms_N": 0.2,
+        "controller": {"type": "pid", "kp": 52330, "ki": 487200, "kd": 1874, "derivative_filter_hz": 300}})");
+    const Json hidden = Json::parse(R"([{"name": "coulomb_friction", "parameters": {"dF": -1.8}},
+        {"name": "force_ripple", "parameters": {"harmonics": [{"F": 1.4, "period_m": 0.00385, "phase": 4.7},
+                                                              {"F": 0.9, "period_m": 0.001925, "phase": 1.4}]}}])");
+    DriveRecord moves = sine_record(0, 1, 3);
+    const double places[] = {0,      0.007, -0.009, -0.0105, 0.01,  -0.003, -0.002, -0.0075,
+                             0.0115, 0.016, -0.015, 0,       -0.01, 0.009,  0.0105, -0.013};
+    for (std::size_t k = 0; k < moves.t.size(); ++k) {
+        const std::size_t number = k / 400; // a move of 0.1 s and a rest as long
+        const double share = std::min(1.0, static_cast<double>(k % 400) / 200);
+        moves.reference[k] =
+            places[number] + (places[number + 1] - places[number]) * (1 - std::cos(std::numbers::pi * share)) / 2;
+    }
+    const Diagnosis d = diagnosed_between(machine, hidden, machine, moves, sine_record(2.8e-4, 5, 3), 2);
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects.size(), 2u);
+    const bool first = d.effects[0].name == "coulomb_friction";
+    expect_parameter(d.effects[first ? 0 : 1], "dF", -1.8);
+    EXPECT_EQ(d.effects[first ? 1 : 0].name, "force_ripple");
+}
+
+// Less of a gain is more of a mass, but for friction, the level of which is known to some percent.
+TEST(Diagnosis, AMassAndAGainAreRivalsBesideAnotherEffect) {
+    const Json machine =
+        Json::parse(R"({"Ts": 0.0005, "rigid_gain_per_kg": 0.241, "friction": {"viscous": 15.6, "elements":
+        [{"F": 1.246, "K": 917800}, {"F": 1.012, "K": 116000}, {"F": 1.354, "K": 21670}, {"F": 0.86, "K": 2965}]},
+        "input_delay_s": 0.00025, "output_delay_s": 0.0002, "current_loop_hz": 1500, "encoder_resolution_m": 2e-7,
+        "noise_rms_m": 4.5e-8,
+        "controller": {"type": "pid", "kp": 6128, "ki": 24700, "kd": 225.3, "derivative_filter_hz": 300}})");
+    Json believed = machine;
+    believed.merge_patch(Json::parse(R"({"friction": {"viscous": 15.2, "elements": [{"F": 1.19, "K": 876600},
+        {"F": 0.967, "K": 110800}, {"F": 1.293, "K": 20695}, {"F": 0.821, "K": 2832}]},
+        "tolerance": {"friction.elements": 0.07, "friction.viscous": 0.2, "rigid_gain_per_kg": 0.017}})"));
+    const Json hidden = Json::parse(R"([{"name": "thrust_gain", "parameters": {"gain": 1.1}},
+        {"name": "periodic_disturbance", "parameters": {"F": 0.7, "freq_hz": 3.9, "phase": 2.1}}])");
+    const Diagnosis d =
+        diagnosed_between(machine, hidden, believed, sine_record(0.02, 1.5, 3), sine_record(0.03, 1, 3), 2);
+    std::map<std::string, double> said;
+    for (const auto& effect : d.effects) {
+        said[effect.name] = effect.probability;
+        for (const auto& rival : effect.rivals) said[rival.name] = rival.probability;
+    }
+    EXPECT_GT(said["periodic_disturbance"], 0.9);
+    EXPECT_GT(said["thrust_gain"], 0.2);
+    EXPECT_GT(said["payload_mass"], 0.2);
+}
+
+// Over less than its period a ripple is nearly a spring and a cubic one.
+TEST(Diagnosis, APairTakesThePlaceOfThreeEffectsThatSayAsMuch) {
+    const Json machine = Json::parse(R"({"Ts": 0.0005, "closed_loop": false, "rigid_gain_per_kg": 0.0389,
+        "friction": {"coulomb": 3.87, "viscous": 28}, "input_delay_s": 0.0005, "current_loop_hz": 500,
+        "encoder_resolution_m": 2e-7, "noise_rms_m": 8e-8, "process_noise_rms_N": 0.1})");
+    const Json hidden = Json::parse(R"([{"name": "coulomb_friction", "parameters": {"dF": -2}},
+        {"name": "gravity", "parameters": {"F": 1.33, "turn_m": 0.0026, "phase": 5.4}}])");
+    const auto multisine = [](double lowest) {
+        DriveRecord record;
+        for (int k = 0; k < 6000; ++k) {
+            const double t = k * 5e-4;
+            double u = 0;
+            for (int line = 0; line < 24; ++line) {
+                u += 1.8 * std::sin(2 * std::numbers::pi * (lowest + 1.5 * line) * t - 0.13 * line * line);
+            }
+            record.t.push_back(t);
+            record.u.push_back(u);
+        }
+        return record;
+    };
+    const Diagnosis d = diagnosed_between(machine, hidden, machine, multisine(4), multisine(4.17), 3);
+    ASSERT_EQ(d.verdict, "effect_found");
+    ASSERT_EQ(d.effects.size(), 2u);
+    const bool first = d.effects[0].name == "coulomb_friction";
+    EXPECT_EQ(d.effects[first ? 0 : 1].name, "coulomb_friction");
+    EXPECT_EQ(d.effects[first ? 1 : 0].name, "gravity");
+}
+
 TEST(Diagnosis, BristlesAreToldFromElementsThatSlipByTheRecordThatIsAskedFor) {
     const Json hidden = Json::parse(R"([{"name": "lugre_friction",
         "parameters": {"F": 2, "Fs": 2, "velocity": 0.01, "K": 50000}}])");
