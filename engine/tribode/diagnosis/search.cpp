@@ -236,14 +236,15 @@ class Search {
             // Another effect must be worth its parameters, on the validation records too. These are judged with
             // parameters fitted to all records: those of the fitted ones alone predict little while the model still
             // lacks an effect.
-            const bool better =
-                pool.front().score < before.score - (adequate(pool.front()) ? 0 : worth) &&
-                (result_.validation.empty() || pool.front().together_validation < 0.97 * before.together_validation ||
-                 adequate(pool.front()));
+            // What takes the place of a field that was bent beyond its tolerance need not do more than that.
+            const bool for_fields = leaves_noise(pool.front());
+            const bool better = pool.front().score < before.score - (adequate(pool.front()) ? 0 : worth) &&
+                                (result_.validation.empty() ||
+                                 pool.front().together_validation < 0.97 * before.together_validation || for_fields);
             // While more than noise remains it must also halve the error that the effects before it leave: what a model
             // lacks that stays imperfect is not a sum of small pieces.
             const bool halved = pool.front().score < before.score / needed_fall;
-            if (level > 1 && (!better || (!halved && !adequate(pool.front())))) break;
+            if (level > 1 && (!better || (!halved && !for_fields))) break;
             if (of_noise && (pool.front().score > before.score - worth || leaves_slow_errors(pool.front()))) break;
             result_.ranking = pool;
             result_.steps.push_back(pool.front());
@@ -755,7 +756,7 @@ class Search {
                 Hypothesis rest = one.together;
                 rest.remove(j);
                 rest.remove(i);
-                refine(rest, all_, 4, control_.workers);
+                ModelFit(machine_, all_).evaluate(rest); // as it is: alone the rest would do the work of the others
                 std::ranges::move(fitted_beside(scored(std::move(rest)), level, std::nullopt, one),
                                   std::back_inserter(list));
             }

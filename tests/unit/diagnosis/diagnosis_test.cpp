@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 #include <map>
 #include <numbers>
+#include <set>
 #include <string>
 #include <utility>
 
@@ -362,6 +363,28 @@ TEST(Diagnosis, APairTakesThePlaceOfThreeEffectsThatSayAsMuch) {
     const bool first = d.effects[0].name == "coulomb_friction";
     EXPECT_EQ(d.effects[first ? 0 : 1].name, "coulomb_friction");
     EXPECT_EQ(d.effects[first ? 1 : 0].name, "gravity");
+}
+
+// Beside the first effect two fields do all that is missing, each by more than five of its tolerances.
+TEST(Diagnosis, AnEffectIsSoughtForEachFieldThatIsBentBeyondItsTolerance) {
+    const Json real =
+        Json::parse(R"({"Ts": 0.0005, "rigid_gain_per_kg": 0.1353, "friction": {"coulomb": 6.57, "viscous": 1.95},
+        "input_delay_s": 0.0005, "output_delay_s": 0.000418, "current_loop_hz": 500, "encoder_resolution_m": 1e-7,
+        "noise_rms_m": 4.4e-8,
+        "controller": {"type": "pid", "kp": 41010, "ki": 322000, "kd": 773.8, "derivative_filter_hz": 300}})");
+    Json believed = real;
+    believed.merge_patch(Json::parse(R"({"rigid_gain_per_kg": 0.137, "friction": {"coulomb": 6, "viscous": 2.1},
+        "tolerance": {"friction.coulomb": 0.06, "friction.viscous": 0.1, "rigid_gain_per_kg": 0.038}})"));
+    const Json hidden = Json::parse(R"([{"name": "spring_force", "parameters": {"k": 150, "y0": 0}},
+        {"name": "coulomb_friction", "parameters": {"dF": -2.3}},
+        {"name": "payload_mass", "parameters": {"ratio": 0.33}}])");
+    const Diagnosis d =
+        diagnosed_between(real, hidden, believed, sine_record(0.04, 1.2, 2), sine_record(0.02, 2, 2), 3);
+    ASSERT_EQ(d.verdict, "effect_found");
+    std::set<std::string> names;
+    for (const auto& effect : d.effects) names.insert(effect.name);
+    EXPECT_EQ(names, (std::set<std::string>{"coulomb_friction", "payload_mass", "spring_force"}));
+    EXPECT_TRUE(d.fields_off.empty());
 }
 
 TEST(Diagnosis, BristlesAreToldFromElementsThatSlipByTheRecordThatIsAskedFor) {
