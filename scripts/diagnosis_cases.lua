@@ -460,8 +460,8 @@ local function doubles_of(effect, machine, nominal)
     local function parameters(x) return { F = x, turn_m = h.period_m, phase = h.phase + math.pi } end
     return "gravity", h.F, 0.3 * h.F, parameters
   elseif effect.name == "gravity" then
-    local phase = p.phase + math.pi
-    local function parameters(x) return { harmonics = { { F = x, period_m = p.turn_m, phase = phase } } } end
+    local opposite = p.phase + math.pi
+    local function parameters(x) return { harmonics = { { F = x, period_m = p.turn_m, phase = opposite } } } end
     return "force_ripple", p.F, 0.3 * p.F, parameters
   elseif effect.name == "dead_zone" then
     return "coulomb_friction", p.half_width, 0.3 * p.half_width, function(x) return { dF = x } end

@@ -219,16 +219,11 @@ class Search {
             // The loop's noise is that of the machine as it is now known.
             if (const auto machine = machine_of(pool.front().together)) set_floors(*machine);
             reassess(pool);
-            auto instead = simplified(pool, level);
-            if (auto fewer = merged(pool, level); !fewer.empty()) {
-                reassess(fewer);
-                std::ranges::move(simplified(fewer, level), std::back_inserter(instead));
-                std::ranges::move(fewer, std::back_inserter(instead));
-            }
-            if (const auto other = with_mass_for_gain(pool.front())) instead.push_back(*other);
-            if (!instead.empty() && !late()) {
-                std::ranges::move(instead, std::back_inserter(pool));
-                reassess(pool);
+            // Once more where that brings the first one to the noise, of which simpler kinds are worth more.
+            for (bool again = true; again && !late();) {
+                const bool left_noise = leaves_noise(pool.front());
+                add_rivals(pool, level);
+                again = !left_noise && leaves_noise(pool.front());
             }
             result_.baseline = scored(std::move(result_.baseline.together));
             for (auto& step : result_.steps) step = scored(std::move(step.together));
@@ -721,7 +716,7 @@ class Search {
             if (!missing.empty()) {
                 Hypothesis without = one.together;
                 without.remove(i);
-                if (!at_bound) refine(without, all_, 4, control_.workers);
+                if (!at_bound && !enough) refine(without, all_, 4, control_.workers);
                 for (auto& next : fitted_beside(scored(std::move(without)), level, missing, one)) {
                     instead.push_back(next.together);
                     list.push_back(std::move(next));
@@ -742,6 +737,20 @@ class Search {
             }
         }
         return list;
+    }
+
+    // Adds to a ranking what says the same as its first one in other words.
+    void add_rivals(std::vector<Scored>& pool, std::size_t level) const {
+        auto rivals = simplified(pool, level);
+        if (auto fewer = merged(pool, level); !fewer.empty()) {
+            reassess(fewer);
+            std::ranges::move(simplified(fewer, level), std::back_inserter(rivals));
+            std::ranges::move(fewer, std::back_inserter(rivals));
+        }
+        if (const auto other = with_mass_for_gain(pool.front())) rivals.push_back(*other);
+        if (rivals.empty()) return;
+        std::ranges::move(rivals, std::back_inserter(pool));
+        reassess(pool);
     }
 
     // Two effects may be what another one nearly is, as a spring and a cubic one are a ripple: of three or more each two give way
