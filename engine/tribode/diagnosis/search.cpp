@@ -718,11 +718,6 @@ class Search {
                 without.remove(i);
                 if (!at_bound && !enough) refine(without, all_, 4, control_.workers);
                 for (auto& next : fitted_beside(scored(std::move(without)), level, missing, one)) {
-                    if (enough && next.together.chi_square > one.together.chi_square + worth) {
-                        const std::string name = next.together.effects.back()->kind().name;
-                        auto again = in_place(one.together, i, next.together, name);
-                        if (again && again->chi_square < next.together.chi_square) next = scored(std::move(*again));
-                    }
                     instead.push_back(next.together);
                     list.push_back(std::move(next));
                 }
