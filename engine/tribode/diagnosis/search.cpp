@@ -219,7 +219,7 @@ class Search {
             // The loop's noise is that of the machine as it is now known.
             if (const auto machine = machine_of(pool.front().together)) set_floors(*machine);
             reassess(pool);
-            // Once more where that brings the first one to the noise, of which simpler kinds are worth more.
+            // Once more where that brings the first one to the noise: only there simpler kinds that were dropped are tried.
             for (bool again = true; again && !late();) {
                 const bool left_noise = leaves_noise(pool.front());
                 add_rivals(pool, level);

@@ -200,10 +200,10 @@ double squares_left(const std::vector<const Difference*>& on, std::size_t parame
 struct Range {
     double low = std::numeric_limits<double>::infinity(), high = -std::numeric_limits<double>::infinity();
 
-    // By how many of its widths a value is outside.
-    double beyond(double y) const {
+    // By how many of its widths a value is outside; `least_width`: of what hardly moved.
+    double beyond(double y, double least_width) const {
         if (std::isnan(y)) return std::numeric_limits<double>::infinity();
-        return low < high ? std::max({low - y, y - high, 0.0}) / (high - low) : 0;
+        return low <= high ? std::max({low - y, y - high, 0.0}) / std::max(high - low, least_width) : 0;
     }
 };
 
@@ -262,7 +262,9 @@ class Pair {
             const Range range = o < measured.size() ? measured[o] : Range{};
             for (const double second : outputs[o]) {
                 const double first = second - scale_[o] * further->gap[row++];
-                apart.beyond = std::max({apart.beyond, range.beyond(first), range.beyond(second)});
+                for (const double y : {first, second}) {
+                    apart.beyond = std::max(apart.beyond, range.beyond(y, scale_[o]));
+                }
             }
         }
         return apart;

@@ -1096,6 +1096,9 @@ TEST(SystemNextExperiment, StaysWhereTheOutputsWere) {
     EXPECT_GT(least, low - 10 * (high - low));
     EXPECT_LT(most, high + 10 * (high - low));
     EXPECT_FALSE(next_system_experiment(first, {away}, records, {1}, Interpolation::hold, 30, {}));
+    // An output that did not move has its scale for a range.
+    std::ranges::fill(records[0].outputs[0], 0);
+    EXPECT_FALSE(next_system_experiment(first, {away}, records, {1}, Interpolation::hold, 30, {}));
 }
 
 // Of what is sampled faster than it moves, as many samples are left out as follow from the others within the noise.
