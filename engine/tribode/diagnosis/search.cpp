@@ -22,8 +22,9 @@ namespace tribode {
 namespace {
 
 // What the search spends, in counts: the answer must not depend on the clock.
-constexpr std::size_t beam_width = 3;         // hypotheses on which another effect is sought
-constexpr std::size_t screened_later = 12;    // candidates that are fitted for a second effect and more
+constexpr std::size_t beam_width = 3; // hypotheses on which another effect is sought
+// Candidates that are fitted for a first effect, and for each further one: those that explain most in proportion.
+constexpr std::size_t screened_first = 18, screened_later = 12;
 constexpr std::size_t validated_count = 3;    // of the ranking at most, with parameters of the fitted records alone
 constexpr std::size_t most_likely_pairs = 12; // of two effects that are sought together
 constexpr double field_step = 0.05;           // of differences by an uncertain field, in its deviations
@@ -62,7 +63,8 @@ constexpr double out_of_reach = 10;
 constexpr double abreast = 1.5;
 constexpr int max_rounds = 8;            // of a few steps each, on all records
 constexpr std::size_t most_followed = 8; // hypotheses that are fitted to all records
-constexpr double promising = 1000;       // chi square per sample of the lead after a few steps
+// Chi square of the lead after a few steps, per sample, and by that of the base.
+constexpr double promising = 1000, promising_share = 0.02;
 // What another effect must gain beyond the penalty of its parameters, unless it leaves noise alone: else errors are
 // correlated, and chi square falls by chance.
 constexpr double worth = 30;
@@ -192,7 +194,7 @@ class Search {
             const auto follow = [&](std::vector<Begun> list, const Scored& base) {
                 std::ranges::move(fitted_to_lead(points_of(std::move(list), base, level), what),
                                   std::back_inserter(waiting));
-                if (&base != &beam.back() && !is_promising(waiting)) return;
+                if (&base != &beam.back() && !is_promising(waiting, base.together)) return;
                 for (auto& next : fitted_to_all(std::exchange(waiting, {}), what, enough.has_value(), best_of_pool())) {
                     pool.push_back(std::move(next));
                 }
@@ -296,16 +298,26 @@ class Search {
             static_cast<std::size_t>(std::ranges::find_if(rest.effects, is_meant) - rest.effects.begin());
         const double factor = rest.values_of(place)[0];
         rest.remove(place);
-        const std::string& other = has(gain) ? mass : gain;
+        auto h = with_kind(rest, has(gain) ? mass : gain, {1 / factor});
+        if (!h) return std::nullopt;
+        refine(*h, all_, 8, control_.workers);
+        if (!std::isfinite(h->chi_square)) return std::nullopt;
+        return scored(*std::move(h));
+    }
+
+    // A hypothesis with an effect more, of this kind, from these values of its first form.
+    std::optional<Hypothesis> with_kind(const Hypothesis& rest, const std::string& kind,
+                                        const std::vector<double>& values) const {
         const auto machine = machine_of(rest);
         if (!machine) return std::nullopt;
-        auto found =
-            candidates_from(clue_record_, *machine, [&](const EffectKind& kind) { return kind.name == other; });
+        auto found = candidates_from(clue_record_, *machine, [&](const EffectKind& one) { return one.name == kind; });
         if (found.empty()) return std::nullopt;
-        Hypothesis h = with(rest, std::make_shared<const Candidate>(std::move(found.front())), {1 / factor});
-        refine(h, all_, 8, control_.workers);
-        if (!std::isfinite(h.chi_square)) return std::nullopt;
-        return scored(std::move(h));
+        auto candidate = std::make_shared<const Candidate>(std::move(found.front()));
+        std::vector<double> within = values;
+        for (std::size_t i = 0; i < within.size(); ++i) {
+            within[i] = std::clamp(within[i], candidate->parameters[i].low, candidate->parameters[i].high);
+        }
+        return with(rest, candidate, within);
     }
 
     // Nothing where the values are those of no machine, as where fields that were fitted beside an effect leave a level of friction
@@ -696,6 +708,18 @@ class Search {
             const bool enough = leaves_noise(one);
             const bool at_bound = is_at_bound(one.together, i);
             for (const auto& name : kind.simpler) {
+                if (const auto& as_simpler = one.together.effects[i]->as_simpler) {
+                    const auto values = as_simpler(one.together.values_of(i));
+                    if (values.empty()) continue;
+                    Hypothesis others = one.together;
+                    others.remove(i);
+                    auto begun = with_kind(others, name, values);
+                    if (!begun) continue;
+                    refine(*begun, all_, 8, control_.workers);
+                    instead.push_back(*begun);
+                    list.push_back(scored(*std::move(begun)));
+                    continue;
+                }
                 const auto known =
                     std::ranges::find_if(pool, [&](const Scored& other) { return other.names() == with(name); });
                 if (known == pool.end()) {
@@ -921,7 +945,7 @@ class Search {
             std::size_t of; // candidate
             const Hypothesis* point;
         };
-        std::size_t fields;
+        std::size_t fields = 0;
         std::vector<Response> list;
         Eigen::MatrixXd products; // of all with one another: of the fields, of the list, and of the errors
 
@@ -946,7 +970,8 @@ class Search {
     };
 
     Responses responses(const Scored& base, const std::vector<Begun>& begun) const {
-        Responses r{base.together.nominal.size(), {}, {}};
+        Responses r;
+        r.fields = base.together.nominal.size();
         const ModelFit lead(machine_, lead_records_);
         const std::vector<double> gap = lead.errors(base.together);
         std::vector<std::vector<double>> columns;
@@ -1000,11 +1025,12 @@ class Search {
         return h;
     }
 
-    // The points from which fits of one more effect begin: of all candidates, or, later, of those that explain most.
+    // The points from which fits of one more effect begin: of the candidates that explain most.
     std::vector<Hypothesis> points_of(std::vector<Begun> list, const Scored& base, std::size_t level) const {
-        if (level > 1 && list.size() > screened_later) {
-            // Fields may do a part of an effect's work: it is weighed with fields that give way.
-            const Responses r = responses(base, list);
+        const std::size_t screened = level == 1 ? screened_first : screened_later;
+        // Fields may do a part of an effect's work: it is weighed with fields that give way.
+        const Responses r = list.size() > screened ? responses(base, list) : Responses{};
+        if (!r.list.empty()) {
             std::vector<double> explained(list.size());
             for (std::size_t i = 0; i < r.list.size(); ++i) {
                 double& most = explained[r.list[i].of];
@@ -1015,7 +1041,7 @@ class Search {
             std::ranges::stable_sort(order, std::ranges::greater{}, [&](std::size_t i) {
                 return list[i].points.front().settled ? std::numeric_limits<double>::infinity() : explained[i];
             });
-            order.resize(screened_later);
+            order.resize(screened);
             std::vector<Begun> likeliest;
             for (const std::size_t i : order) likeliest.push_back(std::move(list[i]));
             list = std::move(likeliest);
@@ -1079,9 +1105,12 @@ class Search {
         return running;
     }
 
-    // Whether the lead leaves one of them little more than noise: then other bases need no look before it.
-    bool is_promising(const std::vector<Hypothesis>& led) const {
-        const double enough = promising * static_cast<double>(count(lead_records_));
+    // Whether the lead leaves one of them little more than noise, or little of what the base leaves: then other bases need no look
+    // before it.
+    bool is_promising(const std::vector<Hypothesis>& led, const Hypothesis& base) const {
+        const ModelFit lead(machine_, lead_records_);
+        const double enough =
+            std::max(promising * static_cast<double>(lead.sample_count()), promising_share * lead.chi_square(base));
         return std::ranges::any_of(led, [&](const Hypothesis& h) { return h.chi_square < enough; });
     }
 
@@ -1296,11 +1325,15 @@ class Search {
         const Evidence& record = clue_record_;
         const std::size_t first = first_shown(base, record);
         std::vector<Hypothesis> points;
-        for (std::size_t samples = beginnings_from; first + samples < record.measurement.size(); samples *= 2) {
+        for (std::size_t samples = beginnings_from; first + samples < lead_length_; samples *= 2) {
             if (late()) break;
             const std::vector<Evidence> part{beginning(record, first + samples)};
-            if (points.empty()) points = starts_of(base, candidate, ModelFit(machine_, part));
+            const ModelFit fit(machine_, part);
+            if (samples == beginnings_from) points = starts_of(base, candidate, fit);
+            const double without = fit.chi_square(base);
             for (auto& h : points) refine(h, part, 6, 1);
+            std::erase_if(points, [&](const Hypothesis& h) { return !(h.chi_square < worthwhile * without); });
+            if (points.empty()) break;
         }
         const ModelFit lead(machine_, lead_records_);
         for (auto& h : points) lead.evaluate(h);

@@ -41,6 +41,9 @@ struct EffectForm {
     std::size_t tried = 2; // of starts and probes, the best so many are fitted
     // A form of more parameters, with starts near these values, for where they leave more than noise.
     std::function<EffectForm(std::span<const double>)> richer = {};
+    // Where a fit of the kind's only simpler kind begins that takes the place of this one at these values; empty: none does nearly
+    // the same. Without this function it begins as elsewhere.
+    std::function<std::vector<double>(std::span<const double>)> as_simpler = {};
     bool on_beginnings = false; // sought on beginnings too, which have fewer local minima
     bool rugged = false;        // chi square has many local minima over a whole record: fitted on beginnings that grow
 };

@@ -65,6 +65,13 @@ m.backlash = p
                 }
             }
             for (const char* sensor : {"motor", "load"}) {
+                // Without play the load is a vibration mode of the motor. Its own position has one of negative gain.
+                const auto mode = [gain = c.axis.plant.rigid_gain, is_motor = sensor == std::string_view("motor")](
+                                      std::span<const double> values) -> std::vector<double> {
+                    if (!is_motor) return {};
+                    const double share = values[1];
+                    return {gain * share / (1 - share), values[2], values[3]};
+                };
                 forms.push_back({.form = sensor,
                                  .fixed = {{"sensor", sensor}},
                                  // Steps of differences are small, lest a contact come or go within one.
@@ -74,11 +81,13 @@ m.backlash = p
                                                 {"contact_zeta", 5e-3, 2, true, 1e-4}},
                                  .probes = probes,
                                  .tried = 3,
+                                 .as_simpler = mode,
                                  .rugged = true});
             }
             return forms;
         },
     .fit_order = 220,
+    .simpler = {"resonant_mode"}, // of a play of next to nothing
 };
 
 } // namespace tribode::effects
