@@ -507,12 +507,15 @@ Diagnosis diagnose(const MachineModel& machine, std::vector<Measurement> fitted,
     d.fitted_gap = total_gap(d.fitted);
     d.validation_gap = total_gap(d.validation);
     // A resolution is no gap of positions.
-    const Gap& gap = d.validation_gap;
-    d.explained = gap.before > 0 ? 1 - std::pow(gap.after / gap.before, 2) : 0;
-    if (d.verdict == "effect_found" && gap.after > little_left * gap.floor) {
+    d.explained = d.validation_gap.explained();
+    // Slow errors weigh little in chi square, and are what is seen.
+    const bool shown_left = d.validation_gap.is_left(), fitted_left = d.fitted_gap.is_left();
+    if (d.verdict == "effect_found" && (shown_left || fitted_left)) {
         d.verdict = "partial";
         // What is left may be what a force of no name leaves, of which the effect takes up a part.
-        double explained = d.explained;
+        double explained = 1;
+        if (shown_left) explained = d.explained;
+        if (fitted_left) explained = std::min(explained, d.fitted_gap.explained());
         if (const auto& ranking = d.search.ranking; !ranking.empty() && ranking.front().together.settled) {
             // Noise decides how the motion goes on, so that the gap stays: errors of prediction show what is explained.
             explained = std::max(explained, 1 - ranking.front().validation / d.search.baseline.validation);

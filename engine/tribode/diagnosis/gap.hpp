@@ -7,16 +7,19 @@
 
 namespace tribode {
 
+// Gap over the floor up to which what is missing has been found, and not a part of it.
+inline constexpr double little_left = 3;
+
 // rms of measured minus simulated, without and with what was found; and of the noise and rounding that no model removes.
 // Of a machine [m]; of a system in the unit of its output or, of several outputs, relative to what each moves.
 struct Gap {
     double before = 0, after = 0, floor = 0;
 
+    bool is_left() const { return after > little_left * floor; }
+    // Share of the squared gap.
+    double explained() const { return before > 0 ? 1 - after / before * (after / before) : 0; }
     Json json() const; // null for what is not finite
 };
-
-// Gap over the floor up to which what is missing has been found, and not a part of it.
-inline constexpr double little_left = 3;
 
 // Of records together, each sample counting alike. A comparison has a gap and counts its samples().
 template <class Comparison>

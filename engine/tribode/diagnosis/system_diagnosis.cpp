@@ -159,9 +159,9 @@ class Diagnoser {
             text = fmt::format("To tell {} from {}: {}", one.names_from(step.before), names, text);
         }
         const Gap& gap = result_.validation_gap;
-        const bool is_left = gap.after > little_left * gap.floor && (!result_.out_of_time || result_.effects.empty());
+        const bool is_left = gap.is_left() && (!result_.out_of_time || result_.effects.empty());
         const Gap& fitted = result_.fitted_gap;
-        const bool is_in_both = result_.effects.empty() && fitted.after > little_left * fitted.floor;
+        const bool is_in_both = result_.effects.empty() && fitted.is_left();
         const bool is_here_only =
             steps_.back().candidate.is_noise || gap.after > (is_in_both ? more : far_more) * fitted.after;
         is_in_validation_only_ = is_left && is_here_only && !divided_ && !control_.stop_requested();
@@ -602,7 +602,7 @@ class Diagnoser {
     // The first step explains most of what is much on the validation records, and random forces do as well.
     void remember_doubtful(const Judged& fitted, const Improvement& gain) {
         const Gap gap = total_gap(fitted.validation);
-        if (gap.before < little_left * gap.floor || 1 - std::pow(gap.after / gap.before, 2) < half) return;
+        if (gap.before < little_left * gap.floor || gap.explained() < half) return;
         if (doubtful_ && rms_of_errors(doubtful_->step.on_validation) <= rms_of_errors(steps_[1].on_validation)) return;
         doubtful_ = Doubtful{steps_[1], fitted, between_};
         doubtful_->step.confirmed = gain.certainty;
@@ -1104,7 +1104,7 @@ class Diagnoser {
         }
         result_.fitted_gap = total_gap(result_.fitted);
         result_.validation_gap = total_gap(result_.validation);
-        result_.explained = 1 - std::pow(result_.validation_gap.after / result_.validation_gap.before, 2);
+        result_.explained = result_.validation_gap.explained();
     }
 
     // Without the outputs that only the search needs.
@@ -1213,7 +1213,7 @@ class Diagnoser {
     // That uncertain values may explain what is left does not show that the model is right.
     bool is_much_left() const {
         const Gap &validation = result_.validation_gap, &fitted = result_.fitted_gap;
-        return validation.after > little_left * validation.floor || fitted.after > little_left * fitted.floor;
+        return validation.is_left() || fitted.is_left();
     }
 
     // Of the effects, in the order of the terms: what is left without those that are open.
@@ -1395,7 +1395,7 @@ SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemReco
         return names;
     };
     if (first.values_explain_it() && names_of(more_told) != names_of(d)) return d;
-    const bool had_something = !d.effects.empty() || d.fitted_gap.after > little_left * d.fitted_gap.floor;
+    const bool had_something = !d.effects.empty() || d.fitted_gap.is_left();
     if (more_told.effects.empty() && had_something) return d;
     return told(std::move(more_told), "The other records show nothing of it, or little", fitted);
 }
