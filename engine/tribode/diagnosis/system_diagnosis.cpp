@@ -1061,7 +1061,8 @@ class Diagnoser {
         SystemFit::Result result;
         // The way of the inputs between all samples is told now, beside what was missing.
         auto ways = search.ways();
-        std::ranges::stable_partition(ways, [&](Interpolation way) { return way == search.interpolation(); });
+        std::stable_partition(ways.begin(), ways.end(),
+                              [&](Interpolation way) { return way == search.interpolation(); });
         for (const Interpolation way : ways) {
             if (!result.errors.empty() && ended()) break;
             auto other = search.fit_of_all_samples(way).fit(last.model, final_values_, final_iterations, ended);
