@@ -716,6 +716,7 @@ class Search {
                     auto begun = with_kind(others, name, values);
                     if (!begun) continue;
                     refine(*begun, all_, 8, control_.workers);
+                    if (!std::isfinite(begun->chi_square)) continue;
                     instead.push_back(*begun);
                     list.push_back(scored(*std::move(begun)));
                     continue;
@@ -989,7 +990,7 @@ class Search {
         }
         for (std::size_t i = 0; i < begun.size(); ++i) {
             for (const auto& point : begun[i].points) {
-                if (late()) return r;
+                if (late()) return {}; // without products the others tell nothing
                 if (!point.settled && add(point, 1)) r.list.push_back({i, &point});
             }
         }
