@@ -15,8 +15,8 @@ inline constexpr double little_left = 3;
 struct Gap {
     double before = 0, after = 0, floor = 0;
 
-    bool is_left() const { return after > little_left * floor; }
-    // Share of the squared gap.
+    bool is_left() const { return after > little_left * floor; } // more than a little
+    // Share of the squared gap, negative where it grows; 0 without one.
     double explained() const { return before > 0 ? 1 - after / before * (after / before) : 0; }
     Json json() const; // null for what is not finite
 };

@@ -363,6 +363,23 @@ TEST(Diagnosis, ABacklashWithoutPlayIsAMode) {
     expect_parameter(d.effects[0], "zeta", 0.028);
 }
 
+// Slow errors weigh little beside slow noise. A weak spring shows on the fitted record, which moves far, alone.
+TEST(Diagnosis, AnswersThatLeaveMuchOnTheFittedRecordArePartial) {
+    const Json machine = Json::parse(R"({"Ts": 0.0005, "rigid_gain_per_kg": 0.1, "friction": {"viscous": 20},
+        "encoder_resolution_m": 1e-8, "noise_rms_m": 1e-8, "process_noise_rms_N": 0.5,
+        "controller": {"type": "pid", "kp": 2000, "ki": 0, "kd": 100, "derivative_filter_hz": 300}})");
+    const Json hidden = Json::parse(R"([{"name": "payload_mass", "parameters": {"ratio": 0.4}},
+        {"name": "spring_force", "parameters": {"k": 3, "y0": 0}}])");
+    const Diagnosis d =
+        diagnosed_between(machine, hidden, machine, sine_record(0.05, 1, 3), sine_record(0.005, 3, 3), 1);
+    ASSERT_EQ(d.effects.size(), 1u);
+    EXPECT_EQ(d.effects[0].name, "payload_mass");
+    EXPECT_GT(d.fitted_gap.after, 3 * d.fitted_gap.floor);
+    EXPECT_LT(d.validation_gap.after, 3 * d.validation_gap.floor);
+    EXPECT_EQ(d.verdict, "partial");
+    EXPECT_LT(d.effects[0].probability, 0.76);
+}
+
 // Over less than its period a ripple is nearly a spring and a cubic one.
 TEST(Diagnosis, APairTakesThePlaceOfThreeEffectsThatSayAsMuch) {
     const Json machine = Json::parse(R"({"Ts": 0.0005, "closed_loop": false, "rigid_gain_per_kg": 0.0389,
