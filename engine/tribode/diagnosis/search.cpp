@@ -69,7 +69,7 @@ constexpr double promising = 1000, promising_share = 0.02;
 // correlated, and chi square falls by chance.
 constexpr double worth = 30;
 constexpr double needed_fall = 4;    // of the score, while more than noise remains
-constexpr double straightened = 100; // chi square per sample up to which fields are led back
+constexpr double leads_back_within = 100; // chi square per sample up to which fields are led back
 constexpr double shows = 8;          // whitened errors of noise alone are seldom half as large
 
 std::size_t count(const std::vector<Evidence>& records) {
@@ -664,7 +664,7 @@ class Search {
     void straighten(Scored& one) const {
         if (one.together.sum_of_squares() == 0 || is_noise(one)) return;
         // Far from the noise fields are the least of it.
-        if (one.together.chi_square > straightened * static_cast<double>(count(all_))) return;
+        if (one.together.chi_square > leads_back_within * static_cast<double>(count(all_))) return;
         Hypothesis again = one.together;
         std::ranges::fill(again.nominal, 0.0);
         again.converged = false;
@@ -1079,7 +1079,7 @@ class Search {
         std::vector<Hypothesis> running;
         for (const auto& solution : likeliest(true)) running.push_back(moved_to(solution, r, base, list));
         // Far from noise the fields' deviations weigh nothing: they may take a pair to a place from where no fit leads back.
-        if (r.fields > 0 && base.together.chi_square > straightened * static_cast<double>(count(all_))) {
+        if (r.fields > 0 && base.together.chi_square > leads_back_within * static_cast<double>(count(all_))) {
             const std::size_t begin = running.size();
             for (const auto& solution : likeliest(false)) running.push_back(moved_to(solution, r, base, list));
             for_each_index(running.size() - begin, control_, what + ": fitting", [&](std::size_t i) {
