@@ -2,6 +2,7 @@
 #include "tribode/base/random.hpp"
 #include "tribode/diagnosis/response.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <numeric>
 
@@ -30,22 +31,34 @@ double rms_of_fine_part(const std::vector<double>& y) {
     return std::sqrt(sum / (20 * static_cast<double>(y.size() - 3)));
 }
 
-// Linear prediction from autocovariances, by Levinson's recursion.
-void predict(const std::vector<double>& covariance, NoiseFloor& floor) {
+// Linear prediction of all signals by Burg's recursion, which uses no more than what is within them [Burg 1975]: covariances that lack
+// what is beyond the ends say nothing of how little is new in a signal that is smooth.
+std::vector<double> predictor_of(const std::vector<std::vector<double>>& signals, std::size_t order) {
+    auto ahead = signals, behind = signals; // what predictions forwards and backwards leave
     std::vector<double> a;
-    double variance = covariance[0];
-    for (std::size_t n = 1; n < covariance.size() && variance > 1e-9 * covariance[0]; ++n) {
-        double reflection = covariance[n];
-        for (std::size_t j = 0; j < a.size(); ++j) reflection -= a[j] * covariance[n - 1 - j];
-        reflection /= variance;
+    for (std::size_t n = 1; n <= order; ++n) {
+        double product = 0, squares = 0;
+        for (std::size_t s = 0; s < signals.size(); ++s) {
+            for (std::size_t k = n; k < signals[s].size(); ++k) {
+                product += ahead[s][k] * behind[s][k - 1];
+                squares += ahead[s][k] * ahead[s][k] + behind[s][k - 1] * behind[s][k - 1];
+            }
+        }
+        if (!(squares > 0)) break;
+        const double reflection = 2 * product / squares;
         std::vector<double> next(n);
         for (std::size_t j = 0; j + 1 < n; ++j) next[j] = a[j] - reflection * a[n - 2 - j];
         next[n - 1] = reflection;
         a = std::move(next);
-        variance *= 1 - reflection * reflection;
+        for (std::size_t s = 0; s < signals.size(); ++s) {
+            for (std::size_t k = signals[s].size() - 1; k >= n; --k) {
+                const double forwards = ahead[s][k], backwards = behind[s][k - 1];
+                ahead[s][k] = forwards - reflection * backwards;
+                behind[s][k] = backwards - reflection * forwards;
+            }
+        }
     }
-    floor.predictor = std::move(a);
-    floor.innovation = std::sqrt(variance);
+    return a;
 }
 
 } // namespace
@@ -78,31 +91,21 @@ std::optional<NoiseFloor> noise_floor(const MachineModel& machine, const Measure
         errors[i] = *run;
         for (std::size_t k = 0; k < clean->size(); ++k) errors[i][k] -= (*clean)[k];
     });
-    std::vector<double> covariance(std::min(model_order, measurement.size() / 10) + 1);
+    std::erase_if(errors, [](const auto& e) { return e.empty(); });
     double square = 0;
-    std::size_t runs = 0;
-    for (const auto& e : errors) {
-        if (e.empty()) continue;
-        ++runs;
-        square += mean_square(e);
-        for (std::size_t lag = 0; lag < covariance.size(); ++lag) {
-            for (std::size_t k = lag; k < e.size(); ++k) covariance[lag] += e[k] * e[k - lag];
-        }
-    }
-    if (runs == 0 || !(square > 0)) return std::nullopt;
+    for (const auto& e : errors) square += mean_square(e) / static_cast<double>(errors.size());
+    if (!(square > 0)) return std::nullopt;
     NoiseFloor floor;
-    floor.rms = std::sqrt(square / static_cast<double>(runs));
-    for (double& value : covariance) value /= static_cast<double>(runs * measurement.size());
-    predict(covariance, floor);
+    floor.rms = std::sqrt(square);
+    floor.predictor = predictor_of(errors, std::min(model_order, measurement.size() / 10));
     std::vector<double> squares;
-    for (const auto& e : errors) {
-        if (!e.empty()) squares.push_back(mean_square(floor.whitened(e)));
-    }
+    for (const auto& e : errors) squares.push_back(mean_square(floor.whitened(e)));
     const double mean = std::accumulate(squares.begin(), squares.end(), 0.0) / static_cast<double>(squares.size());
+    floor.innovation = std::sqrt(mean);
     double variance = 0;
-    for (const double value : squares) variance += (value - mean) * (value - mean);
+    for (const double value : squares) variance += (value - mean) * (value - mean) / (mean * mean);
     variance /= std::max<double>(1, static_cast<double>(squares.size()) - 1);
-    floor.spread = std::sqrt(std::max(variance - 2 / static_cast<double>(measurement.size()), 0.0)) / mean;
+    floor.spread = std::sqrt(std::max(variance - 2 / static_cast<double>(measurement.size()), 0.0));
     return floor;
 }
 

@@ -2,6 +2,7 @@
 #include "tribode/base/error.hpp"
 #include "tribode/diagnosis/fixed_steps.hpp"
 #include "tribode/diagnosis/lane_fit.hpp"
+#include "tribode/diagnosis/lasting_errors.hpp"
 #include "tribode/diagnosis/normal_equations.hpp"
 #include "tribode/diagnosis/prediction_statistics.hpp"
 #include "tribode/experiment/system_run.hpp"
@@ -687,32 +688,42 @@ std::vector<double> SystemFit::standard_errors(const SystemModel& model, const s
     std::vector<double> deviation(values.size(), std::numeric_limits<double>::infinity());
     if (errors.empty() || values.empty()) return deviation;
     const Eigen::MatrixXd slopes = jacobian(model, values, errors), inverse = inverse_of_normal(slopes);
-    const double variance =
-        sum_of_squares(errors) / std::max(1.0, static_cast<double>(errors.size()) - static_cast<double>(values.size()));
+    const std::size_t outputs = records_.front().outputs.size();
     // The outputs of a sample together, as what moves one moves others.
     std::vector<std::size_t> rows;
     for (const std::size_t used : used_) rows.push_back(used);
     Eigen::MatrixXd scores = Eigen::MatrixXd::Zero(
         static_cast<Eigen::Index>(std::accumulate(rows.begin(), rows.end(), std::size_t{0})), slopes.cols());
-    Eigen::Index first = 0, row = 0; // of the scores, of the errors
+    std::vector<std::vector<Eigen::Index>> places(outputs); // of the errors of each output
+    std::vector<std::vector<std::size_t>> rows_of(outputs); // of each record
+    Eigen::Index first = 0, row = 0;                        // of the scores, of the errors
     double correlation = 1;
     for (std::size_t r = 0; r < rows.size(); ++r) {
-        for (const auto& measured : records_[r].outputs) {
+        for (std::size_t o = 0; o < outputs; ++o) {
+            const auto& measured = records_[r].outputs[o];
             std::vector<double> own;
             for (std::size_t k = 0; k < rows[r]; ++k) {
                 if (std::isnan(measured[k])) continue;
                 own.push_back(errors[static_cast<std::size_t>(row)]);
                 scores.row(first + static_cast<Eigen::Index>(k)) += own.back() * slopes.row(row);
+                places[o].push_back(row);
                 ++row;
             }
+            rows_of[o].push_back(own.size());
             correlation = std::max(correlation, correlation_length(own));
         }
         first += static_cast<Eigen::Index>(rows[r]);
     }
-    const Eigen::MatrixXd correlated = covariance_of_correlated_errors(inverse, scores, rows, correlation);
+    const Eigen::Map<const Eigen::VectorXd> e(errors.data(), row);
+    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(slopes.cols(), slopes.cols());
+    for (std::size_t o = 0; o < outputs; ++o) {
+        normal += normal_of_lasting_errors(e(places[o]), slopes(places[o], Eigen::all), rows_of[o]);
+    }
+    const Eigen::MatrixXd lasting = inverse * normal * inverse,
+                          correlated = covariance_of_correlated_errors(inverse, scores, rows, correlation);
     for (std::size_t i = 0; i < deviation.size(); ++i) {
         const auto place = static_cast<Eigen::Index>(i);
-        const double own = std::max(variance * inverse(place, place), correlated(place, place));
+        const double own = std::max(lasting(place, place), correlated(place, place));
         if (own > 0) deviation[i] = std::sqrt(own);
     }
     return deviation;
