@@ -68,9 +68,9 @@ constexpr double promising = 1000, promising_share = 0.02;
 // What another effect must gain beyond the penalty of its parameters, unless it leaves noise alone: else errors are
 // correlated, and chi square falls by chance.
 constexpr double worth = 30;
-constexpr double needed_fall = 4;    // of the score, while more than noise remains
+constexpr double needed_fall = 4;         // of the score, while more than noise remains
 constexpr double leads_back_within = 100; // chi square per sample up to which fields are led back
-constexpr double shows = 8;          // whitened errors of noise alone are seldom half as large
+constexpr double shows = 8;               // whitened errors of noise alone are seldom half as large
 
 std::size_t count(const std::vector<Evidence>& records) {
     std::size_t sum = 0;

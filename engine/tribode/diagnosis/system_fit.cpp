@@ -386,9 +386,12 @@ Eigen::MatrixXd SystemFit::jacobian(const SystemModel& model, const std::vector<
                                     const std::vector<double>& errors) const {
     // The errors may be those of another solver: from what steps of one length make of the same values they differ by more than a small
     // move changes.
-    const auto lanes = LaneFit::of(*this, model, values, substeps_);
-    return lanes ? lanes->jacobian(values, lanes->errors({values})[0])
-                 : jacobian_by_runs(model, values, errors, nullptr, {});
+    if (const auto lanes = LaneFit::of(*this, model, values, substeps_)) {
+        const auto own = lanes->errors({values})[0];
+        // Steps whose length is given may run away from values that a solver follows.
+        if (!own.empty()) return lanes->jacobian(values, own);
+    }
+    return jacobian_by_runs(model, values, errors, nullptr, {});
 }
 
 // `steps`: by how much each value moves for a difference; the next call begins with them.

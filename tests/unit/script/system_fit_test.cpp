@@ -195,6 +195,27 @@ TEST(SystemFit, StandardErrorsDoNotDependOnTheSolverOfTheErrors) {
     EXPECT_LT(deviation[0], 0.05);
 }
 
+// Ten times as fast as a step of the fourth order follows: in steps of that length the motion runs away.
+TEST(SystemFit, SlopesAreThoseOfASolverWhereStepsOfTheGivenLengthRunAway) {
+    const TemporaryFolder folder;
+    const auto model = model_of(folder, R"(inputs = { u = 1 }, states = { x = 0 }, parameters = { a = 300 },
+        der = function(s) return { x = s.a * (s.u - s.x) } end,
+        outputs = function(s) return { y = s.x + s.x ^ 3 / s.a } end)");
+    SystemRecord record = record_of(400, 0.1, {[](double t) { return std::sin(t); }});
+    record.outputs = {std::vector<double>(400, 0.5)};
+    const std::vector<SystemRecord> records = {record};
+    SystemFit fit(records, {1}, Interpolation::hold, {400});
+    const auto values = model.values(1);
+    const auto errors = fit.errors(model, values);
+    ASSERT_EQ(errors.size(), 400u);
+    const auto slopes = fit.jacobian(model, values, errors);
+    fit.begin_search(1);
+    const auto in_long_steps = fit.jacobian(model, values, errors);
+    ASSERT_EQ(in_long_steps.rows(), 400);
+    EXPECT_GT(slopes.norm(), 1e-4);
+    EXPECT_LT((in_long_steps - slopes).norm(), 1e-3 * slopes.norm());
+}
+
 // What was not measured counts nowhere: a fit to the rest is that of a record in which it is anything.
 TEST(SystemFit, WhatWasNotMeasuredCountsNowhere) {
     NoisyLag lag;
