@@ -1,11 +1,12 @@
 #include "tribode/diagnosis/lasting_errors.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <utility>
 
 namespace tribode {
 namespace {
@@ -27,8 +28,7 @@ struct Motion {
     }
 };
 
-// Columns of signals, a sample each: what of them does not follow from the samples before, over its deviation, if they are white
-// noise of variance one and the motion with `ratio` times its variance. Returns the logarithm of the determinant of V.
+// Errors of a noise of variance one. Returns the logarithm of the determinant of their covariance.
 template <int D>
 double whiten(const Eigen::MatrixXd& signals, const std::vector<std::size_t>& rows, const Motion<D>& motion,
               double ratio, Eigen::MatrixXd& whitened) {
@@ -57,96 +57,142 @@ double whiten(const Eigen::MatrixXd& signals, const std::vector<std::size_t>& ro
     return log_determinant;
 }
 
-// Q K Q^T of the correlation K of the motion, and of rows Q that are orthonormal.
-template <int D>
-Eigen::MatrixXd correlated(const Eigen::MatrixXd& rows_of_signals, const std::vector<std::size_t>& rows, double lasts) {
-    const double rate = 1 / lasts, forgotten = std::exp(-rate);
-    const Eigen::Index n = rows_of_signals.rows();
-    Eigen::MatrixXd before(n, rows_of_signals.cols()); // the sum of all samples before by their correlation
-    Eigen::Index k = 0;
-    for (const std::size_t count : rows) {
-        Eigen::VectorXd sum = Eigen::VectorXd::Zero(n), growing = Eigen::VectorXd::Zero(n);
-        for (const Eigen::Index end = k + static_cast<Eigen::Index>(count); k < end; ++k) {
-            before.col(k) = sum;
-            if constexpr (D == 2) before.col(k) += rate * growing;
-            sum += rows_of_signals.col(k);
-            growing += sum;
-            growing *= forgotten;
-            sum *= forgotten;
-        }
+double whiten(const Eigen::MatrixXd& signals, const std::vector<std::size_t>& rows, const ErrorModel& model,
+              Eigen::MatrixXd& whitened) {
+    if (model.ratio == 0) {
+        whitened = signals;
+        return 0;
     }
-    const Eigen::MatrixXd products = rows_of_signals * before.transpose();
-    return Eigen::MatrixXd::Identity(n, n) + products + products.transpose();
+    return model.is_smooth ? whiten(signals, rows, Motion<2>(model.lasts), model.ratio, whitened)
+                           : whiten(signals, rows, Motion<1>(model.lasts), model.ratio, whitened);
 }
 
-// The mean of the variances of hypotheses, weighed by their likelihood.
-class WeighedMean {
-  public:
-    explicit WeighedMean(Eigen::Index size) : sum_(Eigen::MatrixXd::Zero(size, size)) {}
+// What the errors of an output say about the parameters, if they are of one kind.
+struct Hypothesis {
+    ErrorModel model;
+    double log_likelihood;
+    Eigen::MatrixXd information; // inverse of the covariance
+    Eigen::VectorXd pull;        // information times the step
+};
 
-    void add(double log_likelihood, const Eigen::MatrixXd& normal) {
-        if (!std::isfinite(log_likelihood)) return;
-        if (log_likelihood > largest_) {
-            const double kept = std::exp(largest_ - log_likelihood);
-            sum_ *= kept;
-            weights_ *= kept;
-            largest_ = log_likelihood;
+std::vector<Hypothesis> hypotheses_of(const OutputErrors& output, const Eigen::RowVectorXd& scale) {
+    // Orthonormal columns in place of the slopes.
+    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> split(output.slopes * scale.asDiagonal());
+    split.setThreshold(1e-10);
+    const Eigen::Index p = split.rank(), n = output.slopes.rows();
+    Eigen::MatrixXd signals(p + 1, n);
+    signals.topRows(p) = (split.householderQ() * Eigen::MatrixXd::Identity(n, p)).transpose();
+    signals.row(p) = output.errors.transpose();
+    const Eigen::MatrixXd combined = signals.topRows(p) * output.slopes * scale.asDiagonal();
+    const double free = static_cast<double>(std::max<Eigen::Index>(1, n - p));
+
+    std::vector<Hypothesis> all;
+    Eigen::MatrixXd whitened(p + 1, n);
+    const auto add = [&](ErrorModel model) {
+        const double log_determinant = whiten(signals, output.rows, model, whitened);
+        const Eigen::MatrixXd products = whitened * whitened.transpose(), slopes = products.topLeftCorner(p, p);
+        const Eigen::VectorXd with = products.col(p).head(p);
+        const Eigen::LLT<Eigen::MatrixXd> followed(slopes);
+        model.variance = (products(p, p) - with.dot(followed.solve(with))) / free;
+        const double log_of_followed = 2 * followed.matrixLLT().diagonal().array().log().sum();
+        if (!(model.variance > 0) || !std::isfinite(log_of_followed)) return;
+        all.push_back({model, -(free * std::log(model.variance) + log_determinant + log_of_followed) / 2,
+                       combined.transpose() * slopes * combined / model.variance,
+                       combined.transpose() * with / model.variance});
+    };
+    add({});
+    if (n < 2 * p + 10) return all; // too few to tell how they follow each other
+    // Sizes by the density of slow motion over that of the noise: what lasts too long to be seen then is at most as large as
+    // what would just be seen. What lasts longer than a third of a record is a part of its mean and its slope.
+    const auto longest = static_cast<double>(*std::ranges::max_element(output.rows));
+    for (double lasts = 2; lasts < longest / 3; lasts *= 4) {
+        for (double density = 1; density < 1e7; density *= 10) {
+            add({false, lasts, density / (2 * lasts)});
+            add({true, lasts, density / (4 * lasts)});
         }
-        const double weight = std::exp(log_likelihood - largest_);
-        sum_ += weight * normal;
-        weights_ += weight;
     }
-    Eigen::MatrixXd mean() const { return sum_ / weights_; }
+    return all;
+}
+
+// By their likelihoods, those up to which the sum of all before is a share of all.
+class Draw {
+  public:
+    explicit Draw(std::vector<Hypothesis> hypotheses) : hypotheses_(std::move(hypotheses)) {
+        const double largest = std::ranges::max_element(hypotheses_, {}, &Hypothesis::log_likelihood)->log_likelihood;
+        double sum = 0;
+        for (const auto& one : hypotheses_) shares_.push_back(sum += std::exp(one.log_likelihood - largest));
+        for (double& share : shares_) share /= sum;
+    }
+    const ErrorModel& likeliest() const {
+        return std::ranges::max_element(hypotheses_, {}, &Hypothesis::log_likelihood)->model;
+    }
+    const Hypothesis& at(double share) const {
+        const auto place = std::ranges::upper_bound(shares_, share) - shares_.begin();
+        return hypotheses_[std::min(static_cast<std::size_t>(place), hypotheses_.size() - 1)];
+    }
 
   private:
-    Eigen::MatrixXd sum_;
-    double weights_ = 0, largest_ = -std::numeric_limits<double>::infinity();
+    std::vector<Hypothesis> hypotheses_;
+    std::vector<double> shares_;
 };
 
 } // namespace
 
-Eigen::MatrixXd normal_of_lasting_errors(const Eigen::VectorXd& errors, const Eigen::MatrixXd& slopes,
-                                         const std::vector<std::size_t>& rows) {
-    if (errors.size() == 0) return Eigen::MatrixXd::Zero(slopes.cols(), slopes.cols());
-    // Orthonormal columns in place of the slopes.
-    const Eigen::RowVectorXd norm = slopes.colwise().norm();
-    const Eigen::RowVectorXd back = norm.unaryExpr([](double n) { return n > 0 ? 1 / n : 0; });
-    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> split(slopes * back.asDiagonal());
-    split.setThreshold(1e-10);
-    const Eigen::Index p = split.rank(), n = slopes.rows();
-    Eigen::MatrixXd signals(p + 1, n);
-    signals.topRows(p) = (split.householderQ() * Eigen::MatrixXd::Identity(n, p)).transpose();
-    signals.row(p) = errors.transpose();
-    const Eigen::MatrixXd own = signals.topRows(p), combined = own * slopes;
-    const double squares = errors.squaredNorm(), free = static_cast<double>(std::max<Eigen::Index>(1, n - p));
-    const auto normal_of = [&](const Eigen::MatrixXd& of_own) { return combined.transpose() * of_own * combined; };
-    const Eigen::MatrixXd white = squares / free * Eigen::MatrixXd::Identity(p, p);
-    if (!(squares > 0) || n < 2 * p + 10) return normal_of(white); // too few to tell how they follow each other
+Eigen::MatrixXd ErrorModel::whitened(const Eigen::MatrixXd& signals, const std::vector<std::size_t>& rows) const {
+    Eigen::MatrixXd result(signals.rows(), signals.cols());
+    whiten(signals, rows, *this, result);
+    return result / std::sqrt(variance);
+}
 
-    WeighedMean mean(p);
-    mean.add(-free / 2 * std::log(squares / free), white);
-    Eigen::MatrixXd whitened(p + 1, n);
-    const auto add = [&](const auto& motion, const Eigen::MatrixXd& of_motion, double ratio) {
-        const double log_determinant = whiten(signals, rows, motion, ratio, whitened);
-        const Eigen::MatrixXd products = whitened * whitened.transpose();
-        const Eigen::LLT<Eigen::MatrixXd> followed(products.topLeftCorner(p, p));
-        const Eigen::VectorXd with = products.col(p).head(p);
-        const double variance = (products(p, p) - with.dot(followed.solve(with))) / free;
-        const double log_of_followed = 2 * followed.matrixLLT().diagonal().array().log().sum();
-        mean.add(-(free * std::log(variance) + log_determinant + log_of_followed) / 2,
-                 variance * (Eigen::MatrixXd::Identity(p, p) + ratio * of_motion));
-    };
-    // Sizes by the density of slow motion over that of the noise: what lasts too long to be seen then is at most as large as
-    // what would just be seen. What lasts longer than a third of a record is a part of its mean and its slope.
-    const auto longest = static_cast<double>(*std::ranges::max_element(rows));
-    for (double lasts = 2; lasts < longest / 3; lasts *= 4) {
-        const Eigen::MatrixXd rough = correlated<1>(own, rows, lasts), smooth = correlated<2>(own, rows, lasts);
-        for (double density = 1; density < 1e7; density *= 10) {
-            add(Motion<1>(lasts), rough, density / (2 * lasts));
-            add(Motion<2>(lasts), smooth, density / (4 * lasts));
-        }
+GeneralizedFit generalized_fit(const std::vector<OutputErrors>& outputs) {
+    const Eigen::Index size = outputs.front().slopes.cols();
+    GeneralizedFit result{Eigen::VectorXd::Zero(size), Eigen::MatrixXd::Zero(size, size), {}};
+    result.models.resize(outputs.size());
+    Eigen::RowVectorXd norm = Eigen::RowVectorXd::Zero(size);
+    for (const auto& output : outputs) norm += output.slopes.colwise().squaredNorm();
+    const Eigen::RowVectorXd scale =
+        norm.unaryExpr([](double square) { return square > 0 ? 1 / std::sqrt(square) : 0; });
+    std::vector<Draw> draws;
+    for (std::size_t o = 0; o < outputs.size(); ++o) {
+        if (outputs[o].errors.size() == 0 || !(outputs[o].errors.squaredNorm() > 0)) continue;
+        auto hypotheses = hypotheses_of(outputs[o], scale);
+        if (hypotheses.empty()) continue;
+        draws.emplace_back(std::move(hypotheses));
+        result.models[o] = draws.back().likeliest();
     }
-    return normal_of(mean.mean());
+    if (draws.empty() || !(scale.maxCoeff() > 0)) return result;
+
+    // The outputs' hypotheses are independent: each draw combines others of them.
+    constexpr int count = 64;
+    constexpr double golden = 0.6180339887498949;
+    Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(size, size);
+    for (int d = 0; d < count; ++d) {
+        Eigen::MatrixXd information = Eigen::MatrixXd::Zero(size, size);
+        Eigen::VectorXd pull = Eigen::VectorXd::Zero(size);
+        double share = (d + 0.5) / count;
+        for (const Draw& draw : draws) {
+            const Hypothesis& one = draw.at(share);
+            information += one.information;
+            pull += one.pull;
+            share = std::fmod(share * count * golden, 1);
+        }
+        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(information);
+        const double largest = parts.eigenvalues().maxCoeff();
+        // What is hardly determined keeps its value, and may have any.
+        const Eigen::VectorXd to_step =
+            parts.eigenvalues().unaryExpr([&](double own) { return own > 1e-10 * largest ? 1 / own : 0; });
+        const Eigen::VectorXd to_covariance = parts.eigenvalues().cwiseMax(1e-14 * largest).cwiseInverse();
+        const auto& axes = parts.eigenvectors();
+        const Eigen::VectorXd step = axes * to_step.asDiagonal() * axes.transpose() * pull;
+        result.step += step / count;
+        squares += step * step.transpose() / count;
+        result.covariance += axes * to_covariance.asDiagonal() * axes.transpose() / count;
+    }
+    // The mean of the covariances, and that of the means.
+    result.covariance += squares - result.step * result.step.transpose();
+    result.step = scale.asDiagonal() * result.step;
+    result.covariance = scale.asDiagonal() * result.covariance * scale.asDiagonal();
+    return result;
 }
 
 } // namespace tribode

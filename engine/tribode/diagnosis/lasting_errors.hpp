@@ -6,12 +6,36 @@
 
 namespace tribode {
 
-// J^T V J of errors with the covariance V: with N = J^T J, least squares give parameters of the covariance N^-1 J^T V J N^-1.
-// V is that of white noise and of a motion whose correlation after a time t is e^-x or (1 + x) e^-x, x = t / T. How large and how
-// lasting that motion is cannot be read from what a fit leaves, since the fit has followed it; the likelihood of what no
-// parameter can follow tells it [Harville 1974], and V is the mean over sizes and T, weighed by that. Errors of one output, in
-// samples that follow each other; slopes: J, a row for each error; rows: of each record, one behind the other.
-Eigen::MatrixXd normal_of_lasting_errors(const Eigen::VectorXd& errors, const Eigen::MatrixXd& slopes,
-                                         const std::vector<std::size_t>& rows);
+// What a model leaves of one output, in samples that follow each other, and how these errors fall as its parameters grow.
+struct OutputErrors {
+    Eigen::VectorXd errors;
+    Eigen::MatrixXd slopes;        // a row for each error
+    std::vector<std::size_t> rows; // of each record, one behind the other
+};
+
+// Errors of one output as white noise of this variance and a motion with `ratio` times that, whose correlation after a time t is e^-x,
+// or (1 + x) e^-x where it is smooth, x = t / T: what a random force does to a machine.
+struct ErrorModel {
+    bool is_smooth = false;
+    double lasts = 1; // T [samples]
+    double ratio = 0;
+    double variance = 1;
+
+    // Of each row of signals, a column for each sample, what does not follow from the samples before, with variance one for
+    // errors of this kind. rows: samples of each record.
+    Eigen::MatrixXd whitened(const Eigen::MatrixXd& signals, const std::vector<std::size_t>& rows) const;
+};
+
+// Of parameters, to first order.
+struct GeneralizedFit {
+    Eigen::VectorXd step;           // to those of generalized least squares
+    Eigen::MatrixXd covariance;     // of these; zero for a parameter that the errors do not depend on
+    std::vector<ErrorModel> models; // the likeliest for each output
+};
+
+// How large and how lasting a motion in the errors is cannot be read from what a fit leaves, since the fit has followed it; the
+// likelihood of what no parameter can follow tells it [Harville 1974]. Step and covariance are those over all sizes and T, weighed by
+// that.
+GeneralizedFit generalized_fit(const std::vector<OutputErrors>& outputs);
 
 } // namespace tribode

@@ -992,7 +992,9 @@ class Diagnoser {
 
     Judged fitted_to_all(const SystemSearch& search, const SystemCandidate& candidate) const {
         const auto ended = ended_after(fit_share);
-        const auto result = search.fit_of_all().fit(candidate.model, candidate.values, final_iterations, ended);
+        const SystemFit fit = search.fit_of_all();
+        const auto result = fit.generalized(candidate.model,
+                                            fit.fit(candidate.model, candidate.values, final_iterations, ended), ended);
         return with_validation_values({result.errors.empty() ? candidate.values : result.values, result.errors, {}, {}},
                                       candidate);
     }
@@ -1070,6 +1072,7 @@ class Diagnoser {
             result = std::move(other);
             between_ = result_.interpolation = way;
         }
+        result = search.fit_of_all_samples(between_).generalized(last.model, std::move(result), ended);
         are_all_counted_ = !result.errors.empty();
         result_.remarks.push_back(fmt::format(
             "The search counted one of {} samples: between these nothing happens that counts beside what is missing.{}",
@@ -1118,26 +1121,11 @@ class Diagnoser {
     double uncertainty_of(const SystemModel& model, const SystemFit& whole,
                           const std::vector<std::vector<double>>& validation_values) const {
         if (final_errors_.empty() || final_values_.empty()) return 0;
-        double noise = 0, sum = 0, samples = 0;
-        // Of the fitted records, output after output, the white noise in the errors.
-        auto e = final_errors_.begin();
-        for (const auto& record : whole.records()) {
-            for (std::size_t o = 0; o < record.outputs.size(); ++o) {
-                auto measured = record.outputs[o];
-                std::erase_if(measured, [](double y) { return std::isnan(y); }); // has no error
-                const std::vector<double> left(e, e + static_cast<std::ptrdiff_t>(measured.size()));
-                e += static_cast<std::ptrdiff_t>(measured.size());
-                const double own =
-                    std::max({white_noise(left), rounding_noise(measured, left) / whole.scale()[o], solvers_errors});
-                noise += own * own * static_cast<double>(measured.size());
-                samples += static_cast<double>(measured.size());
-            }
-        }
-        noise = std::sqrt(noise / samples);
+        const double noise = whole.noise_in(final_errors_);
         const Eigen::MatrixXd all = whole.covariance(model, final_values_, final_errors_, noise);
         const auto parameters = static_cast<Eigen::Index>(model.parameters.size()),
                    first = parameters + static_cast<Eigen::Index>(model.starts.size());
-        samples = 0;
+        double sum = 0, samples = 0;
         for (std::size_t v = 0; v < validation_values.size(); ++v) {
             const auto& comparison = result_.validation[v];
             const auto size = divided_ ? first : parameters; // a divided record has start values among the fitted
@@ -1398,6 +1386,8 @@ SystemDiagnosis diagnose_system(const SystemModel& model, std::vector<SystemReco
     if (first.values_explain_it() && names_of(more_told) != names_of(d)) return d;
     const bool had_something = !d.effects.empty() || d.fitted_gap.is_left();
     if (more_told.effects.empty() && had_something) return d;
+    const auto left = [](const SystemDiagnosis& one) { return one.validation_gap.after / one.validation_gap.floor; };
+    if (more_told.out_of_time && left(more_told) > left(d)) return d; // it came less far
     return told(std::move(more_told), "The other records show nothing of it, or little", fitted);
 }
 

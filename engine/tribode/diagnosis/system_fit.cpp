@@ -44,6 +44,15 @@ constexpr double differs_by_chance = 1.05;   // of the mean squared errors, over
 constexpr double rounding_of_records = 1e-5; // of the times, in samples
 constexpr double nearly = 10;                // times what is negligible, left by the shortest steps
 constexpr double agreed = 4;                 // times what is negligible: fixed steps and those of another solver
+constexpr int most_generalized = 3;          // iterations from least squares to generalized ones
+// Where more than so many times the noise is left something is missing, whose errors are not those of a random force.
+constexpr double most_of_noise = 3;
+
+void keep_within_limits(const SystemModel& model, std::vector<double>& values) {
+    for (std::size_t i = 0; i < model.parameters.size(); ++i) {
+        values[i] = std::clamp(values[i], model.parameters[i].low, model.parameters[i].high);
+    }
+}
 
 // The derivatives of a start value that follows from others (SystemModel::Beginning) by the values of a record.
 struct MovesOfBeginning {
@@ -316,6 +325,24 @@ double SystemFit::noise() const {
     return std::sqrt(sum / std::max(count, 1.0));
 }
 
+double SystemFit::noise_in(const std::vector<double>& errors) const {
+    double noise = 0;
+    auto e = errors.begin();
+    for (std::size_t r = 0; r < records_.size(); ++r) {
+        for (std::size_t o = 0; o < scale_.size(); ++o) {
+            std::vector<double> measured(records_[r].outputs[o].begin(),
+                                         records_[r].outputs[o].begin() + static_cast<std::ptrdiff_t>(used_[r]));
+            std::erase_if(measured, [](double y) { return std::isnan(y); }); // has no error
+            const std::vector<double> left(e, e + static_cast<std::ptrdiff_t>(measured.size()));
+            e += static_cast<std::ptrdiff_t>(measured.size());
+            const double own =
+                std::max({white_noise(left), rounding_noise(measured, left) / scale_[o], solvers_errors});
+            noise += own * own * static_cast<double>(measured.size());
+        }
+    }
+    return std::sqrt(noise / static_cast<double>(std::max<std::size_t>(errors.size(), 1)));
+}
+
 std::vector<double> SystemFit::errors(const SystemModel& model, const std::vector<double>& values) const {
     const auto lanes = LaneFit::of(*this, model, values, substeps_);
     if (lanes) return lanes->errors({values})[0];
@@ -462,9 +489,7 @@ Eigen::MatrixXd SystemFit::jacobian_by_runs(const SystemModel& model, const std:
 
 SystemFit::Result SystemFit::fit(const SystemModel& model, std::vector<double> start, int iterations,
                                  const Ended& ended) const {
-    for (std::size_t i = 0; i < model.parameters.size(); ++i) {
-        start[i] = std::clamp(start[i], model.parameters[i].low, model.parameters[i].high);
-    }
+    keep_within_limits(model, start);
     auto lanes = LaneFit::of(*this, model, start, substeps_);
     Result result{.values = start};
     if (fixed_steps_only_ && !lanes) return result;
@@ -558,9 +583,7 @@ SystemFit::Result SystemFit::descend(const SystemModel& model, std::vector<doubl
                 const auto place = static_cast<Eigen::Index>(i);
                 next[i] += step[place] / norm[place];
             }
-            for (std::size_t i = 0; i < model.parameters.size(); ++i) {
-                next[i] = std::clamp(next[i], model.parameters[i].low, model.parameters[i].high);
-            }
+            keep_within_limits(model, next);
             return next;
         };
         const auto moved = [&](double with_damping) { return moved_by(damped_solution(with_damping, gradient)); };
@@ -686,50 +709,91 @@ Eigen::MatrixXd SystemFit::covariance(const SystemModel& model, const std::vecto
     return inverse_of_normal(jacobian(model, values, errors)) * (noise * noise);
 }
 
+std::vector<OutputErrors> SystemFit::by_output(const std::vector<double>& errors, const Eigen::MatrixXd& slopes) const {
+    std::vector<OutputErrors> outputs(scale_.size());
+    std::vector<std::vector<Eigen::Index>> places(scale_.size()); // of the errors of each
+    Eigen::Index row = 0;
+    for (std::size_t r = 0; r < records_.size(); ++r) {
+        for (std::size_t o = 0; o < scale_.size(); ++o) {
+            const auto& measured = records_[r].outputs[o];
+            const std::size_t before = places[o].size();
+            for (std::size_t k = 0; k < used_[r]; ++k) {
+                if (!std::isnan(measured[k])) places[o].push_back(row++);
+            }
+            outputs[o].rows.push_back(places[o].size() - before);
+        }
+    }
+    const Eigen::Map<const Eigen::VectorXd> all(errors.data(), row);
+    for (std::size_t o = 0; o < scale_.size(); ++o) {
+        outputs[o].errors = all(places[o]);
+        if (slopes.rows() > 0) outputs[o].slopes = slopes(places[o], Eigen::all);
+    }
+    return outputs;
+}
+
 std::vector<double> SystemFit::standard_errors(const SystemModel& model, const std::vector<double>& values,
                                                const std::vector<double>& errors) const {
     std::vector<double> deviation(values.size(), std::numeric_limits<double>::infinity());
     if (errors.empty() || values.empty()) return deviation;
-    const Eigen::MatrixXd slopes = jacobian(model, values, errors), inverse = inverse_of_normal(slopes);
-    const std::size_t outputs = records_.front().outputs.size();
-    // The outputs of a sample together, as what moves one moves others.
-    std::vector<std::size_t> rows;
-    for (const std::size_t used : used_) rows.push_back(used);
-    Eigen::MatrixXd scores = Eigen::MatrixXd::Zero(
-        static_cast<Eigen::Index>(std::accumulate(rows.begin(), rows.end(), std::size_t{0})), slopes.cols());
-    std::vector<std::vector<Eigen::Index>> places(outputs); // of the errors of each output
-    std::vector<std::vector<std::size_t>> rows_of(outputs); // of each record
-    Eigen::Index first = 0, row = 0;                        // of the scores, of the errors
-    double correlation = 1;
-    for (std::size_t r = 0; r < rows.size(); ++r) {
-        for (std::size_t o = 0; o < outputs; ++o) {
-            const auto& measured = records_[r].outputs[o];
-            std::vector<double> own;
-            for (std::size_t k = 0; k < rows[r]; ++k) {
-                if (std::isnan(measured[k])) continue;
-                own.push_back(errors[static_cast<std::size_t>(row)]);
-                scores.row(first + static_cast<Eigen::Index>(k)) += own.back() * slopes.row(row);
-                places[o].push_back(row);
-                ++row;
-            }
-            rows_of[o].push_back(own.size());
-            correlation = std::max(correlation, correlation_length(own));
-        }
-        first += static_cast<Eigen::Index>(rows[r]);
-    }
-    const Eigen::Map<const Eigen::VectorXd> e(errors.data(), row);
-    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(slopes.cols(), slopes.cols());
-    for (std::size_t o = 0; o < outputs; ++o) {
-        normal += normal_of_lasting_errors(e(places[o]), slopes(places[o], Eigen::all), rows_of[o]);
-    }
-    const Eigen::MatrixXd lasting = inverse * normal * inverse,
-                          correlated = covariance_of_correlated_errors(inverse, scores, rows, correlation);
+    // About these values, which need not be those of generalized least squares.
+    const GeneralizedFit fit = generalized_fit(by_output(errors, jacobian(model, values, errors)));
+    const Eigen::VectorXd variance = fit.covariance.diagonal() + fit.step.cwiseAbs2();
     for (std::size_t i = 0; i < deviation.size(); ++i) {
-        const auto place = static_cast<Eigen::Index>(i);
-        const double own = std::max(lasting(place, place), correlated(place, place));
+        const double own = variance[static_cast<Eigen::Index>(i)];
         if (own > 0) deviation[i] = std::sqrt(own);
     }
     return deviation;
+}
+
+SystemFit::Result SystemFit::generalized(const SystemModel& model, Result least, const Ended& ended) const {
+    Result result = std::move(least);
+    if (result.errors.empty() || result.values.empty()) return result;
+    const double most =
+        std::pow(most_of_noise * noise_in(result.errors), 2) * static_cast<double>(result.errors.size());
+    if (!(result.sum < most)) return result;
+    std::vector<ErrorModel> models;
+    for (int iteration = 0; iteration < most_generalized && !ended(); ++iteration) {
+        const auto outputs = by_output(result.errors, jacobian(model, result.values, result.errors));
+        if (models.empty()) models = generalized_fit(outputs).models;
+        if (std::ranges::all_of(models, [](const ErrorModel& one) { return one.ratio == 0; })) return result;
+        const auto squares_of = [&](const std::vector<OutputErrors>& of) {
+            double sum = 0;
+            for (std::size_t o = 0; o < of.size(); ++o) {
+                sum += models[o].whitened(of[o].errors.transpose(), of[o].rows).squaredNorm();
+            }
+            return sum;
+        };
+        const Eigen::Index size = static_cast<Eigen::Index>(result.values.size());
+        Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(size, size);
+        Eigen::VectorXd pull = Eigen::VectorXd::Zero(size);
+        for (std::size_t o = 0; o < outputs.size(); ++o) {
+            const Eigen::MatrixXd slopes = models[o].whitened(outputs[o].slopes.transpose(), outputs[o].rows);
+            normal += slopes * slopes.transpose();
+            pull += slopes * models[o].whitened(outputs[o].errors.transpose(), outputs[o].rows).transpose();
+        }
+        const double before = squares_of(outputs);
+        bool improved = false;
+        for (double damping = 1e-9; damping < 10 && !improved && !ended(); damping *= 1e3) {
+            Eigen::MatrixXd damped = normal;
+            for (Eigen::Index i = 0; i < size; ++i) {
+                damped(i, i) = normal(i, i) > 0 ? normal(i, i) * (1 + damping) : 1;
+            }
+            const Eigen::VectorXd step = damped.ldlt().solve(pull);
+            Result next = result;
+            for (std::size_t i = 0; i < next.values.size(); ++i) next.values[i] += step[static_cast<Eigen::Index>(i)];
+            keep_within_limits(model, next.values);
+            next.errors = errors_by_runs(model, next.values, ended);
+            next.sum = sum_of_squares(next.errors);
+            if (!(next.sum < most)) continue;
+            const double now = squares_of(by_output(next.errors));
+            improved = now < before;
+            if (!improved) continue;
+            result = std::move(next);
+            if (before - now < 0.1) return result; // far less than chance
+        }
+        if (!improved) break;
+    }
+    return result;
 }
 
 } // namespace tribode

@@ -1,4 +1,5 @@
 #pragma once
+#include "tribode/diagnosis/lasting_errors.hpp"
 #include "tribode/diagnosis/system_model.hpp"
 
 #include <Eigen/Core>
@@ -66,6 +67,8 @@ class SystemFit {
                              const std::vector<double>& errors) const;
 
     double noise() const; // of the outputs over their scale, rms
+    // White noise and rounding in what a model leaves of them, rms.
+    double noise_in(const std::vector<double>& errors) const;
 
     // From here on there are no errors where fixed steps cannot follow the equations: a search has no time for slow runs. Not for a
     // model that has events itself.
@@ -108,12 +111,17 @@ class SystemFit {
     // tell have large ones.
     Eigen::MatrixXd covariance(const SystemModel& model, const std::vector<double>& values,
                                const std::vector<double>& errors, double noise) const;
-    // Of the values, all that the errors leave open: they are no white noise, so correlations count. Infinite where the record
+    // From the least squares of a fit to generalized ones, whose errors may last as those of a random force do: with such a force the
+    // values come nearer to the true ones. The same result where the errors are white, or where more is left than such a force explains.
+    Result generalized(const SystemModel& model, Result least, const Ended& ended) const;
+    // Of these values, all that the errors leave open: they are no white noise, so correlations count. Infinite where the record
     // does not tell. `errors`: at the values.
     std::vector<double> standard_errors(const SystemModel& model, const std::vector<double>& values,
                                         const std::vector<double>& errors) const;
 
   private:
+    // The errors of all records, and their slopes where these are given.
+    std::vector<OutputErrors> by_output(const std::vector<double>& errors, const Eigen::MatrixXd& slopes = {}) const;
     // Runs that `ended` ends have failed; here and below it may be empty.
     std::vector<double> errors_by_runs(const SystemModel& model, const std::vector<double>& values,
                                        const Ended& ended) const;
