@@ -195,6 +195,49 @@ TEST(SystemFit, StandardErrorsDoNotDependOnTheSolverOfTheErrors) {
     EXPECT_LT(deviation[0], 0.05);
 }
 
+// A force of a second's correlation beside the noise, and an input of which a part is slow and a part fast.
+TEST(SystemFit, GeneralizedLeastSquaresComeNearerWhereARandomForceActs) {
+    double squares = 0, of_least = 0, in_deviations = 0;
+    constexpr std::uint64_t trials = 12;
+    for (std::uint64_t seed = 1; seed <= trials; ++seed) {
+        NoisyLag lag;
+        std::vector<SystemRecord> forced = {
+            record_of(500, 0.05, {[](double t) { return std::sin(4 * t) + std::cos(0.1 * t); }})};
+        const SystemFit simulator(forced, {1}, Interpolation::hold, {500});
+        const auto clean = simulator.simulate(lag.model, lag.model.values(1), 0, 500)->outputs;
+        double force = 0;
+        for (std::size_t k = 0; k < 500; ++k) {
+            force = 0.95 * force + 0.05 * standard_normal(seed, 1, k);
+            forced[0].inputs[0][k] += force;
+        }
+        forced[0].outputs = simulator.simulate(lag.model, lag.model.values(1), 0, 500)->outputs;
+        for (std::size_t k = 0; k < 500; ++k) {
+            const double t = 0.05 * static_cast<double>(k);
+            forced[0].inputs[0][k] = std::sin(4 * t) + std::cos(0.1 * t); // the force was not measured
+            forced[0].outputs[0][k] += 0.05 * standard_normal(seed, 0, k);
+        }
+        const SystemFit fit(forced, {1}, Interpolation::hold, {500});
+        const auto least = fit.fit(lag.model, lag.model.values(1), 20, never);
+        const auto general = fit.generalized(lag.model, least, never);
+        const double deviation = fit.standard_errors(lag.model, general.values, general.errors)[0];
+        squares += std::pow(general.values[0] - 2, 2);
+        of_least += std::pow(least.values[0] - 2, 2);
+        in_deviations += std::pow((general.values[0] - 2) / deviation, 2) / trials;
+        EXPECT_GE(general.sum, least.sum);
+        // About values that are not the best of this kind the bounds are wider.
+        EXPECT_GE(fit.standard_errors(lag.model, least.values, least.errors)[0], 0.9 * deviation);
+        // Of what is far more than noise a random force is no explanation.
+        auto missing = forced;
+        for (std::size_t k = 0; k < 500; ++k) missing[0].outputs[0][k] += 5 * clean[0][k] * clean[0][k];
+        const SystemFit poor(missing, {1}, Interpolation::hold, {500});
+        const auto far = poor.fit(lag.model, lag.model.values(1), 20, never);
+        EXPECT_EQ(poor.generalized(lag.model, far, never).values, far.values);
+    }
+    EXPECT_LT(squares, 0.7 * of_least);
+    EXPECT_LT(in_deviations, 2.5);
+    EXPECT_GT(in_deviations, 0.2);
+}
+
 // Ten times as fast as a step of the fourth order follows: in steps of that length the motion runs away.
 TEST(SystemFit, SlopesAreThoseOfASolverWhereStepsOfTheGivenLengthRunAway) {
     const TemporaryFolder folder;
