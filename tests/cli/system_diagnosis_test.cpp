@@ -514,7 +514,7 @@ TEST_F(SystemDiagnosisOfALag, APowerLawBehindADeadZone) {
 TEST_F(SystemDiagnosisOfALag, AValveWithAKneeAtEachEnd) {
     verdict = "partial";
     const Json effect = found_in(
-        lag("f + s.b * (0.4 * math.exp((s.u - 1.4) / 0.12) - 0.5 * math.exp(-(s.u + 1.4) / 0.2))"), both_signs);
+        lag("f + s.b * (0.6 * math.exp((s.u - 1.4) / 0.12) - 0.8 * math.exp(-(s.u + 1.4) / 0.2))"), both_signs);
     EXPECT_EQ(effect["name"], "curve");
 }
 

@@ -114,6 +114,14 @@ std::vector<Hypothesis> hypotheses_of(const OutputErrors& output, const Eigen::R
     return all;
 }
 
+// Large where nearly nothing is known.
+Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& information) {
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(information);
+    const double least = 1e-14 * parts.eigenvalues().maxCoeff();
+    const auto& axes = parts.eigenvectors();
+    return axes * parts.eigenvalues().cwiseMax(least).cwiseInverse().asDiagonal() * axes.transpose();
+}
+
 // By their likelihoods, those up to which the sum of all before is a share of all.
 class Draw {
   public:
@@ -142,6 +150,30 @@ Eigen::MatrixXd ErrorModel::whitened(const Eigen::MatrixXd& signals, const std::
     Eigen::MatrixXd result(signals.rows(), signals.cols());
     whiten(signals, rows, *this, result);
     return result / std::sqrt(variance);
+}
+
+// What outputs whose errors are alike tell less than one by one: what one force moves is no news in another output. By the correlation
+// at each sample, of outputs that were measured at the same ones.
+static Eigen::MatrixXd covariance_of_likeness(const std::vector<OutputErrors>& outputs,
+                                              const std::vector<ErrorModel>& models, const Eigen::RowVectorXd& scale) {
+    const Eigen::Index size = scale.size();
+    std::vector<Eigen::MatrixXd> slopes;
+    std::vector<Eigen::RowVectorXd> errors;
+    Eigen::MatrixXd information = Eigen::MatrixXd::Zero(size, size), together = information;
+    for (std::size_t o = 0; o < outputs.size(); ++o) {
+        slopes.push_back(models[o].whitened((outputs[o].slopes * scale.asDiagonal()).transpose(), outputs[o].rows));
+        errors.emplace_back(models[o].whitened(outputs[o].errors.transpose(), outputs[o].rows));
+        information += slopes[o] * slopes[o].transpose();
+        for (std::size_t other = 0; other < o; ++other) {
+            if (outputs[other].rows != outputs[o].rows) continue;
+            const double sizes = errors[o].norm() * errors[other].norm();
+            const double alike = sizes > 0 ? errors[o].dot(errors[other]) / sizes : 0;
+            const Eigen::MatrixXd products = alike * slopes[o] * slopes[other].transpose();
+            together += products + products.transpose();
+        }
+    }
+    const Eigen::MatrixXd inverse = inverse_of(information);
+    return inverse * together * inverse;
 }
 
 GeneralizedFit generalized_fit(const std::vector<OutputErrors>& outputs) {
@@ -176,20 +208,15 @@ GeneralizedFit generalized_fit(const std::vector<OutputErrors>& outputs) {
             pull += one.pull;
             share = std::fmod(share * count * golden, 1);
         }
-        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(information);
-        const double largest = parts.eigenvalues().maxCoeff();
-        // What is hardly determined keeps its value, and may have any.
-        const Eigen::VectorXd to_step =
-            parts.eigenvalues().unaryExpr([&](double own) { return own > 1e-10 * largest ? 1 / own : 0; });
-        const Eigen::VectorXd to_covariance = parts.eigenvalues().cwiseMax(1e-14 * largest).cwiseInverse();
-        const auto& axes = parts.eigenvectors();
-        const Eigen::VectorXd step = axes * to_step.asDiagonal() * axes.transpose() * pull;
+        const Eigen::MatrixXd inverse = inverse_of(information);
+        const Eigen::VectorXd step = inverse * pull;
         result.step += step / count;
         squares += step * step.transpose() / count;
-        result.covariance += axes * to_covariance.asDiagonal() * axes.transpose() / count;
+        result.covariance += inverse / count;
     }
     // The mean of the covariances, and that of the means.
     result.covariance += squares - result.step * result.step.transpose();
+    result.covariance += covariance_of_likeness(outputs, result.models, scale);
     result.step = scale.asDiagonal() * result.step;
     result.covariance = scale.asDiagonal() * result.covariance * scale.asDiagonal();
     return result;

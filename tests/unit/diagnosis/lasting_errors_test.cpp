@@ -133,6 +133,12 @@ TEST(LastingErrors, OutputsTellAsMuchAsTheirErrorsLeave) {
     EXPECT_NEAR(1 / both.covariance(0, 0), 1 / of_fine.covariance(0, 0) + 1 / of_coarse.covariance(0, 0),
                 0.05 / both.covariance(0, 0));
     EXPECT_NEAR(both.step[0], of_fine.step[0], 0.2 * std::sqrt(of_fine.covariance(0, 0)));
+    // The same error again is no news, whatever its unit; and what one output sees the other way round is averaged out.
+    const auto twice = generalized_fit({{fine, slopes, {400}}, {10 * fine, 10 * slopes, {400}}}),
+               opposite = generalized_fit({{fine, slopes, {400}}, {-fine, slopes, {400}}});
+    EXPECT_NEAR(twice.covariance(0, 0) / of_fine.covariance(0, 0), 1, 0.01);
+    EXPECT_NEAR(twice.step[0], of_fine.step[0], 1e-5);
+    EXPECT_LT(opposite.covariance(0, 0), 0.05 * of_fine.covariance(0, 0));
 }
 
 TEST(LastingErrors, ParametersThatDoNothingAndErrorsThatAreNoneAreNoDivisionByZero) {
