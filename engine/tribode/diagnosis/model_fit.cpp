@@ -452,7 +452,7 @@ void ModelFit::fit(Hypothesis& h, const Options& options) const {
             Eigen::VectorXd weight = mapped(e);
             weight.tail(weight.size() - samples).setOnes();
             const Eigen::MatrixXd correlated =
-                covariance_of_correlated_errors(inverse, weight.asDiagonal() * jacobian, rows, 1);
+                covariance_of_correlated_errors(inverse, weight.asDiagonal() * jacobian, rows);
             h.standard_errors.assign(h.values.size(), 0.0);
             for (Eigen::Index i = 0; i < n; ++i) {
                 const auto& c = moved[static_cast<std::size_t>(i)];

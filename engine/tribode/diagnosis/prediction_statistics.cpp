@@ -229,17 +229,15 @@ double likelihood_gain(const std::vector<double>& first, const std::vector<doubl
 }
 
 Eigen::MatrixXd covariance_of_correlated_errors(const Eigen::MatrixXd& inverse_of_normal, const Eigen::MatrixXd& scores,
-                                                const std::vector<std::size_t>& rows, double correlation) {
+                                                const std::vector<std::size_t>& rows) {
+    // The quantile of 95 % over that of a normal distribution, for a window of this share.
+    constexpr double share = 0.1, enlarged = 1 + share * (2.1859 + share * (0.3142 - 0.3427 * share)) / 1.6449;
     const Eigen::Index n = scores.cols();
     Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(n, n);
     Eigen::Index row = 0;
     for (const std::size_t count : rows) {
-        const double length = static_cast<double>(count);
-        const double share = std::clamp(2 * correlation / length, 0.1, 0.5);
-        // The quantile of 95 % over that of a normal distribution, for a window of this share.
-        const double enlarged = 1 + share * (2.1859 + share * (0.3142 - 0.3427 * share)) / 1.6449;
         const auto samples = static_cast<Eigen::Index>(count);
-        const auto width = std::max<Eigen::Index>(1, std::lround(share * length));
+        const auto width = std::max<Eigen::Index>(1, std::lround(share * static_cast<double>(count)));
         // Bartlett's window is the mean of the squares of all sums over so many samples, those at both ends in part outside.
         Eigen::VectorXd within = Eigen::VectorXd::Zero(n);
         Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(n, n);

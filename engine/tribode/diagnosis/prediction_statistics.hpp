@@ -55,12 +55,11 @@ double likelihood_gain(const std::vector<double>& first, const std::vector<doubl
 
 // Covariance of parameters fitted by least squares to errors that may be correlated, in a way that nobody has modeled: with
 // the normal matrix N of the slopes J of the errors e, N^-1 B N^-1, where B sums the correlations of the scores J e by
-// Bartlett's window: over a tenth of each record, or twice the correlation of its errors where that is longer. As B is
-// estimated from few independent parts, it is enlarged so that a bound of 90 % covers 90 % [Kiefer 2005, table 1].
-// scores: a row for each sample, one record after another, and behind them those of errors that are independent; rows: of
-// each record; correlation: of the errors, in samples.
+// Bartlett's window over a tenth of each record. As B is estimated from few independent parts, it is enlarged so that a bound of
+// 90 % covers 90 % [Kiefer 2005, table 1]. scores: a row for each sample, one record after another, and behind them those of errors
+// that are independent; rows: of each record.
 Eigen::MatrixXd covariance_of_correlated_errors(const Eigen::MatrixXd& inverse_of_normal, const Eigen::MatrixXd& scores,
-                                                const std::vector<std::size_t>& rows, double correlation);
+                                                const std::vector<std::size_t>& rows);
 
 // What least squares leaves of each tenth of a record where all the rest is fitted, to first order: errors with their slopes
 // by the parameters, a row for each sample, one record after another, and behind them those of errors that stay; rows: of

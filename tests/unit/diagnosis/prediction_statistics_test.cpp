@@ -145,7 +145,7 @@ TEST(PredictionStatistics, BoundsHoldForErrorsOfAnyCorrelation) {
             const Eigen::Map<const Eigen::VectorXd> y(values.data(), static_cast<Eigen::Index>(n));
             const double mean = y.mean();
             const Eigen::MatrixXd inverse = Eigen::MatrixXd::Constant(1, 1, 1 / static_cast<double>(n));
-            const double covariance = covariance_of_correlated_errors(inverse, y.array() - mean, {n}, 1)(0, 0);
+            const double covariance = covariance_of_correlated_errors(inverse, y.array() - mean, {n})(0, 0);
             variance += covariance / static_cast<double>(trials);
             within += std::abs(mean) < 1.6449 * std::sqrt(covariance) ? 1 : 0;
         }
@@ -162,13 +162,11 @@ TEST(PredictionStatistics, RecordsAreCorrelatedEachWithinItself) {
         scores.row(k) << std::cos(0.7 * static_cast<double>(k % 10)), std::sin(static_cast<double>(k % 10));
     }
     const Eigen::MatrixXd one = Eigen::MatrixXd::Identity(2, 2);
-    for (const double correlation : {1.0, 2.0}) {
-        const auto both = covariance_of_correlated_errors(one, scores, {10, 10}, correlation);
-        const auto first = covariance_of_correlated_errors(one, scores.topRows(10), {10}, correlation);
-        EXPECT_LT((both - 2 * first).norm(), 1e-12);
-        const auto with_rest = covariance_of_correlated_errors(one, scores.topRows(11), {10}, correlation);
-        EXPECT_LT((with_rest - first - scores.row(10).transpose() * scores.row(10)).norm(), 1e-12);
-    }
+    const auto both = covariance_of_correlated_errors(one, scores, {10, 10});
+    const auto first = covariance_of_correlated_errors(one, scores.topRows(10), {10});
+    EXPECT_LT((both - 2 * first).norm(), 1e-12);
+    const auto with_rest = covariance_of_correlated_errors(one, scores.topRows(11), {10});
+    EXPECT_LT((with_rest - first - scores.row(10).transpose() * scores.row(10)).norm(), 1e-12);
 }
 
 // Of a mean: what is left out is seen from the mean of the rest, but for the twentieth of all that stays known.
