@@ -11,7 +11,7 @@
 namespace tribode {
 namespace {
 
-// A motion of variance one in D states, of which the first is seen [Rasmussen 2006, (4.14)].
+// A motion of variance one in D states, of which the first is seen [Hartikainen 2010].
 template <int D>
 struct Motion {
     Eigen::Matrix<double, D, D> step, covariance; // over one sample; of the states
