@@ -28,7 +28,7 @@ struct Motion {
     }
 };
 
-// Errors of a noise of variance one. Returns the logarithm of the determinant of their covariance.
+// As ErrorModel::whitened(), for noise of variance one. Returns the logarithm of the determinant of the errors' covariance.
 template <int D>
 double whiten(const Eigen::MatrixXd& signals, const std::vector<std::size_t>& rows, const Motion<D>& motion,
               double ratio, Eigen::MatrixXd& whitened) {
@@ -122,7 +122,7 @@ Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& information) {
     return axes * parts.eigenvalues().cwiseMax(least).cwiseInverse().asDiagonal() * axes.transpose();
 }
 
-// By their likelihoods, those up to which the sum of all before is a share of all.
+// Hypotheses by their likelihoods: each has an interval between 0 and 1 that is as long as its share of all.
 class Draw {
   public:
     explicit Draw(std::vector<Hypothesis> hypotheses) : hypotheses_(std::move(hypotheses)) {
@@ -157,6 +157,7 @@ Eigen::MatrixXd ErrorModel::whitened(const Eigen::MatrixXd& signals, const std::
 static Eigen::MatrixXd covariance_of_likeness(const std::vector<OutputErrors>& outputs,
                                               const std::vector<ErrorModel>& models, const Eigen::RowVectorXd& scale) {
     const Eigen::Index size = scale.size();
+    if (outputs.size() == 1) return Eigen::MatrixXd::Zero(size, size);
     std::vector<Eigen::MatrixXd> slopes;
     std::vector<Eigen::RowVectorXd> errors;
     Eigen::MatrixXd information = Eigen::MatrixXd::Zero(size, size), together = information;
