@@ -13,10 +13,10 @@ namespace {
 
 // A motion of variance one in D states, of which the first is seen [Hartikainen 2010].
 template <int D>
-struct Motion {
+struct LastingMotion {
     Eigen::Matrix<double, D, D> step, covariance; // over one sample; of the states
 
-    explicit Motion(double lasts) {
+    explicit LastingMotion(double lasts) {
         const double rate = 1 / lasts, forgotten = std::exp(-rate);
         if constexpr (D == 1) {
             step << forgotten;
@@ -30,7 +30,7 @@ struct Motion {
 
 // As ErrorModel::whitened(), for noise of variance one. Returns the logarithm of the determinant of the errors' covariance.
 template <int D>
-double whiten(const Eigen::MatrixXd& signals, const std::vector<std::size_t>& rows, const Motion<D>& motion,
+double whiten(const Eigen::MatrixXd& signals, const std::vector<std::size_t>& rows, const LastingMotion<D>& motion,
               double ratio, Eigen::MatrixXd& whitened) {
     using States = Eigen::Matrix<double, D, D>;
     const States begin = ratio * motion.covariance;
@@ -63,19 +63,19 @@ double whiten(const Eigen::MatrixXd& signals, const std::vector<std::size_t>& ro
         whitened = signals;
         return 0;
     }
-    return model.is_smooth ? whiten(signals, rows, Motion<2>(model.lasts), model.ratio, whitened)
-                           : whiten(signals, rows, Motion<1>(model.lasts), model.ratio, whitened);
+    return model.is_smooth ? whiten(signals, rows, LastingMotion<2>(model.lasts), model.ratio, whitened)
+                           : whiten(signals, rows, LastingMotion<1>(model.lasts), model.ratio, whitened);
 }
 
 // What the errors of an output say about the parameters, if they are of one kind.
-struct Hypothesis {
+struct KindOfErrors {
     ErrorModel model;
     double log_likelihood;
     Eigen::MatrixXd information; // inverse of the covariance
     Eigen::VectorXd pull;        // information times the step
 };
 
-std::vector<Hypothesis> hypotheses_of(const OutputErrors& output, const Eigen::RowVectorXd& scale) {
+std::vector<KindOfErrors> kinds_of(const OutputErrors& output, const Eigen::RowVectorXd& scale) {
     // Orthonormal columns in place of the slopes.
     Eigen::ColPivHouseholderQR<Eigen::MatrixXd> split(output.slopes * scale.asDiagonal());
     split.setThreshold(1e-10);
@@ -86,7 +86,7 @@ std::vector<Hypothesis> hypotheses_of(const OutputErrors& output, const Eigen::R
     const Eigen::MatrixXd combined = signals.topRows(p) * output.slopes * scale.asDiagonal();
     const double free = static_cast<double>(std::max<Eigen::Index>(1, n - p));
 
-    std::vector<Hypothesis> all;
+    std::vector<KindOfErrors> all;
     Eigen::MatrixXd whitened(p + 1, n);
     const auto add = [&](ErrorModel model) {
         const double log_determinant = whiten(signals, output.rows, model, whitened);
@@ -122,25 +122,25 @@ Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& information) {
     return axes * parts.eigenvalues().cwiseMax(least).cwiseInverse().asDiagonal() * axes.transpose();
 }
 
-// Hypotheses by their likelihoods: each has an interval between 0 and 1 that is as long as its share of all.
+// Kinds of errors by their likelihoods: each has an interval between 0 and 1 that is as long as its share of all.
 class Draw {
   public:
-    explicit Draw(std::vector<Hypothesis> hypotheses) : hypotheses_(std::move(hypotheses)) {
-        const double largest = std::ranges::max_element(hypotheses_, {}, &Hypothesis::log_likelihood)->log_likelihood;
+    explicit Draw(std::vector<KindOfErrors> kinds) : kinds_(std::move(kinds)) {
+        const double largest = std::ranges::max_element(kinds_, {}, &KindOfErrors::log_likelihood)->log_likelihood;
         double sum = 0;
-        for (const auto& one : hypotheses_) shares_.push_back(sum += std::exp(one.log_likelihood - largest));
+        for (const auto& one : kinds_) shares_.push_back(sum += std::exp(one.log_likelihood - largest));
         for (double& share : shares_) share /= sum;
     }
     const ErrorModel& likeliest() const {
-        return std::ranges::max_element(hypotheses_, {}, &Hypothesis::log_likelihood)->model;
+        return std::ranges::max_element(kinds_, {}, &KindOfErrors::log_likelihood)->model;
     }
-    const Hypothesis& at(double share) const {
+    const KindOfErrors& at(double share) const {
         const auto place = std::ranges::upper_bound(shares_, share) - shares_.begin();
-        return hypotheses_[std::min(static_cast<std::size_t>(place), hypotheses_.size() - 1)];
+        return kinds_[std::min(static_cast<std::size_t>(place), kinds_.size() - 1)];
     }
 
   private:
-    std::vector<Hypothesis> hypotheses_;
+    std::vector<KindOfErrors> kinds_;
     std::vector<double> shares_;
 };
 
@@ -188,14 +188,14 @@ GeneralizedFit generalized_fit(const std::vector<OutputErrors>& outputs) {
     std::vector<Draw> draws;
     for (std::size_t o = 0; o < outputs.size(); ++o) {
         if (outputs[o].errors.size() == 0 || !(outputs[o].errors.squaredNorm() > 0)) continue;
-        auto hypotheses = hypotheses_of(outputs[o], scale);
-        if (hypotheses.empty()) continue;
-        draws.emplace_back(std::move(hypotheses));
+        auto kinds = kinds_of(outputs[o], scale);
+        if (kinds.empty()) continue;
+        draws.emplace_back(std::move(kinds));
         result.models[o] = draws.back().likeliest();
     }
     if (draws.empty() || !(scale.maxCoeff() > 0)) return result;
 
-    // The outputs' hypotheses are independent: each draw combines others of them.
+    // The outputs' kinds are independent: each draw combines others of them.
     constexpr int count = 64;
     constexpr double golden = 0.6180339887498949;
     Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(size, size);
@@ -204,7 +204,7 @@ GeneralizedFit generalized_fit(const std::vector<OutputErrors>& outputs) {
         Eigen::VectorXd pull = Eigen::VectorXd::Zero(size);
         double share = (d + 0.5) / count;
         for (const Draw& draw : draws) {
-            const Hypothesis& one = draw.at(share);
+            const KindOfErrors& one = draw.at(share);
             information += one.information;
             pull += one.pull;
             share = std::fmod(share * count * golden, 1);
