@@ -1,11 +1,12 @@
 #include "tribode/diagnosis/lasting_errors.hpp"
+#include "tribode/diagnosis/normal_equations.hpp"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <utility>
 
 namespace tribode {
@@ -114,14 +115,6 @@ std::vector<KindOfErrors> kinds_of(const OutputErrors& output, const Eigen::RowV
     return all;
 }
 
-// Large where nearly nothing is known.
-Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& information) {
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(information);
-    const double least = 1e-14 * parts.eigenvalues().maxCoeff();
-    const auto& axes = parts.eigenvectors();
-    return axes * parts.eigenvalues().cwiseMax(least).cwiseInverse().asDiagonal() * axes.transpose();
-}
-
 // Kinds of errors by their likelihoods: each has an interval between 0 and 1 that is as long as its share of all.
 class Draw {
   public:
@@ -173,7 +166,7 @@ static Eigen::MatrixXd covariance_of_likeness(const std::vector<OutputErrors>& o
             together += products + products.transpose();
         }
     }
-    const Eigen::MatrixXd inverse = inverse_of(information);
+    const Eigen::MatrixXd inverse = bounded_inverse(information);
     return inverse * together * inverse;
 }
 
@@ -209,7 +202,7 @@ GeneralizedFit generalized_fit(const std::vector<OutputErrors>& outputs) {
             pull += one.pull;
             share = std::fmod(share * count * golden, 1);
         }
-        const Eigen::MatrixXd inverse = inverse_of(information);
+        const Eigen::MatrixXd inverse = bounded_inverse(information);
         const Eigen::VectorXd step = inverse * pull;
         result.step += step / count;
         squares += step * step.transpose() / count;

@@ -1,8 +1,16 @@
 #include "tribode/diagnosis/normal_equations.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 
 namespace tribode {
+
+Eigen::MatrixXd bounded_inverse(const Eigen::MatrixXd& normal) {
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(normal);
+    const double least = 1e-14 * parts.eigenvalues().maxCoeff();
+    const auto& axes = parts.eigenvectors();
+    return axes * parts.eigenvalues().cwiseMax(least).cwiseInverse().asDiagonal() * axes.transpose();
+}
 
 NormalEquations::NormalEquations(const Eigen::MatrixXd& j, Eigen::Index parameters,
                                  const std::vector<Eigen::Index>& ends)

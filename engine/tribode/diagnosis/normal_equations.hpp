@@ -4,6 +4,9 @@
 
 namespace tribode {
 
+// Inverse of a symmetric matrix j^T j, j of columns of norm about one: large, but finite, in directions that j hardly tells.
+Eigen::MatrixXd bounded_inverse(const Eigen::MatrixXd& normal);
+
 // j^T j of a Jacobian whose rows are records and whose columns are parameters and then the start values of each record. The errors of a
 // record do not depend on the start values of others: where records are segments most of the matrix is zero.
 class NormalEquations {

@@ -1,6 +1,7 @@
 #include "tribode/diagnosis/system_fit.hpp"
 #include "tribode/base/error.hpp"
 #include "tribode/diagnosis/fixed_steps.hpp"
+#include "tribode/diagnosis/gap.hpp"
 #include "tribode/diagnosis/lane_fit.hpp"
 #include "tribode/diagnosis/lasting_errors.hpp"
 #include "tribode/diagnosis/normal_equations.hpp"
@@ -16,7 +17,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numeric>
 #include <set>
 
 namespace tribode {
@@ -45,8 +45,7 @@ constexpr double rounding_of_records = 1e-5; // of the times, in samples
 constexpr double nearly = 10;                // times what is negligible, left by the shortest steps
 constexpr double agreed = 4;                 // times what is negligible: fixed steps and those of another solver
 constexpr int most_generalized = 3;          // iterations from least squares to generalized ones
-// Where more than so many times the noise is left something is missing, whose errors are not those of a random force.
-constexpr double most_of_noise = 3;
+constexpr double far_less_than_chance = 0.1; // of chi square
 
 void keep_within_limits(const SystemModel& model, std::vector<double>& values) {
     for (std::size_t i = 0; i < model.parameters.size(); ++i) {
@@ -114,11 +113,8 @@ Eigen::MatrixXd inverse_of_normal(const Eigen::MatrixXd& columns) {
             normal(i, k) = scale > 0 ? normal(i, k) / scale : (i == k ? 1 : 0);
         }
     }
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(normal);
-    const Eigen::VectorXd inverse = parts.eigenvalues().cwiseMax(1e-14).cwiseInverse();
     const Eigen::VectorXd back = norm.unaryExpr([](double n) { return n > 0 ? 1 / n : 0; });
-    return back.asDiagonal() * parts.eigenvectors() * inverse.asDiagonal() * parts.eigenvectors().transpose() *
-           back.asDiagonal();
+    return back.asDiagonal() * bounded_inverse(normal) * back.asDiagonal();
 }
 
 namespace {
@@ -748,8 +744,8 @@ std::vector<double> SystemFit::standard_errors(const SystemModel& model, const s
 SystemFit::Result SystemFit::generalized(const SystemModel& model, Result least, const Ended& ended) const {
     Result result = std::move(least);
     if (result.errors.empty() || result.values.empty()) return result;
-    const double most =
-        std::pow(most_of_noise * noise_in(result.errors), 2) * static_cast<double>(result.errors.size());
+    // Where more is left something is missing, whose errors are not those of a random force.
+    const double most = std::pow(little_left * noise_in(result.errors), 2) * static_cast<double>(result.errors.size());
     if (!(result.sum < most)) return result;
     std::vector<ErrorModel> models;
     for (int iteration = 0; iteration < most_generalized && !ended(); ++iteration) {
@@ -789,7 +785,7 @@ SystemFit::Result SystemFit::generalized(const SystemModel& model, Result least,
             improved = now < before;
             if (!improved) continue;
             result = std::move(next);
-            if (before - now < 0.1) return result; // far less than chance
+            if (before - now < far_less_than_chance) return result;
         }
         if (!improved) break;
     }
